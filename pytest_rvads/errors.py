@@ -1,0 +1,80 @@
+"""The errors of the library: one tree, each class with its cause and its remedy.
+
+A message says in one sentence what was got, what was expected, where, and what to do. At the edge of
+the plugin every one of them becomes a ``pytest.UsageError`` or an error of the item, never a traceback.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+__all__ = [
+    "AutopilotError",
+    "FormulaError",
+    "MapError",
+    "OpenObligation",
+    "RuleViolation",
+    "RunError",
+    "RvadsError",
+    "ScenarioError",
+    "suggest",
+]
+
+
+class RvadsError(Exception):
+    """Base of every error raised on purpose by this library."""
+
+
+class MapError(RvadsError):
+    """A map file or junction can't be used.
+
+    Cause: a missing, damaged or unsuitable file, an unknown junction, a junction outside the model.
+    Remedy: the message names the file and the place; ``rvads map FILE`` lists what the file offers.
+    """
+
+
+class ScenarioError(RvadsError):
+    """A scenario, class or grid is not well-formed.
+
+    Cause: a wrong direction string, a negative distance, an unknown configuration or mark keyword.
+    Remedy: the message lists the valid choices.
+    """
+
+
+class FormulaError(RvadsError):
+    """A formula or rule can't be understood, or is too large to build a monitor for.
+
+    Cause: a syntax error, an unknown predicate, an unbound variable, a sort mismatch, a size limit.
+    Remedy: the message shows the place and the nearest valid word.
+    """
+
+
+class AutopilotError(RvadsError):
+    """The autopilot under test raised, or answered with something that is not a control.
+
+    Cause: an exception in ``control``, NaN, a wrong type, a value out of range.
+    Remedy: fix the autopilot; the message names vehicle, class and simulated time.
+    """
+
+
+class RunError(RvadsError):
+    """A run can't be judged.
+
+    Cause: it is empty, breaks the semantic model, or ended by a fault of plant or autopilot.
+    Remedy: the message names the fault; the verdict of such a run is ERROR, never PASS or FAIL.
+    """
+
+
+class RuleViolation(AssertionError):
+    """The run violates the rule, whatever would have followed (status FAIL)."""
+
+
+class OpenObligation(RuleViolation):
+    """An obligation of the rule was still open when the run ended (status OPEN)."""
+
+
+def suggest(word: str, choices: Iterable[str]) -> str:
+    """Return ``"; did you mean 'x'?"`` for the choice nearest to `word`, or an empty string."""
+    near = difflib.get_close_matches(word, list(choices), n=1, cutoff=0.5)
+    return f"; did you mean {near[0]!r}?" if near else ""

@@ -1,0 +1,1 @@
+"""Maps: OpenDRIVE files, metric graphs, junctions."""

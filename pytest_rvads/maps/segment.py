@@ -1,0 +1,168 @@
+"""Segments: the labels of the edges of a metric graph (paper, section 4.1)."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.errors import MapError
+
+__all__ = ["GAP_LIMIT", "Pose", "Segment", "Turn"]
+
+GAP_LIMIT = 1.0
+"""Widest gap [m] between two segments that still counts as consecutive (facts on OpenDRIVE files)."""
+
+
+class Turn(StrEnum):
+    """Turn type of a lane (the paper's tau)."""
+
+    LEFT = "left"
+    STRAIGHT = "straight"
+    RIGHT = "right"
+
+
+class Pose(NamedTuple):
+    """A place in the plane with a direction."""
+
+    x: float
+    """East coordinate [m]."""
+    y: float
+    """North coordinate [m]."""
+    heading: float
+    """Direction of travel, counter-clockwise from east [rad]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segment:
+    """A directed piece of lane centre line with its arc length.
+
+    Args:
+        id: name of the segment, unique in its map.
+        points: centre line in the direction of travel, shape ``(k, 2)``, k >= 2 [m].
+        turn: turn type; ``STRAIGHT`` on roads, as in the paper.
+        junction: id of the junction the segment lies in, or None on a road.
+
+    Raises:
+        MapError: fewer than two points, coordinates that are not finite, or zero length.
+    """
+
+    id: str
+    points: NDArray[np.float64]
+    turn: Turn = Turn.STRAIGHT
+    junction: str | None = None
+    stations: NDArray[np.float64] = field(init=False)
+    """Arc length at each point, shape ``(k,)`` [m]."""
+    _table: tuple[tuple[float, ...], tuple[tuple[float, float, float, float, float], ...]] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        points = np.asarray(self.points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
+            raise MapError(f"segment {self.id!r} needs points of shape (k, 2) with k >= 2, got {points.shape}")
+        if not np.isfinite(points).all():
+            raise MapError(f"segment {self.id!r} has coordinates that are not finite")
+        steps = np.hypot(*np.diff(points, axis=0).T)
+        keep = np.concatenate(([True], steps > 1e-9))
+        points, steps = points[keep], steps[steps > 1e-9]
+        if not len(steps):
+            raise MapError(f"segment {self.id!r} has zero length")
+        points.setflags(write=False)
+        stations = np.concatenate(([0.0], np.cumsum(steps)))
+        stations.setflags(write=False)
+        unit = np.diff(points, axis=0) / steps[:, None]
+        pieces = tuple(
+            (float(x), float(y), float(ux), float(uy), math.atan2(uy, ux))
+            for (x, y), (ux, uy) in zip(points[:-1], unit, strict=True)
+        )
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "stations", stations)
+        object.__setattr__(self, "_table", (tuple(stations.tolist()), pieces))
+
+    @property
+    def length(self) -> float:
+        """Arc length of the centre line [m]."""
+        return self._table[0][-1]
+
+    def pose(self, station: float) -> Pose:
+        """Return the pose at `station` [m]; beyond either end the line goes on straight."""
+        stations, pieces = self._table
+        i = min(max(bisect_right(stations, station) - 1, 0), len(pieces) - 1)
+        x, y, ux, uy, heading = pieces[i]
+        along = station - stations[i]
+        return Pose(x + along * ux, y + along * uy, heading)
+
+    def project(self, x: float, y: float, near: float, window: float = 5.0) -> tuple[float, float]:
+        """Project a point on the line, looking only around a known station.
+
+        A window is needed because inside a junction lines cross each other and themselves.
+
+        Args:
+            x: east coordinate [m].
+            y: north coordinate [m].
+            near: station to look around [m].
+            window: how far to look to either side [m].
+
+        Returns:
+            Station and lateral offset (left positive) of the nearest point [m]. Before the start and
+            after the end the line goes on straight, so stations may be negative or exceed the length.
+        """
+        stations, pieces = self._table
+        last = len(pieces) - 1
+        i = min(max(bisect_right(stations, near - window) - 1, 0), last)
+        stop = min(max(bisect_right(stations, near + window) - 1, 0), last)
+        best, found = math.inf, (near, 0.0)
+        while i <= stop:
+            px, py, ux, uy, _ = pieces[i]
+            dx, dy = x - px, y - py
+            along = dx * ux + dy * uy
+            low = -math.inf if i == 0 else 0.0
+            high = math.inf if i == last else stations[i + 1] - stations[i]
+            along = low if along < low else high if along > high else along
+            ex, ey = dx - along * ux, dy - along * uy
+            error = ex * ex + ey * ey
+            if error < best:
+                best, found = error, (stations[i] + along, ux * dy - uy * dx)
+            i += 1
+        return found
+
+    def head(self, eta: float) -> Segment:
+        """Return the paper's ``s[-, eta]``: from the beginning to distance `eta` from it [m]."""
+        return self._cut(0.0, eta)
+
+    def tail(self, eta: float) -> Segment:
+        """Return the paper's ``s[eta, -]``: from distance `eta` before the end to the end [m]."""
+        return self._cut(self.length - eta, self.length)
+
+    def _cut(self, start: float, end: float) -> Segment:
+        if not -1e-9 <= start < end <= self.length + 1e-9:
+            raise MapError(f"segment {self.id!r} is {self.length:.3f} m long, it has no part from {start:.3f} to {end:.3f} m")
+        inner = self.points[(self.stations > start + 1e-9) & (self.stations < end - 1e-9)]
+        points = np.vstack((self.pose(start)[:2], inner, self.pose(end)[:2]))
+        return Segment(self.id, points, self.turn, self.junction)
+
+    def then(self, other: Segment) -> Segment | None:
+        """Return the paper's partial concatenation ``self . other``, or None where it is undefined.
+
+        Two segments are consecutive when the second starts within `GAP_LIMIT` of the end of the first.
+        """
+        return join((self, other))
+
+
+def join(segments: Sequence[Segment]) -> Segment | None:
+    """Concatenate `segments` in order; None when two of them are not consecutive."""
+    for one, two in zip(segments, segments[1:], strict=False):
+        if math.dist(one.points[-1], two.points[0]) > GAP_LIMIT:
+            return None
+    junctions = {s.junction for s in segments}
+    return Segment(
+        "+".join(s.id for s in segments),
+        np.vstack([s.points for s in segments]),
+        next((s.turn for s in segments if s.junction is not None), Turn.STRAIGHT),
+        junctions.pop() if len(junctions) == 1 else None,
+    )

@@ -1,0 +1,1 @@
+"""Scenarios: abstract scenarios and their equivalence classes, concrete scenarios on grids."""

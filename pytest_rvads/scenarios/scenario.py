@@ -1,0 +1,196 @@
+"""Concrete scenarios: an abstract scenario with distances, speeds and all else that a run depends on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from pytest_rvads.errors import ScenarioError
+from pytest_rvads.maps.finder import find
+from pytest_rvads.maps.junction import Junction
+from pytest_rvads.scenarios.classes import class_label, class_number, label, parse, rotate
+from pytest_rvads.semantics.itinerary import Itinerary
+from pytest_rvads.semantics.lights import SignalPlan
+from pytest_rvads.semantics.states import Agent
+
+__all__ = ["SPEED_LIMIT", "Scenario"]
+
+SPEED_LIMIT = 11.176
+"""City speed limit of the paper, 25 mph [m/s]."""
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class Scenario:
+    """One vehicle per occupied entrance of a junction, each with a direction, a distance and a speed.
+
+    Everything is given per entrance as it stands before rotation; row `rotation` of the class moves directions,
+    distances, speeds and creation order on by that many entrances and, when odd, swaps the light phase.
+
+    Example:
+        >>> Scenario("stop4", "1133", distance=20, speed=10).name
+        'stop4-class07-as1133-cfgd20.00v10.00'
+    """
+
+    junction: str
+    """Built-in name, or id of a junction in `map`."""
+    directions: tuple[int, ...]
+    """Per entrance before rotation: symbolic direction 1..n-1, 0 where nobody stands."""
+    distances: tuple[float, ...]
+    """Per entrance before rotation: reference point to stopping line [m]."""
+    speeds: tuple[float, ...]
+    """Per entrance before rotation [m/s]."""
+    rotation: int
+    configuration: str
+    """Label of distances and speeds in ids."""
+    map: str | None
+    """OpenDRIVE file, or None for the built-in maps."""
+    duration: float
+    """Longest run [s]."""
+    aggression: int
+    """Braking level 1, 2 or 3 of the plant."""
+    wait: float
+    """The one random draw of autopilots that have one [s]."""
+    subject: int | None
+    """Entrance of the vehicle under test where the others are traffic, else None."""
+
+    def __init__(
+        self,
+        junction: str,
+        directions: str | Sequence[int],
+        *,
+        distance: float | Sequence[float] = 20.0,
+        speed: float | Sequence[float] = 0.0,
+        rotation: int = 0,
+        configuration: str | None = None,
+        map: str | None = None,
+        duration: float = 60.0,
+        aggression: int = 1,
+        wait: float = 1.5,
+        subject: int | None = None,
+    ) -> None:
+        """Describe a scenario; numbers may be given once for all entrances.
+
+        Raises:
+            ScenarioError: a direction, number or length that does not fit.
+        """
+        code = parse(directions)
+        ways = len(code)
+        distances = _per_entrance("distance", distance, ways)
+        speeds = _per_entrance("speed", speed, ways)
+        if not 0 <= rotation < ways:
+            raise ScenarioError(f"rotation must be one of 0..{ways - 1} for {ways} entrances, got {rotation!r}")
+        if aggression not in (1, 2, 3):
+            raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")
+        if not (math.isfinite(duration) and 0 < duration <= 3600):
+            raise ScenarioError(f"duration must lie above 0 and up to 3600 s, got {duration!r}")
+        if not (math.isfinite(wait) and wait >= 0):
+            raise ScenarioError(f"wait must be 0 s or more, got {wait!r}")
+        if subject is not None and not (0 <= subject < ways and code[subject - rotation]):
+            raise ScenarioError(f"subject must be an occupied entrance of {label(rotate(code, rotation))}, got {subject!r}")
+        values = {
+            "junction": junction,
+            "directions": code,
+            "distances": distances,
+            "speeds": speeds,
+            "rotation": rotation,
+            "configuration": configuration or explicit(distances, speeds),
+            "map": map,
+            "duration": float(duration),
+            "aggression": aggression,
+            "wait": float(wait),
+            "subject": subject,
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def ways(self) -> int:
+        """Number of entrances."""
+        return len(self.directions)
+
+    @property
+    def placed(self) -> tuple[int, ...]:
+        """Directions as they stand on the map, after rotation (digit i = entrance i)."""
+        return rotate(self.directions, self.rotation)
+
+    @property
+    def number(self) -> int:
+        """Number of the structural equivalence class, 0 for a partial scenario."""
+        return class_number(self.directions)
+
+    @property
+    def creation(self) -> tuple[int, ...]:
+        """Occupied entrances in the order in which their vehicles are created."""
+        order = ((i + self.rotation) % self.ways for i in range(self.ways))
+        return tuple(e for e in order if self.placed[e])
+
+    @property
+    def name(self) -> str:
+        """The id without the rule: junction, class, abstract scenario, configuration."""
+        turned = f".r{self.rotation}" if self.rotation else ""
+        seat = "" if self.subject is None else f"-s{self.subject}"
+        return f"{self.find().name}-{class_label(self.ways, self.number)}-as{label(self.placed)}{seat}-cfg{self.configuration}{turned}"
+
+    def find(self) -> Junction:
+        """Return the junction, read once per process.
+
+        Raises:
+            MapError: unknown or unusable junction.
+            ScenarioError: the junction has another number of entrances.
+        """
+        junction = find(self.junction, self.map)
+        if junction.ways != self.ways:
+            raise ScenarioError(
+                f"directions {label(self.directions)!r} describe {self.ways} entrances, junction {junction.name!r} has {junction.ways}"
+            )
+        return junction
+
+    def start(self, entrance: int) -> tuple[float, float]:
+        """Return distance to the stopping line [m] and speed [m/s] of the vehicle at `entrance` of the map."""
+        before = (entrance - self.rotation) % self.ways
+        return self.distances[before], self.speeds[before]
+
+    def agents(self) -> tuple[Agent, ...]:
+        """Return the agents, by entrance."""
+        junction = self.find()
+        found = []
+        for entrance, direction in enumerate(self.placed):
+            if direction:
+                leaving = junction.exit_of(entrance, direction)
+                found.append(Agent(f"a{entrance}", entrance, leaving, junction.turn(entrance, leaving)))
+        return tuple(found)
+
+    def itineraries(self) -> tuple[Itinerary, ...]:
+        """Return the itineraries of `agents`, in the same order."""
+        junction = self.find()
+        return tuple(Itinerary.through(junction, a.entrance, a.exit) for a in self.agents())
+
+    def signals(self) -> SignalPlan:
+        """Return the signal plan: the group of entrance 0 has green at t = 0 for an even rotation."""
+        groups = self.find().phase_groups
+        return SignalPlan(groups, self.rotation % 2 if len(groups) > 1 else 0)
+
+    def record(self) -> dict[str, Any]:
+        """Return the fields as builtins, for records and run files."""
+        return asdict(self)
+
+
+def explicit(distances: Sequence[float], speeds: Sequence[float]) -> str:
+    """Return the label of explicit values: ``d20.00_00.30v00.00``, one value where all are equal."""
+
+    def text(values: Sequence[float]) -> str:
+        return "_".join(f"{v:05.2f}" for v in (values[:1] if len(set(values)) == 1 else values))
+
+    return f"d{text(distances)}v{text(speeds)}"
+
+
+def _per_entrance(name: str, value: float | Sequence[float], ways: int) -> tuple[float, ...]:
+    values = (value,) * ways if isinstance(value, int | float) else tuple(value)
+    if len(values) != ways:
+        raise ScenarioError(f"{name} needs one value, or one per entrance ({ways}), got {len(values)}: {values!r}")
+    for number in values:
+        if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number) or number < 0:
+            raise ScenarioError(f"{name} must be 0 or more and finite, got {number!r}")
+    return tuple(float(v) for v in values)

@@ -1,0 +1,1 @@
+"""The semantic model (G, S) of the paper: states, runs, itineraries, lights."""

@@ -1,0 +1,16 @@
+"""Fixtures shared by the tests of all packages."""
+
+from pathlib import Path
+
+import pytest
+
+pytest_plugins = ["pytester"]
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder of maps and recordings by other people; tests that need it skip where it is absent."""
+    folder = Path(__file__).parents[2] / "shared"
+    if not folder.is_dir():
+        pytest.skip("the folder ../shared with maps and recordings by other people is absent")
+    return folder
