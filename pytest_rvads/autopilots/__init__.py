@@ -1,1 +1,1 @@
-"""autopilots"""
+"""Autopilots that ship with the project: systems under test and helpers to write one."""

@@ -1,1 +1,1 @@
-"""draw"""
+"""Pictures as SVG."""

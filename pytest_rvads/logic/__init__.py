@@ -1,1 +1,1 @@
-"""logic"""
+"""Logic: formulas, LTL3 monitors, rules, verdicts."""

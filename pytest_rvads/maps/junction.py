@@ -13,10 +13,10 @@ from enum import StrEnum
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.maps.segment import Segment, Turn
 
-__all__ = ["Control", "Geometry", "Junction", "Movement"]
+__all__ = ["Geometry", "Junction", "JunctionControl", "Movement"]
 
 
-class Control(StrEnum):
+class JunctionControl(StrEnum):
     """What regulates a junction: the same object at all entrances, at none, or only at some."""
 
     STOP = "stop"
@@ -63,7 +63,7 @@ class Junction:
     """Name in test ids: a built-in name, or ``stem.id`` for a junction of a file."""
     id: str
     """Id in its map file."""
-    control: Control
+    control: JunctionControl
     movements: Mapping[tuple[int, int], Movement]
     """Per (entrance, exit); all n - 1 of every entrance."""
     right_of: frozenset[tuple[int, int]]

@@ -7,6 +7,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -156,7 +157,7 @@ class Segment:
 
 def join(segments: Sequence[Segment]) -> Segment | None:
     """Concatenate `segments` in order; None when two of them are not consecutive."""
-    for one, two in zip(segments, segments[1:], strict=False):
+    for one, two in pairwise(segments):
         if math.dist(one.points[-1], two.points[0]) > GAP_LIMIT:
             return None
     junctions = {s.junction for s in segments}

@@ -1,1 +1,1 @@
-"""physics"""
+"""Physics: the world in pybullet, vehicle dynamics, braking, the simulation loop."""

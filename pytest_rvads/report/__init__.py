@@ -1,1 +1,1 @@
-"""report"""
+"""Reports: what is said of verdicts, from plain records."""

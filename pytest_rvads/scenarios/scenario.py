@@ -131,7 +131,8 @@ class Scenario:
         """The id without the rule: junction, class, abstract scenario, configuration."""
         turned = f".r{self.rotation}" if self.rotation else ""
         seat = "" if self.subject is None else f"-s{self.subject}"
-        return f"{self.find().name}-{class_label(self.ways, self.number)}-as{label(self.placed)}{seat}-cfg{self.configuration}{turned}"
+        scenario = f"{class_label(self.ways, self.number)}-as{label(self.placed)}{seat}"
+        return f"{self.find().name}-{scenario}-cfg{self.configuration}{turned}"
 
     def find(self) -> Junction:
         """Return the junction, read once per process.
@@ -143,7 +144,8 @@ class Scenario:
         junction = find(self.junction, self.map)
         if junction.ways != self.ways:
             raise ScenarioError(
-                f"directions {label(self.directions)!r} describe {self.ways} entrances, junction {junction.name!r} has {junction.ways}"
+                f"directions {label(self.directions)!r} describe {self.ways} entrances, "
+                f"junction {junction.name!r} has {junction.ways}"
             )
         return junction
 

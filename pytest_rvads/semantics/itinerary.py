@@ -94,6 +94,7 @@ class Itinerary:
         station = self.line - distance
         if station < -self.origin:
             raise ScenarioError(
-                f"distance {distance:g} m does not fit on entrance {self.entrance}: its approach is {self.origin + self.line:.1f} m long"
+                f"distance {distance:g} m does not fit on entrance {self.entrance}: "
+                f"its approach is {self.origin + self.line:.1f} m long, choose a smaller distance or another junction"
             )
         return station

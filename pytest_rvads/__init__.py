@@ -1,0 +1,1 @@
+"""pytest-rvads: validate autonomous-driving controllers against traffic rules, in pytest."""
