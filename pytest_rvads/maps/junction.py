@@ -102,3 +102,7 @@ class Junction:
     def turn(self, entrance: int, exit: int) -> Turn:
         """Return the turn type of the movement from `entrance` to `exit`."""
         return self.movements[entrance, exit].turn
+
+    def approach(self, entrance: int) -> float:
+        """Return the length of the approach of `entrance`, up to its stopping line [m]; 0 without geometry."""
+        return self.geometry.approaches[entrance].length - self.setbacks[entrance] if self.geometry else 0.0

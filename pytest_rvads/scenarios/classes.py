@@ -86,13 +86,13 @@ def members(code: Directions) -> tuple[Directions, ...]:
 def count_scenarios(ways: int) -> int:
     """Return the number of full abstract scenarios, k^(k+1) with k = ways - 1 (paper, section 5.2)."""
     _check(ways)
-    return (ways - 1) ** ways
+    return int((ways - 1) ** ways)
 
 
 def count_classes(ways: int) -> int:
     """Return the number of classes of full scenarios, by Burnside's lemma over the n rotations."""
     _check(ways)
-    return sum((ways - 1) ** gcd(r, ways) for r in range(ways)) // ways
+    return sum(int((ways - 1) ** gcd(r, ways)) for r in range(ways)) // ways
 
 
 def classes(ways: int) -> Iterator[Directions]:

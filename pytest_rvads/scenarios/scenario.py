@@ -11,6 +11,7 @@ from pytest_rvads.errors import ScenarioError
 from pytest_rvads.maps.finder import find
 from pytest_rvads.maps.junction import Junction
 from pytest_rvads.scenarios.classes import class_label, class_number, label, parse, rotate
+from pytest_rvads.scenarios.grid import explicit_label, per_entrance
 from pytest_rvads.semantics.itinerary import Itinerary
 from pytest_rvads.semantics.lights import SignalPlan
 from pytest_rvads.semantics.states import Agent
@@ -77,8 +78,8 @@ class Scenario:
         """
         code = parse(directions)
         ways = len(code)
-        distances = _per_entrance("distance", distance, ways)
-        speeds = _per_entrance("speed", speed, ways)
+        distances = per_entrance("distance", distance, ways)
+        speeds = per_entrance("speed", speed, ways)
         if not 0 <= rotation < ways:
             raise ScenarioError(f"rotation must be one of 0..{ways - 1} for {ways} entrances, got {rotation!r}")
         if aggression not in (1, 2, 3):
@@ -95,7 +96,7 @@ class Scenario:
             "distances": distances,
             "speeds": speeds,
             "rotation": rotation,
-            "configuration": configuration or explicit(distances, speeds),
+            "configuration": configuration or explicit_label(distances, speeds),
             "map": map,
             "duration": float(duration),
             "aggression": aggression,
@@ -154,6 +155,22 @@ class Scenario:
         before = (entrance - self.rotation) % self.ways
         return self.distances[before], self.speeds[before]
 
+    def fit(self) -> None:
+        """Check that every vehicle starts on its approach.
+
+        Raises:
+            ScenarioError: a distance is longer than the approach of its entrance.
+        """
+        junction = self.find()
+        for entrance, direction in enumerate(self.placed):
+            distance, _ = self.start(entrance)
+            room = junction.approach(entrance)
+            if direction and distance > room:
+                raise ScenarioError(
+                    f"distance {distance:g} m does not fit on entrance {entrance} of junction {junction.name!r}: its approach is "
+                    f"{room:.1f} m long, choose a smaller distance or another junction"
+                )
+
     def agents(self) -> tuple[Agent, ...]:
         """Return the agents, by entrance."""
         junction = self.find()
@@ -177,22 +194,3 @@ class Scenario:
     def record(self) -> dict[str, Any]:
         """Return the fields as builtins, for records and run files."""
         return asdict(self)
-
-
-def explicit(distances: Sequence[float], speeds: Sequence[float]) -> str:
-    """Return the label of explicit values: ``d20.00_00.30v00.00``, one value where all are equal."""
-
-    def text(values: Sequence[float]) -> str:
-        return "_".join(f"{v:05.2f}" for v in (values[:1] if len(set(values)) == 1 else values))
-
-    return f"d{text(distances)}v{text(speeds)}"
-
-
-def _per_entrance(name: str, value: float | Sequence[float], ways: int) -> tuple[float, ...]:
-    values = (value,) * ways if isinstance(value, int | float) else tuple(value)
-    if len(values) != ways:
-        raise ScenarioError(f"{name} needs one value, or one per entrance ({ways}), got {len(values)}: {values!r}")
-    for number in values:
-        if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number) or number < 0:
-            raise ScenarioError(f"{name} must be 0 or more and finite, got {number!r}")
-    return tuple(float(v) for v in values)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pytest_rvads.errors import MapError, ScenarioError
+from pytest_rvads.errors import MapError
 from pytest_rvads.maps.junction import Junction
 from pytest_rvads.maps.segment import Pose, Segment, Turn, join
 from pytest_rvads.semantics.states import Zone
@@ -86,15 +86,5 @@ class Itinerary:
         return Zone.EXIT if station < self.end else Zone.GONE
 
     def start(self, distance: float) -> float:
-        """Return the station `distance` [m] before the stopping line.
-
-        Raises:
-            ScenarioError: the approach is shorter than that.
-        """
-        station = self.line - distance
-        if station < -self.origin:
-            raise ScenarioError(
-                f"distance {distance:g} m does not fit on entrance {self.entrance}: "
-                f"its approach is {self.origin + self.line:.1f} m long, choose a smaller distance or another junction"
-            )
-        return station
+        """Return the station `distance` [m] before the stopping line."""
+        return self.line - distance

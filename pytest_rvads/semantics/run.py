@@ -88,7 +88,7 @@ class Run:
     @property
     def times(self) -> NDArray[np.float64]:
         """Time of every state, shape ``(steps,)`` [s]."""
-        return np.arange(self.steps) * self.dt
+        return np.arange(self.steps, dtype=np.float64) * np.float64(self.dt)
 
     @cached_property
     def wt(self) -> NDArray[np.int32]:

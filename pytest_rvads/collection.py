@@ -1,0 +1,226 @@
+"""The marks ``@rvads.scenario`` and ``@rvads.known``, and their expansion into test items at collection.
+
+One item per verdict: abstract scenario x configuration x rule, the rule innermost, so that the items of one
+run follow each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from pytest_rvads.errors import OpenObligation, RuleViolation, RvadsError, ScenarioError, suggest
+
+if TYPE_CHECKING:
+    from pytest_rvads.logic.rules import Rule
+    from pytest_rvads.options import Options
+    from pytest_rvads.scenarios.grid import Configuration
+    from pytest_rvads.scenarios.scenario import Scenario
+
+__all__ = ["KEYS", "Cell", "expand", "known", "register_marks", "scenario"]
+
+KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "rule")
+"""Keywords that select cells, in ``-m "rvads(cls=7)"`` and in ``@rvads.known(cls=7)``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """What one item runs and judges."""
+
+    scenario: Scenario
+    rule: Rule | None
+    """None where the test does not ask for the rule axis."""
+
+    @property
+    def id(self) -> str:
+        """The part in brackets of the item's id."""
+        return f"{self.scenario.name}-{self.rule.name}" if self.rule else self.scenario.name
+
+    @property
+    def keys(self) -> dict[str, str | int]:
+        """What the cell is selected by; every value a str or an int."""
+        from pytest_rvads.scenarios.classes import label
+
+        scenario = self.scenario
+        keys: dict[str, str | int] = {
+            "junction": scenario.find().name,
+            "cls": scenario.number,
+            "scenario": label(scenario.placed),
+            "cfg": scenario.configuration,
+            "rotation": scenario.rotation,
+        }
+        if scenario.subject is not None:
+            keys["seat"] = scenario.subject
+        if self.rule:
+            keys["rule"] = self.rule.name
+        return keys
+
+
+def scenario(
+    junction: str,
+    *,
+    map: str | None = None,
+    classes: int | Iterable[int] | None = None,
+    scenarios: str | Iterable[str] | None = None,
+    cover: str | None = None,
+    grid: str | Iterable[str] | None = None,
+    distances: float | Sequence[Any] | None = None,
+    speeds: float | Sequence[Any] | None = None,
+    probe: bool = False,
+    rules: str | Rule | Iterable[str | Rule] = "paper",
+    duration: float = 60.0,
+    aggression: int = 1,
+    wait: float = 1.5,
+) -> pytest.MarkDecorator:
+    """Run a test over the scenarios of a junction.
+
+    Args:
+        junction: built-in name (``stop4``), id of a junction in `map`, or a type such as ``"4-way stop"``.
+        map: OpenDRIVE file, looked for beside the test file, then in the working directory; by default the
+            one of ``rvads_map``, if any.
+        classes: numbers of structural equivalence classes; all by default.
+        scenarios: direction strings such as ``"1133"`` that stand at row 0 of their class, instead of `classes`.
+        cover: ``"class"`` runs one scenario per class, ``"scenario"`` every distinct member, ``"rotation"`` all rows.
+        grid: ``"paper"``, or letters of the paper's configurations such as ``"CD"``.
+        distances: instead of `grid`: metres to the stopping line, a number for all vehicles, a tuple with one
+            per entrance, or a list of either to run one after the other.
+        speeds: with `distances`: initial speeds [m/s], likewise; 0 by default.
+        probe: keep points of the grid beyond the braking envelope v(d)max; by default they are left out.
+        rules: a rulebook, rules, or both; of a rulebook only the rules about this kind of junction run.
+        duration: longest run [s].
+        aggression: braking level 1, 2 or 3.
+        wait: the random draw of autopilots that have one [s].
+    """
+    given = dict(locals())
+    return pytest.mark.rvads_scenario(**given)
+
+
+def known(name: str, *, reason: str = "", **where: str | int | tuple[str | int, ...]) -> pytest.MarkDecorator:
+    """Mark the cells of a known deficiency: they must fail (a strict xfail), and a pass is reported.
+
+    Args:
+        name: of the deficiency, as it shall appear in reports.
+        reason: what goes wrong.
+        where: values, or tuples of values, for any of junction, cls, scenario, cfg, rotation, seat, rule.
+
+    Raises:
+        ScenarioError: another keyword.
+    """
+    for key in where:
+        if key not in KEYS:
+            raise ScenarioError(f"@rvads.known selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
+    return pytest.mark.rvads_known(name, reason=reason, **where)
+
+
+def register_marks(config: pytest.Config) -> None:
+    """Tell pytest about the marks."""
+    for line in (
+        "rvads_scenario(junction, ...): run over scenarios; written as @rvads.scenario",
+        "rvads_known(name, ...): cells of a known deficiency; written as @rvads.known",
+        "rvads(junction, cls, scenario, cfg, rotation, seat, rule): on every item, to select by -m \"rvads(cls=7, rule='p1')\"",
+    ):
+        config.addinivalue_line("markers", line)
+
+
+def expand(metafunc: pytest.Metafunc, options: Options) -> None:
+    """Parametrize a test over the cells of its marks.
+
+    The nearest marks count: those on the function, else on the class, else on the module.
+
+    Raises:
+        pytest.Collector.CollectError: a mark that can't be expanded, in one sentence.
+    """
+    marks = _nearest(metafunc.definition)
+    name = metafunc.definition.nodeid
+    if not marks:
+        raise pytest.Collector.CollectError(f"{name} asks for a run, but no @rvads.scenario(...) says which: add the mark")
+    try:
+        cells = list(dict.fromkeys(cell for mark in marks for cell in _cells(mark, metafunc, options)))
+    except RvadsError as error:
+        raise pytest.Collector.CollectError(f"{name}: {error}") from error
+    declared = list(metafunc.definition.iter_markers("rvads_known"))
+    params = [pytest.param(cell, id=cell.id, marks=_marks(cell, declared)) for cell in cells]
+    metafunc.parametrize("rvads_cell", params, indirect=True)
+
+
+def _nearest(definition: pytest.Function) -> list[pytest.Mark]:
+    found = list(definition.iter_markers_with_node("rvads_scenario"))
+    return [mark for node, mark in found if node is found[0][0]]
+
+
+def _marks(cell: Cell, declared: Sequence[pytest.Mark]) -> list[pytest.MarkDecorator]:
+    keys = cell.keys
+    marks = [pytest.mark.rvads(**keys)]
+    for mark in declared:
+        where = {key: value for key, value in mark.kwargs.items() if key != "reason"}
+        if all(keys.get(key) in (value if isinstance(value, tuple | list) else (value,)) for key, value in where.items()):
+            reason = ": ".join(filter(None, (mark.args[0], mark.kwargs["reason"])))
+            marks.append(pytest.mark.xfail(strict=True, raises=(RuleViolation, OpenObligation), reason=reason))
+    return marks
+
+
+def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> Iterator[Cell]:
+    from pytest_rvads.logic.rules import rules_for
+    from pytest_rvads.maps.finder import find
+    from pytest_rvads.scenarios.selection import Selection
+
+    ask = mark.kwargs
+    file = _map_file(ask["junction"], ask["map"], metafunc, options)
+    junction = find(ask["junction"], file)
+    selection = Selection.of(
+        ask["junction"],
+        file,
+        junction.ways,
+        _configurations(ask, junction, options),
+        classes=ask["classes"],
+        scenarios=ask["scenarios"],
+        cover=ask["cover"] or options.cover,
+        duration=ask["duration"],
+        aggression=ask["aggression"],
+        wait=ask["wait"],
+    )
+    rules: Sequence[Rule | None] = rules_for(ask["rules"], junction.control) if "rule" in metafunc.fixturenames else [None]
+    rows, points = selection.count(), len(selection.configurations)
+    if rows * points * len(rules) > options.max_items:
+        raise ScenarioError(
+            f"would expand to {rows * points * len(rules):,} items ({rows:,} scenarios × {points} points × {len(rules)} rules): "
+            "narrow the grid, use --rvads-cover=class, or raise --rvads-max-items"
+        )
+    for scenario_ in selection:
+        scenario_.fit()
+        for rule in rules:
+            yield Cell(scenario_, rule)
+
+
+def _map_file(junction: str, map: str | None, metafunc: pytest.Metafunc, options: Options) -> str | None:
+    from pytest_rvads.maps.finder import BUILT_IN
+
+    if map is None:
+        return None if junction in BUILT_IN else options.map
+    beside = metafunc.definition.path.parent / map
+    return str((beside if beside.exists() else Path(map)).resolve())
+
+
+def _configurations(ask: dict[str, Any], junction: Any, options: Options) -> tuple[Configuration, ...]:
+    from pytest_rvads.scenarios.grid import explicit, grid, outside
+
+    if ask["distances"] is None and ask["speeds"] is None:
+        return grid(ask["grid"] or options.grid, junction.ways, junction.control)
+    if ask["grid"] is not None or ask["distances"] is None:
+        raise ScenarioError("give either grid=, or distances= with speeds=")
+    points = explicit(ask["distances"], ask["speeds"] or 0.0, junction.ways)
+    if ask["probe"]:
+        return points
+    from pytest_rvads.physics.braking import vmax
+
+    kept = tuple(p for p in points if outside(p, lambda distance: vmax(distance, ask["aggression"])) is None)
+    if not kept:
+        raise ScenarioError(
+            f"every point of distances={ask['distances']!r}, speeds={ask['speeds']!r} is too fast to stop before the line "
+            "(`rvads braking` lists v(d)max): lower the speeds, or say probe=True to run them all the same"
+        )
+    return kept

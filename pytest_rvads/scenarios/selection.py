@@ -1,0 +1,130 @@
+"""From what a test asks for to the scenarios to run: classes or members, rows, configurations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from pytest_rvads.errors import ScenarioError
+from pytest_rvads.scenarios.classes import (
+    Directions,
+    classes,
+    count_classes,
+    count_scenarios,
+    label,
+    members,
+    parse,
+    rotations,
+)
+from pytest_rvads.scenarios.grid import Configuration
+from pytest_rvads.scenarios.scenario import Scenario
+
+__all__ = ["COVERS", "Selection"]
+
+COVERS = ("class", "scenario", "rotation")
+"""One row per class; every distinct member; all n rows, as in the paper's tables."""
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Abstract scenarios of one junction times configurations.
+
+    Raises:
+        ScenarioError: a class number, scenario or cover that does not exist.
+    """
+
+    junction: str
+    map: str | None
+    ways: int
+    configurations: tuple[Configuration, ...]
+    cover: str = "class"
+    numbers: tuple[int, ...] | None = None
+    """Class numbers, or None for all."""
+    scenarios: tuple[Directions, ...] | None = None
+    """Scenarios that stand at row 0 of their class, or None for the representatives."""
+    duration: float = 60.0
+    aggression: int = 1
+    wait: float = 1.5
+
+    def __post_init__(self) -> None:
+        total = count_classes(self.ways)
+        if self.cover not in COVERS:
+            raise ScenarioError(f"cover must be one of {', '.join(COVERS)}, got {self.cover!r}")
+        if self.numbers is not None and self.scenarios is not None:
+            raise ScenarioError("give classes= or scenarios=, not both: a scenario names its class")
+        for number in self.numbers or ():
+            if not isinstance(number, int) or not 1 <= number <= total:
+                raise ScenarioError(f"a {self.ways}-way junction has classes 1..{total}, got {number!r}")
+        for code in self.scenarios or ():
+            if len(code) != self.ways:
+                raise ScenarioError(
+                    f"scenario {label(code)!r} names {len(code)} entrances, junction {self.junction!r} has {self.ways}"
+                )
+
+    @classmethod
+    def of(
+        cls,
+        junction: str,
+        map: str | None,
+        ways: int,
+        configurations: tuple[Configuration, ...],
+        *,
+        classes: int | Iterable[int] | None = None,
+        scenarios: str | Iterable[str] | None = None,
+        cover: str = "class",
+        duration: float = 60.0,
+        aggression: int = 1,
+        wait: float = 1.5,
+    ) -> Selection:
+        """Build a selection from the loose forms of the mark: one value or several."""
+        numbers = None if classes is None else (classes,) if isinstance(classes, int) else tuple(classes)
+        codes = (
+            None if scenarios is None else tuple(parse(s) for s in ((scenarios,) if isinstance(scenarios, str) else scenarios))
+        )
+        return cls(junction, map, ways, configurations, cover, numbers, codes, duration, aggression, wait)
+
+    def count(self) -> int:
+        """Return how many abstract scenarios (rows) are selected, without listing a whole arity."""
+        if self.numbers is None and self.scenarios is None:
+            if self.cover == "scenario":
+                return count_scenarios(self.ways)
+            return count_classes(self.ways) * (self.ways if self.cover == "rotation" else 1)
+        return sum(len(self._rows(first)) for first in self._firsts())
+
+    def __iter__(self) -> Iterator[Scenario]:
+        """Yield the scenarios, class by class, row by row, configuration by configuration."""
+        for first in self._firsts():
+            for row in self._rows(first):
+                for point in self.configurations:
+                    yield Scenario(
+                        self.junction,
+                        first,
+                        distance=point.distances,
+                        speed=point.speeds,
+                        rotation=row,
+                        configuration=point.label,
+                        map=self.map,
+                        duration=self.duration,
+                        aggression=self.aggression,
+                        wait=self.wait,
+                    )
+
+    def _firsts(self) -> Iterator[Directions]:
+        """Yield the scenario at row 0 of every selected class."""
+        if self.scenarios is not None:
+            yield from self.scenarios
+            return
+        wanted = None if self.numbers is None else frozenset(self.numbers)
+        for number, code in enumerate(classes(self.ways), start=1):
+            if wanted is None or number in wanted:
+                yield code
+            if wanted is not None and number >= max(wanted):
+                return
+
+    def _rows(self, first: Directions) -> Sequence[int]:
+        if self.cover == "class":
+            return (0,)
+        rows = rotations(first)
+        if self.cover == "rotation":
+            return range(len(rows))
+        return [rows.index(member) for member in members(first)]
