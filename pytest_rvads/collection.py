@@ -138,6 +138,8 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
     name = metafunc.definition.nodeid
     if not marks:
         raise pytest.Collector.CollectError(f"{name} asks for a run, but no @rvads.scenario(...) says which: add the mark")
+    if "rvads_cell" not in metafunc.fixturenames:
+        raise pytest.Collector.CollectError(f"{name} has @rvads.scenario(...) but takes neither run nor monitor: add an argument")
     try:
         cells = list(dict.fromkeys(cell for mark in marks for cell in _cells(mark, metafunc, options)))
     except RvadsError as error:

@@ -191,6 +191,15 @@ class Scenario:
         groups = self.find().phase_groups
         return SignalPlan(groups, self.rotation % 2 if len(groups) > 1 else 0)
 
+    def describe(self) -> str:
+        """Return the start in one line: name, movements, distances, speeds."""
+        agents = self.agents()
+        starts = [self.start(a.entrance) for a in agents]
+        ways = " ".join(f"{a.entrance}->{a.exit}" for a in agents)
+        distances = " ".join(f"{d:g}" for d, _ in starts)
+        speeds = " ".join(f"{v:g}" for _, v in starts)
+        return f"{self.name} ({ways})  d=({distances}) m  v=({speeds}) m/s"
+
     def record(self) -> dict[str, Any]:
         """Return the fields as builtins, for records and run files."""
         return asdict(self)

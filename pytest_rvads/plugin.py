@@ -1,0 +1,69 @@
+"""The pytest plugin: hooks only, each delegating in a few lines.
+
+It is imported by every pytest run of the environment, so it imports nothing heavy at top level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import pytest
+
+from pytest_rvads.errors import RvadsError
+from pytest_rvads.fixtures.items import OPTIONS, Session, attach, prepare
+from pytest_rvads.fixtures.judging import monitor, rule
+from pytest_rvads.fixtures.running import run, rvads_cell, rvads_runs
+from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_vehicle
+from pytest_rvads.options import Options, declare
+
+__all__ = ["monitor", "rule", "run", "rvads_autopilot", "rvads_cell", "rvads_map", "rvads_runs", "rvads_vehicle"]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Declare ``--rvads-*`` and their ini twins."""
+    declare(parser)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Read the options once and register the marks."""
+    from pytest_rvads.collection import register_marks
+
+    try:
+        config.stash[OPTIONS] = Options.read(config)
+    except RvadsError as error:
+        raise pytest.UsageError(str(error)) from error
+    register_marks(config)
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Session(), "rvads_session")
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Expand ``@rvads.scenario``."""
+    if "rvads_cell" in metafunc.fixturenames or metafunc.definition.get_closest_marker("rvads_scenario"):
+        from pytest_rvads.collection import expand
+
+        expand(metafunc, metafunc.config.stash[OPTIONS])
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Give every item of ours a record."""
+    prepare(item)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Attach the record of the item to its report: explanation, properties, the place of an NA."""
+    report = yield
+    attach(item, call, report)
+    return report
+
+
+def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
+    """Show NA as its own letter, counted with the skips."""
+    record = getattr(report, "rvads", None)
+    if record and report.when == "call" and report.skipped and record["status"] == "NA":
+        return "skipped", "n", "NA"
+    return None

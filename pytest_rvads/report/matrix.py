@@ -1,0 +1,123 @@
+"""The verdict matrix, the causes and the coverage of a session, as plain values."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pytest_rvads.report.record import Record
+
+__all__ = ["Cause", "Matrix", "causes", "coverage", "matrices"]
+
+
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """The verdicts of one test at one junction, like a table of the paper."""
+
+    title: str
+    columns: tuple[tuple[str, str], ...]
+    """(configuration, rule) of each column."""
+    rows: tuple[tuple[str, tuple[str, ...]], ...]
+    """Classes with equal verdicts, and a text per column: ``pass``, ``3/4 fail``, ``NA``, ``xfail I3``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """Failures that look alike: the same rule broken in the same way."""
+
+    rule: str
+    text: str
+    count: int
+    example: str
+    """Node id of the first one."""
+
+
+def matrices(records: Sequence[Record]) -> list[Matrix]:
+    """Return a matrix per test file, test function and junction, in the order of the items."""
+    groups: dict[tuple[str, str], list[Record]] = {}
+    for record in records:
+        groups.setdefault((record["nodeid"].partition("[")[0], record["junction"]), []).append(record)
+    return [_matrix(f"{junction}   {test}", group) for (test, junction), group in groups.items()]
+
+
+def _matrix(title: str, records: Sequence[Record]) -> Matrix:
+    columns = tuple(sorted({(r["cfg"], _rule(r)) for r in records}, key=lambda c: (c[0], c[1])))
+    cells: dict[int, dict[tuple[str, str], list[Record]]] = {}
+    for record in records:
+        cells.setdefault(record["cls"], {}).setdefault((record["cfg"], _rule(record)), []).append(record)
+    alike: dict[tuple[str, ...], list[int]] = {}
+    for number in sorted(cells):
+        row = tuple(_text(cells[number].get(column, [])) for column in columns)
+        alike.setdefault(row, []).append(number)
+    return Matrix(title, columns, tuple((_spans(numbers), row) for row, numbers in alike.items()))
+
+
+def _rule(record: Record) -> str:
+    return record["rule"] or "run"
+
+
+def _text(records: Sequence[Record]) -> str:
+    """Return what a cell says: the worst status, with its share where the rows differ."""
+    if not records:
+        return ""
+    known = sorted({r["known"].partition(":")[0] for r in records if r["known"]})
+    if known:
+        return "xfail " + ",".join(known)
+    counts = Counter(r["status"] for r in records)
+    for status, word in (("ERROR", "ERROR"), ("FAIL", "FAIL"), ("OPEN", "OPEN"), ("PASS", "pass"), ("NA", "NA")):
+        if counts[status] == len(records):
+            return word
+        if counts[status] and status not in ("PASS", "NA"):
+            return f"{counts[status]}/{len(records)} {word.lower()}"
+    return f"{counts['PASS']} pass {counts['NA']} NA"
+
+
+def _spans(numbers: Sequence[int]) -> str:
+    """Return class numbers as ranges: ``01-04, 07``."""
+    spans: list[list[int]] = []
+    for number in numbers:
+        if spans and number == spans[-1][1] + 1:
+            spans[-1][1] = number
+        else:
+            spans.append([number, number])
+    return ", ".join(f"{a:02d}" if a == b else f"{a:02d}-{b:02d}" for a, b in spans)
+
+
+def causes(records: Sequence[Record]) -> list[Cause]:
+    """Group unexpected failures by rule and cause, the most frequent first."""
+    groups: dict[tuple[str, str], list[Record]] = {}
+    for record in records:
+        if record["outcome"] == "failed":
+            verdict = next((v for v in record["verdicts"] if v["status"] == record["status"]), None)
+            cause = verdict["cause"] if verdict else record["message"].partition("\n")[0]
+            groups.setdefault((_rule(record), cause), []).append(record)
+    found = [Cause(rule, text, len(group), group[0]["nodeid"]) for (rule, text), group in groups.items()]
+    return sorted(found, key=lambda c: -c.count)
+
+
+def coverage(records: Sequence[Record], totals: dict[int, tuple[int, int]]) -> list[str]:
+    """Return a line per junction: what was exercised of it, and the verdicts by status.
+
+    Args:
+        records: of a session.
+        totals: per number of ways, how many classes and how many full scenarios exist.
+    """
+    lines = []
+    for junction in dict.fromkeys(r["junction"] for r in records):
+        here = [r for r in records if r["junction"] == junction]
+        classes, scenarios = totals[here[0]["ways"]]
+        seen = {r["cls"] for r in here} - {0}
+        members = {r["scenario"] for r in here if r["cls"]}
+        runs = {(r["scenario"], r["cfg"], r["rotation"], r["seat"]) for r in here}
+        counts = Counter(r["status"] for r in here)
+        verdicts = ", ".join(f"{counts[s]} {w}" for s, w in _WORDS if counts[s])
+        idle = sorted({_rule(r) for r in here} - {_rule(r) for r in here if r["status"] != "NA"})
+        lines.append(
+            f"{junction}: {len(seen)}/{classes} classes, {len(members)}/{scenarios} scenarios, {len(runs)} runs, "
+            f"{len(here)} verdicts: {verdicts}" + (f"  (never applicable: {', '.join(idle)})" if idle else "")
+        )
+    return lines
+
+
+_WORDS = (("PASS", "pass"), ("FAIL", "fail"), ("OPEN", "open"), ("NA", "NA"), ("ERROR", "error"))

@@ -1,0 +1,62 @@
+"""Records: one plain dict per item, the only thing that reports are made from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+__all__ = ["Record", "cell_record", "conclude", "properties"]
+
+Record = dict[str, Any]
+
+_WORST = ("ERROR", "FAIL", "OPEN", "PASS", "NA")
+
+
+def cell_record(nodeid: str, test: str, keys: dict[str, str | int], ways: int) -> Record:
+    """Start the record of an item.
+
+    Args:
+        nodeid: of the item.
+        test: name of the test function.
+        keys: what selects the cell: junction, cls, scenario, cfg, rotation, and seat, rule where there is one.
+        ways: number of entrances of the junction.
+    """
+    return {"nodeid": nodeid, "test": test, "ways": ways, "seat": None, "rule": None, **keys}
+
+
+def conclude(record: Record, verdicts: Sequence[Record], when: str, outcome: str, known: str | None, text: str) -> None:
+    """Complete a record when its item is over.
+
+    Args:
+        record: of the item, changed in place.
+        verdicts: records of the verdicts given, in order.
+        when: phase of the report.
+        outcome: pytest's outcome.
+        known: reason of the xfail that matched, or None.
+        text: of the exception, or empty.
+
+    The status is that of the verdicts, worst first; a test that asserts on the run without a rule counts as
+    PASS or FAIL by its outcome, and whatever kept a run from being judged is an ERROR.
+    """
+    given = [v["status"] for v in verdicts]
+    if when != "call":
+        status = "ERROR" if outcome == "failed" else "NOT RUN"
+    elif given:
+        status = min(given, key=_WORST.index)
+    else:
+        status = {"passed": "PASS", "failed": "FAIL", "skipped": "NOT RUN"}[outcome]
+    record |= {"status": status, "verdicts": list(verdicts), "known": known, "outcome": outcome, "message": text}
+
+
+def properties(record: Record) -> list[tuple[str, Any]]:
+    """Return the properties of an item for JUnit."""
+    named = {
+        "junction": record["junction"],
+        "class": record["cls"],
+        "scenario": record["scenario"],
+        "configuration": record["cfg"],
+        "rotation": record["rotation"],
+        "rule": record["rule"] or record["test"],
+        "verdict": record["status"],
+    }
+    return list(named.items())
