@@ -1,0 +1,24 @@
+"""Helpers to run pytest inside pytest, with the project's own configuration out of the way."""
+
+from collections.abc import Callable
+
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing of the developer's environment reaches the inner session."""
+    for name in ("RVADS_MAP", "PYTEST_ADDOPTS", "GITHUB_STEP_SUMMARY"):
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.fixture
+def ids() -> Callable[[pytest.RunResult], list[str]]:
+    """Return a function giving the ids of the items that ``--collect-only -q`` lists."""
+    return lambda result: [line for line in result.outlines if "::" in line and not line.startswith(("ERROR", "E "))]
+
+
+@pytest.fixture
+def brackets(ids: Callable[[pytest.RunResult], list[str]]) -> Callable[[pytest.RunResult], list[str]]:
+    """Return a function giving what stands in brackets of each collected item."""
+    return lambda result: [line.partition("[")[2].rstrip("]") for line in ids(result)]

@@ -1,0 +1,102 @@
+"""The same verdicts under xdist, in JUnit and in report logs."""
+
+import json
+import xml.etree.ElementTree as ET
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+TESTS = """
+    import pytest
+    import pytest_rvads as rvads
+
+    class Racer(rvads.Follower):
+        def target_speed(self, seen):
+            return 8.0
+
+    @pytest.fixture
+    def rvads_autopilot():
+        return Racer
+
+    @rvads.scenario("stop4", classes=range(1, 7), grid="CD", rules=("p1", "p2", "p4"))
+    def test_rules(run, rule, monitor):
+        monitor.check(rule)
+"""
+
+
+@pytest.fixture
+def tests(pytester: pytest.Pytester) -> pytest.Pytester:
+    pytester.makepyfile(test_all=TESTS)
+    return pytester
+
+
+def outcomes(path: Path) -> dict[str, tuple[str, str]]:
+    """Read a report log: node id to outcome and message."""
+    found = {}
+    for line in path.read_text(encoding="utf-8").splitlines():
+        entry = json.loads(line)
+        if entry.get("$report_type") == "TestReport" and entry["when"] == "call":
+            found[entry["nodeid"]] = (
+                entry["outcome"],
+                entry["rvads"]["status"],
+                entry["rvads"]["hash"],
+                entry["rvads"]["message"],
+            )
+    return found
+
+
+def test_xdist_gives_the_same_verdicts_ids_and_hashes(tests: pytest.Pytester) -> None:
+    one = tests.runpytest_subprocess("--report-log=one.jsonl")
+    two = tests.runpytest_subprocess("--report-log=two.jsonl", "-n", "2", "--dist", "worksteal")
+    assert one.parseoutcomes() == two.parseoutcomes()
+    first, second = outcomes(tests.path / "one.jsonl"), outcomes(tests.path / "two.jsonl")
+    assert len(first) == 36
+    assert first == second
+    assert Counter(status for _, status, _, _ in first.values())["NA"] >= 12, "p4 is not about a stop junction"
+
+    def table(result: pytest.RunResult) -> list[str]:
+        start = next(i for i, line in enumerate(result.outlines) if "rvads verdicts" in line)
+        return result.outlines[start : start + 8]
+
+    assert table(one) == table(two), "the summary does not depend on who ran what"
+
+
+def test_junit_carries_the_cell_and_its_verdict(tests: pytest.Pytester) -> None:
+    tests.runpytest_subprocess("--junitxml=out.xml", "-n", "1")
+    cases = list(ET.parse(tests.path / "out.xml").iter("testcase"))
+    assert len(cases) == 36
+    seen = Counter()
+    for case in cases:
+        found = {p.get("name"): p.get("value") for p in case.iter("property")}
+        scenario = f"{found['junction']}-class{int(found['class']):02d}-as{found['scenario']}"
+        assert case.get("name") == f"test_rules[{scenario}-cfg{found['configuration']}-{found['rule']}]"
+        child = {"PASS": None, "NA": "skipped"}.get(found["verdict"], "failure")
+        assert (case.find(child) is not None) if child else not [e for e in case if e.tag != "properties"]
+        seen[found["verdict"]] += 1
+    assert set(seen) <= {"PASS", "FAIL", "OPEN", "NA"}
+    assert seen["FAIL"]
+
+
+def test_a_record_of_an_error_crosses_the_workers(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import pytest
+        import pytest_rvads as rvads
+
+        class Broken:
+            def control(self, seen):
+                raise OSError("sensor gone")
+
+        @pytest.fixture
+        def rvads_autopilot():
+            return Broken
+
+        @rvads.scenario("stop4", classes=(1, 2), grid="C", rules="p1")
+        def test_rules(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest_subprocess("-n", "1")
+    result.assert_outcomes(errors=2)
+    result.stdout.fnmatch_lines(["stop4: *2 error*"])

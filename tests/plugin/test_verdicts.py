@@ -1,0 +1,197 @@
+"""Verdicts reach pytest: pass, failure in one line, NA as a skip, known deficiencies as strict xfail."""
+
+import re
+
+import pytest
+
+CONFTEST = """
+    import pytest
+    import pytest_rvads as rvads
+
+    class Racer(rvads.Follower):
+        def target_speed(self, seen):
+            return 8.0
+
+    class Parked(rvads.Follower):
+        def target_speed(self, seen):
+            return 0.0
+
+    @pytest.fixture
+    def rvads_autopilot(request):
+        return {"racer": Racer, "parked": Parked}.get(request.function.__name__.split("_")[1], rvads.Reference)
+"""
+
+TESTS = """
+    import pytest_rvads as rvads
+
+    here = rvads.scenario("stop4", classes=7, grid="C", rules=("p1", "p3", "p4"))
+
+    @here
+    def test_reference(run, rule, monitor):
+        verdict = monitor.check(rule)
+        assert verdict.status == rvads.Status.PASS
+        assert verdict
+
+    @here
+    def test_racer(run, rule, monitor):
+        monitor.check(rule)
+"""
+
+
+@pytest.fixture
+def files(pytester: pytest.Pytester) -> pytest.Pytester:
+    pytester.makeconftest(CONFTEST)
+    pytester.makepyfile(TESTS)
+    return pytester
+
+
+def test_pass_fail_and_na(files: pytest.Pytester) -> None:
+    # Four vehicles that never stop are in the junction together (p1); all arrive at once, so nobody is first (p3);
+    # there are no lights (p4).
+    result = files.runpytest("-rs")
+    result.assert_outcomes(passed=1, failed=1, skipped=4)
+    result.stdout.fnmatch_lines(["*FAILED *test_racer*stop4-class07-as1133-cfgC-p1* - pytest_rvads.RuleViolation: p1 at t=*"])
+    assert result.stdout.str().count("RuleViolation") == 2, "once with the test, once in the short summary"
+    result.stdout.no_fnmatch_line("*judging.py*")
+
+
+def test_the_explanation_has_start_and_a_rerun_line_that_works(files: pytest.Pytester) -> None:
+    result = files.runpytest("-k", "racer and p1")
+    result.stdout.fnmatch_lines(
+        [
+            "*- rvads p1 -*",
+            "*p1*",
+            "start     stop4-class07-as1133-cfgC (0->1 1->2 2->1 3->2)  d=(20 20 20 20) m  v=(0 0 0 0) m/s",
+            'rerun     pytest "*"',
+        ]
+    )
+    command = re.search(r'rerun     pytest "(.*)"', result.stdout.str())
+    assert command
+    files.runpytest(command[1]).assert_outcomes(failed=1)
+
+
+def test_na_is_a_skip_with_its_reason_at_the_users_test(files: pytest.Pytester) -> None:
+    result = files.runpytest("-rs", "-k", "reference", "-v")
+    result.stdout.fnmatch_lines(["*test_reference*-p4?*NA*"])
+    result.stdout.fnmatch_lines(["SKIPPED [[]1] test_na_is_a_skip*.py:5: NA: *"])
+
+
+def test_known_deficiencies_are_strict(pytester: pytest.Pytester) -> None:
+    pytester.makeconftest(CONFTEST)
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        here = rvads.scenario("stop4", classes=(1, 7), grid="C", rules=("p1", "p4"))
+
+        @rvads.known("races", rule="p1", cls=(7, 8), reason="never stops")
+        @here
+        def test_racer_known(run, rule, monitor):
+            monitor.check(rule)
+
+        @rvads.known("races", rule="p1")
+        @here
+        def test_reference_known(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest("-rxX")
+    result.assert_outcomes(xfailed=1, failed=3, skipped=4)
+    result.stdout.fnmatch_lines(["XFAIL *test_racer_known*class07*-p1* - races: never stops*"])
+    result.stdout.fnmatch_lines(["*XPASS(strict)* races*"])
+
+
+def test_an_open_obligation_fails_by_default(pytester: pytest.Pytester) -> None:
+    pytester.makeconftest(CONFTEST)
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        # a0 and a1 wait at their lines from the start, the others arrive later, and nobody ever moves on.
+        @rvads.scenario("stop4", classes=1, distances=0.3, rules="p2", duration=2)
+        def test_parked(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest()
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*OpenObligation: p2*"])
+    pytester.runpytest("--rvads-open=skip").assert_outcomes(skipped=1)
+    pytester.runpytest("--rvads-open=pass").assert_outcomes(passed=1)
+
+
+def test_asserting_on_the_run(pytester: pytest.Pytester) -> None:
+    pytester.makeconftest(CONFTEST)
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=24, grid="C")
+        def test_racer(run):
+            assert not run.collisions
+
+        @rvads.scenario("stop4", classes=24, grid="C")
+        def test_reference(run):
+            assert not run.collisions
+        """
+    )
+    # Four left turns at once, nobody looks: the paths cross in the middle.
+    result = pytester.runpytest()
+    result.assert_outcomes(passed=1, failed=1)
+    result.stdout.fnmatch_lines(["*assert not (Collision(*", "stop4: *2 verdicts: 1 pass, 1 fail*"])
+
+
+def test_a_run_is_simulated_once_for_all_rules(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import pytest
+        import pytest_rvads as rvads
+
+        made = []
+
+        @pytest.fixture
+        def rvads_autopilot():
+            def make(speed=5.0):
+                made.append(speed)
+                return rvads.Reference()
+            return make  # a new function for every test, with the same code
+
+        @rvads.scenario("stop4", classes=(1, 2), grid="BC", rules=("p1", "p2", "p3", "p4"))
+        def test_rules(run, rule, monitor):
+            monitor.verdict(rule)
+
+        def test_count():
+            assert len(made) == 4 * 4, "four vehicles in each of four runs"
+        """
+    )
+    pytester.runpytest().assert_outcomes(passed=17)
+
+
+def test_summary_shows_matrix_causes_and_coverage(files: pytest.Pytester) -> None:
+    result = files.runpytest()
+    result.stdout.fnmatch_lines(
+        [
+            "*rvads verdicts*",
+            "*stop4*test_reference*",
+            "*07*pass*NA*NA*",
+            "*stop4*test_racer*",
+            "*07*FAIL*NA*NA*",
+            "causes of failures",
+            "*1 x p1: *",
+            "*first: pytest *",
+            "stop4: 1/24 classes, 1/81 scenarios, 1 runs, 6 verdicts: 1 pass, 1 fail, 4 NA*(never applicable: p3, p4)*",
+        ]
+    )
+
+
+def test_no_summary_where_nothing_of_ours_ran(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("def test_plain(): ...")
+    pytester.runpytest().stdout.no_fnmatch_line("*rvads verdicts*")
+
+
+@pytest.mark.parametrize(
+    "options", [("-p", "no:terminal"), ("-p", "no:cacheprovider"), ("-x",), ("--collect-only",), ("--tb=no", "-q")]
+)
+def test_other_options_of_pytest(files: pytest.Pytester, options: tuple[str, ...]) -> None:
+    result = files.runpytest(*options)
+    assert result.ret == (0 if "--collect-only" in options else 1)

@@ -1,0 +1,55 @@
+"""The layers of ARCHITECTURE.md, held by import-linter, and the modules that alone may import a library."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "pytest_rvads"
+
+
+def test_data_flows_one_way() -> None:
+    done = subprocess.run(
+        [str(Path(sys.executable).with_name("lint-imports")), "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize(
+    ("library", "homes"),
+    [
+        ("pybullet", {"physics/world.py"}),
+        ("rich", {"report/terminal.py"}),
+        (
+            "pytest",
+            {
+                "plugin.py",
+                "collection.py",
+                "options.py",
+                "fixtures/items.py",
+                "fixtures/judging.py",
+                "fixtures/running.py",
+                "fixtures/systems.py",
+            },
+        ),
+    ],
+)
+def test_a_library_has_its_home(library: str, homes: set[str]) -> None:
+    found = set()
+    for file in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+            if any(name.split(".")[0] == library for name in names):
+                found.add(file.relative_to(PACKAGE).as_posix())
+    assert found <= homes
+    assert found
+
+
+def test_nothing_private_of_pytest_is_imported() -> None:
+    for file in PACKAGE.rglob("*.py"):
+        assert "_pytest" not in file.read_text(encoding="utf-8"), file
