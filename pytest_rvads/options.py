@@ -19,6 +19,7 @@ _DECLARED: dict[str, tuple[str, str, tuple[str, ...] | None]] = {
     "cover": ("", "what to run of every class where a test does not say", ("class", "scenario", "rotation")),
     "grid": ("", "configurations where a test does not say: 'paper' or letters such as CD", None),
     "max-items": ("10000", "refuse a test that would expand to more items than this", None),
+    "artefacts": (".rvads", "folder for the replay pages of failures, or 'none'", None),
     "open": ("fail", "what an obligation still open at the end of a run does to its test", ("fail", "skip", "pass")),
 }
 
@@ -31,6 +32,7 @@ class Options:
     cover: str
     grid: str
     max_items: int
+    artefacts: str | None
     open: str
 
     @classmethod
@@ -50,7 +52,14 @@ class Options:
         count = values["max-items"]
         if not (count.isdigit() and int(count) > 0):
             raise RvadsError(f"rvads_max_items must be a whole number above 0, got {count!r}")
-        return cls(_map(config), values["cover"] or "class", values["grid"] or "paper", int(count), values["open"])
+        return cls(
+            _map(config),
+            values["cover"] or "class",
+            values["grid"] or "paper",
+            int(count),
+            _folder(values["artefacts"]),
+            values["open"],
+        )
 
 
 def declare(parser: pytest.Parser) -> None:
@@ -71,3 +80,7 @@ def _map(config: pytest.Config) -> str | None:
         return str(Path(flag).resolve())
     ini = config.getini("rvads_map")
     return str((config.rootpath / ini).resolve()) if ini else None
+
+
+def _folder(name: str) -> str | None:
+    return None if name == "none" else name

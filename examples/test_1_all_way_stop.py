@@ -1,0 +1,24 @@
+"""An all-way stop with the reference autopilot: every class of scenarios, judged by the paper's rules p1, p2, p3.
+
+The reference autopilot obeys, so nothing fails but p2 where nobody could pass it: four vehicles that arrive at
+the same time each have another one on their right, a cycle. Whoever moves first breaks the rule.
+"""
+
+import pytest_rvads as rvads
+
+
+@rvads.known("cycle", rule="p2", reason="four simultaneous arrivals: right-of is a cycle, no autopilot can pass")
+@rvads.scenario("stop4", grid="CD", rules=("p1", "p2", "p3"))
+def test_rules(run, rule, monitor):
+    monitor.check(rule)
+
+
+@rvads.scenario("stop4", grid="E", rules=("p1", "p2", "p3"))
+def test_two_arrive_first(run, rule, monitor):
+    monitor.check(rule)
+
+
+@rvads.scenario("stop3", grid="BE", cover="scenario")  # no `rule` argument: one item per run
+def test_nobody_collides_and_everybody_leaves(run):
+    assert not run.collisions
+    assert all(run.entry(column) is not None for column in range(3))

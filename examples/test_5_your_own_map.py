@@ -1,0 +1,21 @@
+"""Your own map: the junctions come from the OpenDRIVE file of the ini option ``rvads_map``, of the variable RVADS_MAP,
+or of ``--rvads-map``; without one, from the built-in maps.
+
+A junction is asked for by its type, so that the same test runs on every map that has one::
+
+    RVADS_MAP=town.xodr pytest examples/test_5_your_own_map.py
+
+``@rvads.scenario("169", map="town.xodr")`` asks for one by its id; ``rvads map town.xodr`` lists what a file offers.
+"""
+
+import pytest_rvads as rvads
+
+
+@rvads.scenario("4-way stop", classes=(2, 7), grid="CE", rules=("p1", "p3"))
+def test_stop(run, rule, monitor):
+    monitor.check(rule)
+
+
+@rvads.scenario("4-way lights", classes=(8, 13), grid="GJ")
+def test_lights(run, rule, monitor):
+    monitor.check(rule)

@@ -1,0 +1,63 @@
+"""One instant of a run as a picture: trails, bodies to scale, lights, what is broken."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from html import escape
+
+from pytest_rvads.draw.scene import PALETTE, Scene, body, path
+from pytest_rvads.errors import RunError
+from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.states import Zone
+from pytest_rvads.semantics.vehicle import Vehicle
+
+__all__ = ["STYLE", "picture", "size"]
+
+STYLE = """
+.lane{fill:none;stroke:#d9d9d9}.way{fill:none;stroke:#bdbdbd;stroke-width:.12;stroke-dasharray:.6 .6}
+.stop{stroke:#fff;stroke-width:.5}.number{font-size:2.6px;text-anchor:middle;fill:#666}
+.sign{fill:#c1272d;stroke:#fff;stroke-width:.2}.letter,.name{font-size:1.8px;text-anchor:middle;fill:#fff;font-weight:bold}
+.trail{fill:none;stroke-width:.35;opacity:.75}.front{fill:none;stroke:#fff;stroke-width:.22}
+.broken{stroke:#d11f1f;stroke-width:.45}.title{font-size:2.4px;fill:#222}svg{font-family:sans-serif}
+"""
+
+
+def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> str:
+    """Return an SVG document of the state at `tick`.
+
+    Args:
+        run: a run with positions.
+        tick: index of the state.
+        title: text above the picture.
+        broken: names of the vehicles to point out.
+
+    Raises:
+        RunError: the run holds no positions.
+        MapError: its junction has no geometry.
+    """
+    if run.pose is None:
+        raise RunError(f"run {run.label!r} holds no positions, so there is nothing to draw")
+    scene = Scene(run.junction)
+    length, width = size(run)
+    left, top, wide, high = scene.view
+    parts = [scene.road(), scene.lights(run.lights[tick])]
+    for column, agent in enumerate(run.agents):
+        colour = PALETTE[agent.entrance % len(PALETTE)]
+        parts.append(f'<polyline class="trail" stroke="{colour}" points="{path(run.pose[: tick + 1 : 5, column, :2])}"/>')
+    for column, agent in enumerate(run.agents):
+        if run.zone[tick, column] != Zone.GONE:
+            colour = PALETTE[agent.entrance % len(PALETTE)]
+            parts.append(body(run.pose[tick, column], length, width, colour, agent.name, agent.name in broken))
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide * 10:.0f}" height="{(high + 5) * 10:.0f}" '
+        f'viewBox="{left:.2f} {top - 5:.2f} {wide:.2f} {high + 5:.2f}"><style>{STYLE}</style>'
+        f'<rect x="{left:.2f}" y="{top - 5:.2f}" width="{wide:.2f}" height="{high + 5:.2f}" fill="#fff"/>'
+        f'{"".join(parts)}<text class="title" x="{left + 1:.2f}" y="{top - 1.5:.2f}">{escape(title)}</text></svg>\n'
+    )
+
+
+def size(run: Run) -> tuple[float, float]:
+    """Return length and width of the bodies of a run [m], of the default vehicle where it does not say."""
+    vehicle = run.meta.get("vehicle", {})
+    default = Vehicle()
+    return float(vehicle.get("length", default.length)), float(vehicle.get("width", default.width))

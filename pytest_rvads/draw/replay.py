@@ -1,0 +1,96 @@
+"""A run as a self-contained page: play, scrub, speed, keyboard, a link to a time, the list of events."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from html import escape
+from importlib.resources import files
+from string import Template
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.draw.picture import STYLE, size
+from pytest_rvads.draw.scene import PALETTE, Scene, body
+from pytest_rvads.errors import RunError
+from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.states import Colour, Zone
+
+__all__ = ["events", "replay"]
+
+_EVERY = 5
+"""Positions are stored every so many states and drawn on straight lines between; zones and lights are exact."""
+
+
+def replay(run: Run, title: str, notes: str = "", marked: Iterable[tuple[float, str]] = ()) -> str:
+    """Return an HTML page that replays `run`, state by state.
+
+    Args:
+        run: a run with positions.
+        title: heading of the page.
+        notes: text shown beside the picture, such as an explanation.
+        marked: further events (time [s], text), such as a violation.
+
+    Raises:
+        RunError: the run holds no positions.
+        MapError: its junction has no geometry.
+    """
+    if run.pose is None or run.station is None or run.speed is None:
+        raise RunError(f"run {run.label!r} holds no positions, so there is nothing to replay")
+    scene = Scene(run.junction)
+    length, width = size(run)
+    left, top, wide, high = scene.view
+    bodies = "".join(
+        body(run.pose[0, i], length, width, PALETTE[a.entrance % len(PALETTE)], a.name) for i, a in enumerate(run.agents)
+    )
+    motion = np.concatenate((run.pose, run.station[..., None], run.speed[..., None]), axis=2)
+    motion[..., 2] = np.unwrap(motion[..., 2], axis=0)
+    data = {
+        "dt": run.dt,
+        "steps": run.steps,
+        "every": _EVERY,
+        "length": length,
+        "agents": [a.name for a in run.agents],
+        "motion": motion[::_EVERY].round(3).tolist(),
+        "zones": [_changes(run.zone[:, i]) for i in range(len(run.agents))],
+        "lights": [_changes(run.lights[:, e]) for e in range(run.lights.shape[1])],
+        "events": sorted([*events(run), *marked]),
+    }
+    page = Template(files("pytest_rvads.draw").joinpath("replay.html").read_text(encoding="utf-8"))
+    return page.substitute(
+        title=escape(title),
+        style=STYLE,
+        scene=f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2f} {top:.2f} {wide:.2f} {high:.2f}">'
+        f"{scene.road()}{scene.lights(run.lights[0])}{bodies}</svg>",
+        notes=escape(notes),
+        # "<" could end the script element from inside a string.
+        data=json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
+    )
+
+
+def events(run: Run) -> list[tuple[float, str]]:
+    """Return what happens in a run: zones entered, lights that change, collisions, a fault; time [s] and text."""
+    found: list[tuple[float, str]] = []
+    words = {Zone.ENTRANCE: "at entrance {0}", Zone.JUNCTION: "enters the junction", Zone.EXIT: "leaves by exit {1}"}
+    for column, agent in enumerate(run.agents):
+        found += [
+            (round(tick * run.dt, 6), f"{agent.name} {words[Zone(zone)].format(agent.entrance, agent.exit)}")
+            for tick, zone in _changes(run.zone[:, column])
+            if zone in words
+        ]
+    for entrance in range(run.lights.shape[1]):
+        found += [
+            (round(tick * run.dt, 6), f"light {entrance} turns {Colour(colour).name.lower()}")
+            for tick, colour in _changes(run.lights[:, entrance])[1:]
+        ]
+    found += [(c.time, f"{c.agents[0]} and {c.agents[1]} collide at {c.speed:.1f} m/s") for c in run.collisions]
+    if run.fault:
+        found.append((run.fault.time, run.fault.reason))
+    return sorted(found)
+
+
+def _changes(values: NDArray[np.int8]) -> list[tuple[int, int]]:
+    """Return (tick, value) wherever a series takes a new value, its first state included."""
+    ticks = np.concatenate(([0], np.flatnonzero(np.diff(values)) + 1))
+    return [(int(tick), int(values[tick])) for tick in ticks]
