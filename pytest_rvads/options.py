@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.report.files import FORMATS
 
 if TYPE_CHECKING:
     import pytest
@@ -19,6 +20,7 @@ _DECLARED: dict[str, tuple[str, str, tuple[str, ...] | None]] = {
     "cover": ("", "what to run of every class where a test does not say", ("class", "scenario", "rotation")),
     "grid": ("", "configurations where a test does not say: 'paper' or letters such as CD", None),
     "max-items": ("10000", "refuse a test that would expand to more items than this", None),
+    "report": ("", "also write the verdicts to FILE.json or FILE.md", None),
     "artefacts": (".rvads", "folder for the replay pages of failures, or 'none'", None),
     "open": ("fail", "what an obligation still open at the end of a run does to its test", ("fail", "skip", "pass")),
 }
@@ -32,6 +34,7 @@ class Options:
     cover: str
     grid: str
     max_items: int
+    report: Path | None
     artefacts: str | None
     open: str
 
@@ -52,13 +55,17 @@ class Options:
         count = values["max-items"]
         if not (count.isdigit() and int(count) > 0):
             raise RvadsError(f"rvads_max_items must be a whole number above 0, got {count!r}")
+        report = values["report"]
+        if report and Path(report).suffix not in FORMATS:
+            raise RvadsError(f"rvads_report must name a {' or '.join(FORMATS)} file, got {report!r}")
         return cls(
-            _map(config),
-            values["cover"] or "class",
-            values["grid"] or "paper",
-            int(count),
-            _folder(values["artefacts"]),
-            values["open"],
+            map=_map(config),
+            cover=values["cover"] or "class",
+            grid=values["grid"] or "paper",
+            max_items=int(count),
+            report=config.invocation_params.dir / report if report else None,
+            artefacts=None if values["artefacts"] == "none" else values["artefacts"],
+            open=values["open"],
         )
 
 
@@ -80,7 +87,3 @@ def _map(config: pytest.Config) -> str | None:
         return str(Path(flag).resolve())
     ini = config.getini("rvads_map")
     return str((config.rootpath / ini).resolve()) if ini else None
-
-
-def _folder(name: str) -> str | None:
-    return None if name == "none" else name

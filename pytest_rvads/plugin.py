@@ -10,9 +10,10 @@ from collections.abc import Generator
 import pytest
 
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.fixtures.items import OPTIONS, Session, attach, prepare
+from pytest_rvads.fixtures.items import OPTIONS, attach, prepare
 from pytest_rvads.fixtures.judging import monitor, rule
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_runs
+from pytest_rvads.fixtures.session import Session
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_vehicle
 from pytest_rvads.options import Options, declare
 
@@ -34,7 +35,7 @@ def pytest_configure(config: pytest.Config) -> None:
         raise pytest.UsageError(str(error)) from error
     register_marks(config)
     if not hasattr(config, "workerinput"):
-        config.pluginmanager.register(Session(), "rvads_session")
+        config.pluginmanager.register(Session(config), "rvads_session")
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
