@@ -1,0 +1,154 @@
+"""Reading XML from strangers: no DTD, bounded size, depth and numbers, one sentence per refusal.
+
+The standard library's expat expands no external entity; entity bombs need a DTD, and a DTD is refused
+when it begins.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from pytest_rvads.errors import MapError
+
+__all__ = ["MAX_BYTES", "MAX_DEPTH", "integer", "load", "number"]
+
+MAX_BYTES = 128 * 2**20
+"""Largest file that is read [bytes]; whole towns have 1 to 20 MB."""
+MAX_DEPTH = 40
+"""Deepest nesting that is read; OpenDRIVE needs 10."""
+_CHUNK = 2**18
+_SKIPPED = frozenset(
+    {"userData", "roadMark", "elevationProfile", "lateralProfile", "surface", "railroad", "crossSectionSurface", "outlines"}
+)
+"""Elements that say nothing about where lanes run in plan."""
+
+
+class _Builder:
+    """Target of the XML parser: builds elements without namespaces, text and the parts nobody reads."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.root: Element | None = None
+        self.stack: list[Element] = []
+        self.skipping = 0
+
+    def doctype(self, *_: object) -> None:
+        raise MapError(
+            f"{self.name} has a document type declaration (DTD), which is refused because it can hide entity bombs; remove it"
+        )
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        if len(self.stack) + self.skipping >= MAX_DEPTH:
+            raise MapError(f"{self.name} nests elements deeper than {MAX_DEPTH} levels, which no OpenDRIVE file does")
+        if "}" in tag:
+            tag = tag.rpartition("}")[2]
+        if self.skipping or tag in _SKIPPED:
+            self.skipping += 1
+            return
+        element = Element(tag, attributes)
+        if self.stack:
+            self.stack[-1].append(element)
+        elif tag != "OpenDRIVE":
+            raise MapError(f"{self.name} is not an OpenDRIVE file: its root element is <{tag[:40]}>, expected <OpenDRIVE>")
+        else:
+            self.root = element
+        self.stack.append(element)
+
+    def end(self, _tag: str) -> None:
+        if self.skipping:
+            self.skipping -= 1
+        else:
+            self.stack.pop()
+
+    def close(self) -> Element | None:
+        return self.root
+
+
+def load(path: str | os.PathLike[str]) -> Element:
+    """Parse an OpenDRIVE file into elements without namespaces.
+
+    Raises:
+        MapError: no such file, empty, too large, not XML, cut off, a DTD, too deep, or not OpenDRIVE.
+    """
+    file = Path(path)
+    try:
+        if not file.is_file():
+            what = "is not a regular file" if file.exists() else "does not exist"
+            raise MapError(f"map file {file} {what}; give the path of an OpenDRIVE file (.xodr)")
+        size = file.stat().st_size
+        if size > MAX_BYTES:
+            raise MapError(f"map file {file} has {size / 2**20:.0f} MB, more than the {MAX_BYTES // 2**20} MB that are read")
+        if not size:
+            raise MapError(f"map file {file} is empty, expected an OpenDRIVE file")
+        return _parse(file)
+    except (OSError, ValueError) as error:
+        raise MapError(f"map file {path} cannot be read: {error}") from None
+
+
+def _parse(file: Path) -> Element:
+    parser = ElementTree.XMLParser(target=_Builder(f"map file {file}"))
+    ended = False
+    try:
+        with file.open("rb") as stream:
+            while chunk := stream.read(_CHUNK):
+                parser.feed(chunk)
+        ended = True
+        root: Element | None = parser.close()
+    except ElementTree.ParseError as error:
+        line, column = error.position
+        if ended:
+            raise MapError(f"map file {file} is cut off: the XML ends at line {line} before all elements are closed") from None
+        raise MapError(
+            f"map file {file} is not well-formed XML at line {line}, column {column}: {error.msg.partition(':')[0]}"
+        ) from None
+    except LookupError as error:
+        raise MapError(f"map file {file} declares an encoding that cannot be read: {error}") from None
+    if root is None:
+        raise MapError(f"map file {file} contains no element, expected <OpenDRIVE>")
+    return root
+
+
+def number(element: Element, name: str, place: str, default: float | None = None) -> float:
+    """Return attribute `name` of `element` as a finite number.
+
+    Args:
+        element: where the attribute is.
+        name: of the attribute.
+        place: where the element is, for the message.
+        default: value of a missing or empty attribute; None if it is required.
+
+    Raises:
+        MapError: missing, not a number, or not finite.
+    """
+    text = element.get(name)
+    if not text:
+        if default is not None:
+            return default
+        raise MapError(f"{place}: <{element.tag}> has no attribute {name!r}, expected a number")
+    try:
+        value = float(text)
+    except ValueError:
+        raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is not a number") from None
+    if not math.isfinite(value) or abs(value) > 1e12:
+        raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is not a finite number of sensible size")
+    return value
+
+
+def integer(element: Element, name: str, place: str) -> int:
+    """Return attribute `name` of `element` as a whole number of at most six digits.
+
+    Raises:
+        MapError: missing or not such a number.
+    """
+    text = element.get(name, "")
+    try:
+        value = int(text)
+    except ValueError:
+        raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is not a whole number") from None
+    if abs(value) > 999_999:
+        raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is out of range")
+    return value

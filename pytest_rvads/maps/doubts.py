@@ -1,0 +1,52 @@
+"""Doubts: what the reader repaired or could not be sure of, as typed records instead of log lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+__all__ = ["Doubt", "MapWarning"]
+
+
+class Doubt(StrEnum):
+    """Kinds of warnings about a map."""
+
+    GAP = "gap"
+    """Two linked lanes, or two pieces of a reference line, do not meet."""
+    LENGTH = "length"
+    """The drawn reference line is not as long as the road says."""
+    KINK = "kink"
+    """A reference line bends sharply at a joint; the lane on the inner side was cut there."""
+    ORIENTATION = "orientation"
+    """The orientation of a signal contradicts the traffic it is for, and was ignored."""
+    TABLE = "table"
+    """The connection table of a junction and the links of its connecting roads disagree; their union was taken."""
+    LINK = "link"
+    """A link names something that does not exist, or was completed from the geometry."""
+    SIGNAL = "signal"
+    """A signal could not be attached to an entrance, or a reference names no signal."""
+    RIGHT_OF = "right_of"
+    """No pair of entrances is right-of another: a Y junction, where the priority rules say nothing."""
+    ORDER = "order"
+    """The movements of an entrance do not follow the cyclic order of the exits."""
+    SIDE = "side"
+    """A road does not say on which side traffic keeps; the side of the other roads was assumed."""
+    UNITS = "units"
+    """The header states a length unit; the standard's metres were taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class MapWarning:
+    """One repair or doubt."""
+
+    kind: Doubt
+    message: str
+    """One sentence."""
+    road: str | None = None
+    """Id of the road it is about."""
+    junction: str | None = None
+    """Id of the junction it is about."""
+
+    def record(self) -> dict[str, str | None]:
+        """Return the fields as builtins."""
+        return {"kind": self.kind.value, "message": self.message, "road": self.road, "junction": self.junction}

@@ -1,0 +1,378 @@
+"""The lanes of a map as a directed graph: one edge per lane and road, linked where traffic can go on.
+
+Travel is along the reference line iff (lane id < 0) xor left-hand traffic. Links come from lane links inside a
+road, from road links between roads, and for junctions from the connection table united with the links of the
+connecting roads themselves, because each alone lists only half of the movements in some writers' files. A link
+whose lane drives out through the contact point is dropped.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.errors import MapError
+from pytest_rvads.maps.doubts import Doubt, MapWarning
+from pytest_rvads.maps.lanes import LaneLine, lane_lines, sample_count
+from pytest_rvads.maps.opendrive import Document, Road
+from pytest_rvads.maps.segment import GAP_LIMIT
+
+__all__ = ["GAP_WARNING", "Edge", "Network", "build"]
+
+GAP_WARNING = 0.1
+"""Gap between linked lanes from which on a warning is given [m]."""
+MAX_SAMPLES = 4_000_000
+"""Most samples of lane centre lines in one map; a town has 70,000."""
+
+End = tuple[str, str, int]
+"""Road id, ``start`` or ``end``, lane id."""
+
+
+@dataclass(slots=True, eq=False)
+class Edge:
+    """A lane of a road, over all its lane sections, in the direction of travel."""
+
+    id: str
+    """Road, first lane section and lane in travel order: ``road.section.lane``."""
+    road: str
+    junction: str | None
+    forward: bool
+    """True where travel is along the reference line."""
+    lanes: tuple[tuple[int, int], ...]
+    """Pairs (section index, lane id) in the order of travel."""
+    points: NDArray[np.float64]
+    """Shape ``(k, 2)`` [m]."""
+    s: NDArray[np.float64]
+    """Road station of each point, shape ``(k,)`` [m]."""
+    turning: float
+    """Total unwrapped change of heading [rad]."""
+    width: float
+    """At mid-length [m]."""
+    length: float
+    """Arc length [m]."""
+    before: list[str] = field(default_factory=list)
+    """Ids of edges that lead into this one."""
+    after: list[str] = field(default_factory=list)
+    """Ids of edges that follow this one."""
+
+    @property
+    def start_heading(self) -> float:
+        """Direction of the first step [rad]."""
+        (x, y), (u, v) = self.points[0], self.points[1]
+        return math.atan2(v - y, u - x)
+
+    @property
+    def end_heading(self) -> float:
+        """Direction of the last step [rad]."""
+        (x, y), (u, v) = self.points[-2], self.points[-1]
+        return math.atan2(v - y, u - x)
+
+    def station(self, s: float) -> float:
+        """Return the arc length in the direction of travel at road station `s` [m]."""
+        along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(self.points, axis=0).T))))
+        if self.forward:
+            return float(np.interp(s, self.s, along))
+        return float(np.interp(-s, -self.s, along))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Network:
+    """All edges of a map with their links."""
+
+    edges: dict[str, Edge]
+    arriving: dict[End, str]
+    """The edge that reaches a road end on a lane."""
+    departing: dict[End, str]
+    """The edge that leaves a road end on a lane."""
+    left_hand: dict[str, bool]
+    """Per road, True where traffic keeps left."""
+    direct: dict[str, list[tuple[str, str]]]
+    """Per direct junction, the pairs of edges it links."""
+    inside: dict[str, tuple[str, ...]]
+    """Per junction, the edges that lie in it."""
+    warnings: tuple[MapWarning, ...]
+
+
+def build(document: Document) -> Network:
+    """Build the network of a document.
+
+    Raises:
+        MapError: a map too large to sample, or coordinates that are not finite.
+    """
+    samples = sum(map(sample_count, document.roads.values()))
+    if samples > MAX_SAMPLES:
+        raise MapError(
+            f"its lane centre lines would take {samples:,} samples, more than {MAX_SAMPLES:,}; "
+            "check the lengths of its roads, or cut the map into pieces"
+        )
+    return _Builder(document).build()
+
+
+class _Builder:
+    def __init__(self, document: Document) -> None:
+        self.document = document
+        self.warnings: list[MapWarning] = []
+        self.edges: dict[str, Edge] = {}
+        self.arriving: dict[End, str] = {}
+        self.departing: dict[End, str] = {}
+        self.direct: dict[str, list[tuple[str, str]]] = defaultdict(list)
+        self.left_hand = self._sides()
+
+    def build(self) -> Network:
+        for road in self.document.roads.values():
+            self._road(road)
+        for road in self.document.roads.values():
+            self._road_links(road)
+        for junction in self.document.junctions.values():
+            self._table(junction.id)
+        self._complete()
+        self._gaps()
+        inside: dict[str, list[str]] = defaultdict(list)
+        for edge in self.edges.values():
+            if edge.junction is not None:
+                inside[edge.junction].append(edge.id)
+        table = {junction: tuple(ids) for junction, ids in inside.items()}
+        return Network(self.edges, self.arriving, self.departing, self.left_hand, dict(self.direct), table, tuple(self.warnings))
+
+    def _sides(self) -> dict[str, bool]:
+        roads = self.document.roads.values()
+        stated = {road.rule for road in roads if road.rule}
+        silent = [road.id for road in roads if not road.rule]
+        if stated == {"LHT"} and silent:
+            self.warnings.append(
+                MapWarning(
+                    Doubt.SIDE,
+                    f"{len(silent)} roads, {silent[0]!r} first, do not say on which side traffic keeps; left as on the others",
+                )
+            )
+        assumed = "LHT" if stated == {"LHT"} else "RHT"
+        return {road.id: (road.rule or assumed) == "LHT" for road in roads}
+
+    def _road(self, road: Road) -> None:
+        """Make the edges of one road: chains of lanes that go on one to one from section to section."""
+        lines = lane_lines(road, self.warnings)
+        links = self._section_links(road, lines)
+        follow: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
+        lead: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
+        for one, two in links:
+            follow[one].append(two)
+            lead[two].append(one)
+        owner: dict[tuple[int, int], str] = {}
+        nodes = [(i, lane) for i, table in enumerate(lines) for lane in table]
+        for node in nodes:
+            before = lead[node]
+            if len(before) == 1 and len(follow[before[0]]) == 1:
+                continue
+            chain = [node]
+            while len(follow[chain[-1]]) == 1 and len(lead[follow[chain[-1]][0]]) == 1 and follow[chain[-1]][0] != node:
+                chain.append(follow[chain[-1]][0])
+            edge = self._edge(road, chain, lines)
+            if edge is not None:
+                self.edges[edge.id] = edge
+                owner.update(dict.fromkeys(chain, edge.id))
+        for one, two in links:
+            if one in owner and two in owner and owner[one] != owner[two]:
+                self._join(owner[one], owner[two])
+        last = len(lines) - 1
+        for (i, lane), id in owner.items():
+            forward = self.edges[id].forward
+            if i == 0:
+                (self.departing if forward else self.arriving)[road.id, "start", lane] = id
+            if i == last:
+                (self.arriving if forward else self.departing)[road.id, "end", lane] = id
+
+    def _section_links(self, road: Road, lines: list[dict[int, LaneLine]]) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+        """Return the links between lanes of consecutive sections, in the direction of travel, without repetition."""
+        found: dict[tuple[tuple[int, int], tuple[int, int]], None] = {}
+        for i in range(len(lines) - 1):
+            one, two = road.sections[i].lanes, road.sections[i + 1].lanes
+            pairs = [(a, b) for a in lines[i] for b in one[a].successors] + [
+                (a, b) for b in lines[i + 1] for a in two[b].predecessors
+            ]
+            for a, b in pairs:
+                if a in lines[i] and b in lines[i + 1] and self._forward(road.id, a) == self._forward(road.id, b):
+                    found[((i, a), (i + 1, b)) if self._forward(road.id, a) else ((i + 1, b), (i, a))] = None
+        return list(found)
+
+    def _forward(self, road: str, lane: int) -> bool:
+        return (lane < 0) != self.left_hand[road]
+
+    def _edge(self, road: Road, chain: list[tuple[int, int]], lines: list[dict[int, LaneLine]]) -> Edge | None:
+        parts = [lines[i][lane] for i, lane in chain]
+        forward = self._forward(road.id, chain[0][1])
+        step = 1 if forward else -1
+        points = np.vstack([part.points[::step] for part in parts])
+        s = np.concatenate([part.s[::step] for part in parts])
+        steps = np.hypot(*np.diff(points, axis=0).T)
+        jump = float(steps.max())
+        if len(parts) > 1:
+            keep = np.concatenate(([True], steps > 1e-3))
+            points, s, steps = points[keep], s[keep], steps[keep[1:]]
+        length = float(steps.sum())
+        name = f"{road.id}.{chain[0][0]}.{chain[0][1]}"
+        if length < 1e-3 or len(points) < 2:
+            self.warnings.append(MapWarning(Doubt.LINK, f"lane {name} has no length and was left out", road.id))
+            return None
+        if len(parts) > 1 and jump > GAP_WARNING and (where := self._jump(parts, step)) > GAP_WARNING:
+            self.warnings.append(MapWarning(Doubt.GAP, f"lane {name} jumps by {where:.2f} m between two lane sections", road.id))
+        turning = step * sum(part.turning for part in parts)
+        width = parts[len(parts) // 2].width
+        return Edge(name, road.id, road.junction, forward, tuple(chain), points, s, turning, width, length)
+
+    @staticmethod
+    def _jump(parts: list[LaneLine], step: int) -> float:
+        ordered = [part.points[::step] for part in parts]
+        return max(math.dist(one[-1], two[0]) for one, two in pairwise(ordered))
+
+    def _road_links(self, road: Road) -> None:
+        """Link the lanes of `road` to those of the roads it names as neighbours."""
+        if not road.sections:
+            return
+        for contact, link, section in (("start", road.predecessor, 0), ("end", road.successor, -1)):
+            if link is None or link.junction:
+                continue
+            other = self.document.roads.get(link.element)
+            if other is None:
+                self.warnings.append(
+                    MapWarning(Doubt.LINK, f"road {road.id!r} is linked to road {link.element!r}, which does not exist", road.id)
+                )
+                continue
+            if link.contact not in ("start", "end"):
+                self.warnings.append(
+                    MapWarning(Doubt.LINK, f"the link from road {road.id!r} to road {other.id!r} has no contact point", road.id)
+                )
+                continue
+            for lane in road.sections[section].lanes.values():
+                for target in lane.predecessors if contact == "start" else lane.successors:
+                    self._link((road.id, contact, lane.id), (other.id, link.contact, target))
+
+    def _table(self, id: str) -> None:
+        """Add the links of the connection table of junction `id`."""
+        junction = self.document.junctions[id]
+        for row in junction.connections:
+            incoming, connecting = self.document.roads.get(row.incoming), self.document.roads.get(row.connecting)
+            if incoming is None or connecting is None or row.contact not in ("start", "end"):
+                name = row.incoming if incoming is None else row.connecting
+                what = f"has a connection from road {row.incoming!r} to road {row.connecting!r} without contact point"
+                if incoming is None or connecting is None:
+                    what = f"names road {name!r}, which does not exist"
+                self.warnings.append(MapWarning(Doubt.LINK, f"junction {id!r} {what}", None, id))
+                continue
+            end = self._touching(incoming, id, connecting.id, row.contact)
+            if end is None:
+                self.warnings.append(
+                    MapWarning(
+                        Doubt.TABLE,
+                        f"junction {id!r} names road {incoming.id!r} as incoming, which does not touch it",
+                        incoming.id,
+                        id,
+                    )
+                )
+                continue
+            for link in row.links:
+                one, two = (incoming.id, end, link.source), (connecting.id, row.contact, link.target)
+                if junction.type == "direct":
+                    self._direct(id, one, two)
+                elif not self._link(one, two) and one[:2] != two[:2]:
+                    self._check_table(id, one, two)
+
+    def _check_table(self, id: str, one: End, two: End) -> None:
+        roads = self.document.roads
+        for road, end, lane in (one, two):
+            sections = roads[road].sections
+            if not sections or lane not in sections[0 if end == "start" else -1].lanes:
+                self.warnings.append(
+                    MapWarning(
+                        Doubt.TABLE,
+                        f"a lane link of junction {id!r} names lane {lane} at the {end} of road {road!r}, which does not exist",
+                        road,
+                        id,
+                    )
+                )
+                return
+
+    def _touching(self, incoming: Road, junction: str, connecting: str, contact: str) -> str | None:
+        """Return the end of `incoming` where it meets `connecting`: by its road links, else by the connecting road's."""
+        ends = [
+            end
+            for end, link in (("start", incoming.predecessor), ("end", incoming.successor))
+            if link is not None
+            and (link.element == junction if link.junction else (link.element, link.contact) == (connecting, contact))
+        ]
+        if len(ends) == 1:
+            return ends[0]
+        road = self.document.roads[connecting]
+        back = road.predecessor if contact == "start" else road.successor
+        if back is not None and not back.junction and back.element == incoming.id and back.contact in ("start", "end"):
+            return back.contact
+        return ends[0] if ends else None
+
+    def _link(self, one: End, two: End) -> bool:
+        """Link two lane ends in the direction in which traffic passes; False where none does."""
+        for source, target in ((one, two), (two, one)):
+            if source in self.arriving and target in self.departing:
+                self._join(self.arriving[source], self.departing[target])
+                return True
+        return False
+
+    def _direct(self, id: str, one: End, two: End) -> None:
+        for source, target in ((one, two), (two, one)):
+            if source in self.arriving and target in self.departing:
+                self.direct[id].append((self.arriving[source], self.departing[target]))
+
+    def _join(self, source: str, target: str) -> None:
+        after = self.edges[source].after
+        if target not in after:
+            after.append(target)
+            self.edges[target].before.append(source)
+
+    def _complete(self) -> None:
+        """Link lanes of connecting roads that end without a lane link where just one lane of the linked road takes over."""
+        reach: dict[tuple[str, str], list[str]] = defaultdict(list)
+        leave: dict[tuple[str, str], list[str]] = defaultdict(list)
+        for table, ends in ((self.arriving, reach), (self.departing, leave)):
+            for (owner, end, _), id in table.items():
+                ends[owner, end].append(id)
+        for road in self.document.roads.values():
+            if road.junction is None:
+                continue
+            for contact, link in (("start", road.predecessor), ("end", road.successor)):
+                if link is None or link.junction:
+                    continue
+                for id in reach[road.id, contact]:
+                    if not self.edges[id].after:
+                        self._adopt(road, [(id, other) for other in leave[link.element, link.contact]])
+                for id in leave[road.id, contact]:
+                    if not self.edges[id].before:
+                        self._adopt(road, [(other, id) for other in reach[link.element, link.contact]])
+
+    def _adopt(self, road: Road, pairs: list[tuple[str, str]]) -> None:
+        near = []
+        for one, two in ((self.edges[a], self.edges[b]) for a, b in pairs):
+            turn = math.remainder(two.start_heading - one.end_heading, math.tau)
+            if math.dist(one.points[-1], two.points[0]) <= GAP_WARNING and abs(turn) < 0.5:
+                near.append((one.id, two.id))
+        if len(near) == 1:
+            self._join(*near[0])
+            message = f"lanes {near[0][0]} and {near[0][1]} meet without a lane link; they were linked"
+            self.warnings.append(MapWarning(Doubt.LINK, message, road.id, road.junction))
+
+    def _gaps(self) -> None:
+        for edge in self.edges.values():
+            for id in list(edge.after):
+                other = self.edges[id]
+                gap = math.dist(edge.points[-1], other.points[0])
+                if gap <= GAP_WARNING:
+                    continue
+                junction = edge.junction or other.junction
+                self.warnings.append(
+                    MapWarning(Doubt.GAP, f"lanes {edge.id} and {other.id} are linked but {gap:.2f} m apart", edge.road, junction)
+                )
+                if gap > GAP_LIMIT and junction is None:
+                    edge.after.remove(id)
+                    other.before.remove(edge.id)

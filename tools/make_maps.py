@@ -1,0 +1,17 @@
+"""Write the built-in maps anew: ``python tools/make_maps.py``."""
+
+from pytest_rvads.maps.builtin import LAYOUTS, path_of
+from pytest_rvads.maps.writer import opendrive
+
+
+def main() -> None:
+    """Write one OpenDRIVE file per built-in layout."""
+    for name, layout in LAYOUTS.items():
+        path = path_of(name)
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(opendrive(layout, name), encoding="utf-8")
+        print(path)
+
+
+if __name__ == "__main__":
+    main()
