@@ -6,7 +6,7 @@ run follow each other.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from pytest_rvads.errors import OpenObligation, RuleViolation, RvadsError, Scena
 
 if TYPE_CHECKING:
     from pytest_rvads.logic.rules import Rule
+    from pytest_rvads.maps.junction import Junction
     from pytest_rvads.options import Options
     from pytest_rvads.scenarios.grid import Configuration
     from pytest_rvads.scenarios.scenario import Scenario
@@ -95,8 +96,8 @@ def scenario(
         aggression: braking level 1, 2 or 3.
         wait: the random draw of autopilots that have one [s].
     """
-    given = dict(locals())
-    return pytest.mark.rvads_scenario(**given)
+    mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(**locals())
+    return mark
 
 
 def known(name: str, *, reason: str = "", **where: str | int | tuple[str | int, ...]) -> pytest.MarkDecorator:
@@ -113,7 +114,8 @@ def known(name: str, *, reason: str = "", **where: str | int | tuple[str | int, 
     for key in where:
         if key not in KEYS:
             raise ScenarioError(f"@rvads.known selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
-    return pytest.mark.rvads_known(name, reason=reason, **where)
+    mark: pytest.MarkDecorator = pytest.mark.rvads_known(name, reason=reason, **where)
+    return mark
 
 
 def register_marks(config: pytest.Config) -> None:
@@ -199,15 +201,15 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
 
 
 def _map_file(junction: str, map: str | None, metafunc: pytest.Metafunc, options: Options) -> str | None:
-    from pytest_rvads.maps.finder import BUILT_IN
+    from pytest_rvads.maps.builtin import LAYOUTS
 
     if map is None:
-        return None if junction in BUILT_IN else options.map
+        return None if junction in LAYOUTS else options.map
     beside = metafunc.definition.path.parent / map
     return str((beside if beside.exists() else Path(map)).resolve())
 
 
-def _configurations(ask: dict[str, Any], junction: Any, options: Options) -> tuple[Configuration, ...]:
+def _configurations(ask: Mapping[str, Any], junction: Junction, options: Options) -> tuple[Configuration, ...]:
     from pytest_rvads.scenarios.grid import explicit, grid, outside
 
     if ask["distances"] is None and ask["speeds"] is None:

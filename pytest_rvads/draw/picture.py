@@ -52,7 +52,8 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide * 10:.0f}" height="{(high + 5) * 10:.0f}" '
         f'viewBox="{left:.2f} {top - 5:.2f} {wide:.2f} {high + 5:.2f}"><style>{STYLE}</style>'
         f'<rect x="{left:.2f}" y="{top - 5:.2f}" width="{wide:.2f}" height="{high + 5:.2f}" fill="#fff"/>'
-        f'{"".join(parts)}<text class="title" x="{left + 1:.2f}" y="{top - 1.5:.2f}">{escape(title)}</text></svg>\n'
+        f'{"".join(parts)}<rect x="{left:.2f}" y="{top - 5:.2f}" width="{wide:.2f}" height="5" fill="#fff"/>'
+        f'<text class="title" x="{left + 1:.2f}" y="{top - 1.5:.2f}">{escape(title)}</text></svg>\n'
     )
 
 

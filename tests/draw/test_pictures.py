@@ -1,0 +1,110 @@
+"""Pictures and replay pages show what the run holds."""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pytest_rvads.draw.classes import draw_classes
+from pytest_rvads.draw.picture import picture
+from pytest_rvads.draw.replay import events, replay
+from pytest_rvads.errors import RunError
+from pytest_rvads.scenarios.classes import classes, members
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.semantics.run import Collision, Run
+from pytest_rvads.semantics.states import Zone
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    """A run along the centre lines at constant speeds, 5 m/s for a0, 1 m/s more for each further vehicle."""
+    scenario = Scenario("light4", "1233", distance=10)
+    itineraries, plan = scenario.itineraries(), scenario.signals()
+    steps = 2000
+    station = np.array([[-10 + (5 + k) * 0.01 * t for k in range(4)] for t in range(steps)])
+    return Run(
+        scenario.name,
+        scenario.find(),
+        scenario.agents(),
+        np.array([[i.zone(s) for i, s in zip(itineraries, row, strict=True)] for row in station], dtype=np.int8),
+        np.array([plan.colours(t * 0.01, 4) for t in range(steps)], dtype=np.int8),
+        station=station,
+        speed=np.tile([5.0, 6.0, 7.0, 8.0], (steps, 1)),
+        pose=np.array([[i.pose(s) for i, s in zip(itineraries, row, strict=True)] for row in station]),
+        collisions=(Collision(3.5, ("a0", "a2"), 4.2),),
+    )
+
+
+def vehicles(document: str) -> dict[str, ET.Element]:
+    return {g.attrib["data-agent"]: g for g in ET.fromstring(document).iter(f"{SVG}g") if "data-agent" in g.attrib}
+
+
+def test_the_picture_shows_every_vehicle_where_it_is(run: Run) -> None:
+    drawn = vehicles(picture(run, 250, "title", {"a1"}))
+    assert set(drawn) == {"a0", "a1", "a2", "a3"}
+    for column, name in enumerate(sorted(drawn)):
+        x, y = map(float, re.match(r"translate\((\S+) (\S+)\)", drawn[name].attrib["transform"]).groups())  # type: ignore[union-attr]
+        assert (x, -y) == pytest.approx(tuple(run.pose[250, column, :2]), abs=1e-3)  # type: ignore[index]
+    assert [name for name, g in drawn.items() if g.find(f"{SVG}rect[@class='broken']") is not None] == ["a1"]
+
+
+def test_vehicles_that_left_are_not_drawn(run: Run) -> None:
+    last = run.steps - 1
+    here = {a.name for k, a in enumerate(run.agents) if run.zone[last, k] != Zone.GONE}
+    assert set(vehicles(picture(run, last, ""))) == here
+    assert here != {a.name for a in run.agents}
+
+
+def test_titles_are_escaped(run: Run) -> None:
+    assert "a &lt; b &amp; c" in picture(run, 0, "a < b & c")
+    page = replay(run, "<script>alert(1)</script>", "</script>", [(1.0, "</script>")])
+    assert "<script>alert" not in page
+    assert page.count("</script>") == 1
+
+
+def data(page: str) -> dict[str, object]:
+    found: dict[str, object] = json.loads(re.search(r"^const run = (.*);$", page, re.MULTILINE)[1])  # type: ignore[index]
+    return found
+
+
+def test_the_page_holds_the_states_of_the_run(run: Run) -> None:
+    held = data(replay(run, "title"))
+    assert run.pose is not None
+    assert np.array(held["motion"])[:, :, :2] == pytest.approx(run.pose[::5, :, :2], abs=6e-4)
+    for column, changes in enumerate(held["zones"]):  # type: ignore[arg-type, var-annotated]
+        ticks, values = zip(*changes, strict=True)
+        rebuilt = np.repeat(values, np.diff([*ticks, run.steps]))
+        assert (rebuilt == run.zone[:, column]).all()
+
+
+def test_events_are_when_they_happen(run: Run) -> None:
+    found = events(run)
+    # a0 needs 2 s for its 10 m at 5 m/s; it is in the junction from the first state past the vertex.
+    assert [t for t, text in found if text == "a0 enters the junction"] == [pytest.approx(2.0, abs=0.011)]
+    # The plan: green for 15 s, then yellow for 3, then red.
+    assert [(t, text) for t, text in found if text.startswith("light 0")] == [
+        (15.0, "light 0 turns yellow"),
+        (18.0, "light 0 turns red"),
+    ]
+    assert (3.5, "a0 and a2 collide at 4.2 m/s") in found
+    assert found == sorted(found)
+
+
+def test_a_run_without_positions_says_so(run: Run) -> None:
+    bare = replace(run, pose=None)
+    for draw in (lambda: picture(bare, 0, ""), lambda: replay(bare, "")):
+        with pytest.raises(RunError, match="holds no positions"):
+            draw()
+
+
+@pytest.mark.parametrize("ways", [3, 4, 8])
+def test_the_figure_of_classes_has_a_movement_per_vehicle(ways: int) -> None:
+    rows = [(f"class{n}", members(code)) for n, code in zip(range(5), classes(ways), strict=False)]
+    document = ET.fromstring(draw_classes(ways, "title", rows))
+    drawn = [p for p in document.iter(f"{SVG}path") if "marker-end" in p.attrib]
+    assert len(drawn) == sum(len(code) for _, group in rows for code in group)

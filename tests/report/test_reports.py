@@ -1,0 +1,122 @@
+"""Matrices, causes and files, from records written by hand."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pytest_rvads.errors import RvadsError
+from pytest_rvads.report.files import load, markdown, save
+from pytest_rvads.report.matrix import causes, coverage, matrices
+from pytest_rvads.report.record import cell_record, conclude, properties
+from pytest_rvads.report.terminal import summary
+
+TOTALS = {4: (24, 81)}
+
+
+def record(
+    cls: int, cfg: str, rule: str, status: str, *, known: str | None = None, scenario: str = "1111", cause: str = "both in"
+) -> Any:
+    keys = {"junction": "stop4", "cls": cls, "scenario": scenario, "cfg": cfg, "rotation": 0, "rule": rule}
+    made = cell_record(f"t.py::test[{cls}-{scenario}-{cfg}-{rule}]", "test", keys, 4)
+    outcome = "skipped" if status == "NA" or known else "passed" if status == "PASS" else "failed"
+    conclude(made, [{"status": status, "cause": cause}], "call", outcome, known, f"{rule} at t=1.00 s")
+    return made
+
+
+RECORDS = [
+    record(1, "C", "p1", "PASS"),
+    record(1, "C", "p2", "NA"),
+    record(2, "C", "p1", "FAIL", scenario="1112"),
+    record(2, "C", "p1", "PASS", scenario="2111"),
+    record(2, "C", "p2", "FAIL", known="I3: order of creation"),
+    record(3, "C", "p1", "PASS"),
+    record(3, "C", "p2", "NA"),
+    record(4, "C", "p1", "OPEN", cause="waits"),
+    record(4, "C", "p2", "FAIL", cause="waits"),
+]
+
+
+def test_the_matrix_reads_like_a_table_of_the_paper() -> None:
+    (matrix,) = matrices(RECORDS)
+    assert matrix.columns == (("C", "p1"), ("C", "p2"))
+    assert matrix.rows == (("01, 03", ("pass", "NA")), ("02", ("1/2 fail", "xfail I3")), ("04", ("OPEN", "FAIL")))
+
+
+def test_causes_group_unexpected_failures() -> None:
+    assert [(c.rule, c.text, c.count) for c in causes(RECORDS)] == [("p1", "both in", 1), ("p1", "waits", 1), ("p2", "waits", 1)]
+    many = [*RECORDS, record(5, "C", "p2", "FAIL", cause="waits")]
+    assert causes(many)[0].count == 2, "the most frequent cause comes first"
+
+
+def test_coverage_counts_what_was_exercised() -> None:
+    (line,) = coverage(RECORDS, TOTALS)
+    assert line.startswith("stop4: 4/24 classes, 3/81 scenarios, ")
+    assert line.endswith("9 verdicts: 3 pass, 3 fail, 1 open, 2 NA")
+    (idle,) = coverage(RECORDS[:2], TOTALS)
+    assert idle.endswith("(never applicable: p2)")
+
+
+def test_an_item_that_never_ran_is_an_error_or_not_run() -> None:
+    keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0}
+    broken, skipped = cell_record("a", "t", keys, 4), cell_record("b", "t", keys, 4)
+    conclude(broken, [], "setup", "failed", None, "autopilot raised")
+    conclude(skipped, [], "setup", "skipped", None, "")
+    assert (broken["status"], skipped["status"]) == ("ERROR", "NOT RUN")
+    assert [(c.rule, c.text) for c in causes([broken, skipped])] == [("run", "autopilot raised")]
+
+
+def test_several_verdicts_count_by_the_worst() -> None:
+    made = record(1, "C", "p1", "PASS")
+    conclude(made, [{"status": s} for s in ("PASS", "NA", "FAIL", "OPEN")], "call", "failed", None, "")
+    assert made["status"] == "FAIL"
+    conclude(made, [{"status": s} for s in ("NA", "PASS")], "call", "passed", None, "")
+    assert made["status"] == "PASS"
+
+
+def test_properties_are_builtins() -> None:
+    assert dict(properties(RECORDS[2])) == {
+        "junction": "stop4",
+        "class": 2,
+        "scenario": "1112",
+        "configuration": "C",
+        "rotation": 0,
+        "rule": "p1",
+        "verdict": "FAIL",
+    }
+
+
+def test_a_report_is_read_back(tmp_path: Path) -> None:
+    save(tmp_path / "out" / "r.json", RECORDS, TOTALS)
+    assert load(tmp_path / "out" / "r.json") == RECORDS
+    save(tmp_path / "r.md", RECORDS, TOTALS)
+    assert (tmp_path / "r.md").read_text(encoding="utf-8") == markdown(RECORDS, TOTALS)
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", json.dumps({"format": "rvads-report", "version": 99, "records": []})])
+def test_other_files_are_refused(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "r.json"
+    path.write_text(content, encoding="utf-8")
+    with pytest.raises(RvadsError, match=r"r\.json"):
+        load(path)
+
+
+def test_unknown_endings_and_missing_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RvadsError, match=r"\.json or \.md"):
+        save(tmp_path / "r.txt", RECORDS, TOTALS)
+    with pytest.raises(RvadsError, match="can't be read"):
+        load(tmp_path / "none.json")
+
+
+def test_markdown_keeps_its_tables_whole() -> None:
+    text = markdown([record(1, "C", "p1", "FAIL", cause="a | b\nc")], TOTALS)
+    assert "a \\| b c" in text
+
+
+def test_the_terminal_summary_is_plain_where_the_terminal_is() -> None:
+    text = summary(RECORDS, TOTALS, colour=False, width=100, unicode=False)
+    assert "\x1b" not in text
+    assert text.isascii()
+    assert "1/2 fail" in text
+    assert "\x1b[" in summary(RECORDS, TOTALS, colour=True, width=100, unicode=True)
