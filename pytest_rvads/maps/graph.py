@@ -7,13 +7,14 @@ The paper's ``s(-, eta)``, ``s(eta, -)``, ``s[-, eta]`` and ``s[eta, -]`` are `M
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
 import networkx as nx
 
 from pytest_rvads.errors import MapError
+from pytest_rvads.maps.arms import turn_type
 from pytest_rvads.maps.network import Network
 from pytest_rvads.maps.segment import Segment, Turn, join
 
@@ -70,12 +71,10 @@ class MetricGraph:
         self._ends: dict[str, tuple[str, str]] = {key: (u, v) for u, v, key in graph.edges(keys=True)}
 
     @classmethod
-    def of(cls, network: Network, turns: Mapping[str, Turn]) -> MetricGraph:
+    def of(cls, network: Network) -> MetricGraph:
         """Build the metric graph of a network.
 
-        Args:
-            network: the lanes of a map.
-            turns: turn types of edges inside junctions, by id; other edges are straight.
+        Edges inside junctions carry their turn type, edges on roads are straight.
         """
         # A vertex is a class of lane ends that links make one; it is named after the first lane that ends or starts there.
         parent: dict[tuple[str, bool], tuple[str, bool]] = {}
@@ -98,7 +97,7 @@ class MetricGraph:
             ends = []
             for end, tag in (((edge.id, False), "start"), ((edge.id, True), "end")):
                 ends.append(names.setdefault(root(end), f"{edge.id}:{tag}"))
-            turn = turns.get(edge.id, Turn.STRAIGHT)
+            turn = Turn.STRAIGHT if edge.junction is None else turn_type(edge.turning)
             segment = Segment(edge.id, edge.points, turn, edge.junction)
             graph.add_edge(*ends, key=edge.id, segment=segment, weight=segment.length)
         return cls(graph)
@@ -149,7 +148,7 @@ class MetricGraph:
         return self.before(id, self.segment(id).length - eta)
 
     def distance(self, one: Position, two: Position) -> float:
-        """Return the paper's ``d_G``: 0 for one and the same position, else the length of the shortest ride, infinite if there is none [m]."""
+        """Return the paper's ``d_G``: 0 at one place, else the length of the shortest ride, infinite if there is none [m]."""
         ride = self.ride(one, two)
         return math.inf if ride is None else ride.length
 

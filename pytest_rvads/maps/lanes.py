@@ -53,7 +53,7 @@ def sample_count(road: Road) -> int:
     )
     lanes = max((len(section.lanes) for section in road.sections), default=0)
     # A spiral is integrated from its start anew for every lane section.
-    again = len(road.sections) if any(shape.kind in ("spiral", "poly3") for shape in road.shapes) else 0
+    again = len(road.sections) if any(shape.kind in ("spiral", "poly3", "paramPoly3") for shape in road.shapes) else 0
     return int(road.length / SPACING * max(1, lanes, again)) + breaks * max(1, lanes)
 
 

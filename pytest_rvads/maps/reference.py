@@ -1,11 +1,12 @@
 """Reference lines of roads: the five plan-view geometries of OpenDRIVE, sampled by station.
 
 Lines and arcs are closed forms; spirals are integrated by 5-point Gauss-Legendre quadrature on pieces of at
-most 2 m (within 4.4e-8 m of Fresnel integrals); poly3 is inverted by arc length.
+most 2 m (within 4.4e-8 m of Fresnel integrals); poly3 and paramPoly3 are inverted by arc length.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +20,9 @@ Array = NDArray[np.float64]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 _PIECE = 2.0
-_POLY3_STEP = 0.05
-_POLY3_CELLS = 200_000
+_STEP = 0.05
+_MOST_CELLS = 200_000
+_END = 1e-6
 
 
 class Line(NamedTuple):
@@ -50,7 +52,7 @@ def evaluate(shape: Shape, along: Array) -> Line:
     elif shape.kind == "poly3":
         u, v, turn = _poly3(shape.values, along)
     else:
-        u, v, turn = _param_poly3(shape.values, along / shape.length if shape.normalized and shape.length else along)
+        u, v, turn = _param_poly3(shape.values, shape.length, shape.normalized, along)
     cos, sin = np.cos(shape.heading), np.sin(shape.heading)
     return Line(shape.x + u * cos - v * sin, shape.y + u * sin + v * cos, shape.heading + turn)
 
@@ -85,16 +87,31 @@ def _spiral(first: float, last: float, length: float, along: Array) -> tuple[Arr
 
 def _poly3(values: tuple[float, ...], along: Array) -> tuple[Array, Array, Array]:
     a, b, c, d = values
-    count = min(int(np.ceil(along[-1] / _POLY3_STEP)), _POLY3_CELLS) + 2
-    grid = np.linspace(0.0, max(along[-1], _POLY3_STEP), count)
-    half = np.diff(grid) / 2
-    nodes = (grid[:-1] + half)[:, None] + half[:, None] * _NODES
-    speed = np.sqrt(1 + (b + 2 * c * nodes + 3 * d * nodes**2) ** 2)
-    u = np.interp(along, np.concatenate(([0.0], np.cumsum(half * (speed @ _WEIGHTS)))), grid)
+    grid = _grid(along[-1], along[-1])
+    u = np.interp(along, _arc_length(grid, lambda p: np.sqrt(1 + (b + p * (2 * c + 3 * d * p)) ** 2)), grid)
     return u, a + u * (b + u * (c + u * d)), np.arctan(b + u * (2 * c + 3 * d * u))
 
 
-def _param_poly3(values: tuple[float, ...], p: Array) -> tuple[Array, Array, Array]:
+def _param_poly3(values: tuple[float, ...], length: float, normalized: bool, along: Array) -> tuple[Array, Array, Array]:
     au, bu, cu, du, av, bv, cv, dv = values
+    end = 1.0 if normalized else length
+    grid = _grid(end, length)
+    arc = _arc_length(grid, lambda p: np.hypot(bu + p * (2 * cu + 3 * du * p), bv + p * (2 * cv + 3 * dv * p)))
+    p = np.interp(along, arc, grid)
+    # Stations are arc lengths; what the piece says of its length may be off by centimetres, its end is not.
+    p[along >= length - _END] = end
     turn = np.arctan2(bv + p * (2 * cv + 3 * dv * p), bu + p * (2 * cu + 3 * du * p))
     return au + p * (bu + p * (cu + p * du)), av + p * (bv + p * (cv + p * dv)), turn
+
+
+def _grid(end: float, length: float) -> Array:
+    """Return parameters from 0 to `end`, about `_STEP` apart on a piece of this length."""
+    cells = min(max(int(np.ceil(length / _STEP)), 1), _MOST_CELLS)
+    return np.linspace(0.0, max(end, _STEP), cells + 1)
+
+
+def _arc_length(grid: Array, speed: Callable[[Array], Array]) -> Array:
+    """Return the integral of `speed` from the first parameter of `grid` to each."""
+    half = np.diff(grid) / 2
+    nodes = (grid[:-1] + half)[:, None] + half[:, None] * _NODES
+    return np.concatenate(([0.0], np.cumsum(half * (speed(nodes) @ _WEIGHTS))))

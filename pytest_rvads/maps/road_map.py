@@ -22,6 +22,7 @@ from pytest_rvads.maps.segment import Segment, Turn
 
 if TYPE_CHECKING:
     from pytest_rvads.maps.graph import MetricGraph
+    from pytest_rvads.maps.projection import Locator, Track
 
 __all__ = ["WALK_LIMIT", "RoadMap", "describe", "read_map"]
 
@@ -47,9 +48,44 @@ class RoadMap:
         """The metric graph of all drivable lanes."""
         from pytest_rvads.maps.graph import MetricGraph  # networkx takes longer to import than a junction to read
 
-        return MetricGraph.of(
-            self.network, {way.path.edges[0]: way.turn for report in self.junctions for way in report.movements}
-        )
+        return MetricGraph.of(self.network)
+
+    @cached_property
+    def locator(self) -> Locator:
+        """Finds the segments a pose can be on."""
+        from pytest_rvads.maps.projection import Locator
+
+        return Locator(map(self.graph.segment, self.graph.segments))
+
+    def track(self, id: str, entrance: int, exit: int) -> Track:
+        """Return the segments of the metric graph from the start of an approach through junction `id` down an exit road.
+
+        Args:
+            id: of the junction.
+            entrance: number of the entrance.
+            exit: number of the exit.
+
+        Raises:
+            MapError: no such junction or movement.
+        """
+        from pytest_rvads.maps.projection import Track
+
+        report = self.report(id)
+        way = next((way for way in report.movements if (way.entrance, way.exit) == (entrance, exit)), None)
+        if way is None:
+            raise MapError(f"junction {id!r} of map file {self.path} has no movement from entrance {entrance} to exit {exit}")
+        before = walk(self.network, way.path.entrance, upstream=True)[0][::-1]
+        after = walk(self.network, way.path.exit, upstream=False)[0]
+        return Track([self.graph.segment(edge) for edge in (*before, *way.path.edges, *after)])
+
+    def entex(self, id: str) -> dict[str, str]:
+        """Return the paper's ``entex`` of junction `id`: per entrance vertex the neighbouring exit vertex.
+
+        Raises:
+            MapError: there is no such junction.
+        """
+        pairs = [(arm.entrances, arm.exits) for arm in self.report(id).arms]
+        return {self.graph.ends(one)[1]: self.graph.ends(two)[0] for ones, twos in pairs for one in ones[:1] for two in twos[:1]}
 
     def report(self, id: str) -> JunctionReport:
         """Return the report of junction `id`.
