@@ -19,6 +19,7 @@ from pytest_rvads.maps.segment import Pose, Segment, join
 __all__ = ["Locator", "Place", "Track"]
 
 _CELL = 8.0
+_REACH = 6.0
 _PER_RADIAN = 2.0
 
 
@@ -104,12 +105,12 @@ class Locator:
             turn: largest heading error [rad].
 
         Raises:
-            MapError: a pose that is not finite, or a reach beyond the grid's 8 m.
+            MapError: a pose that is not finite, or a reach beyond 6 m.
         """
         if not all(map(math.isfinite, pose)):
             raise MapError(f"a pose needs finite coordinates and heading, got {tuple(pose)}")
-        if not 0 < reach <= _CELL:
-            raise MapError(f"reach must lie above 0 and up to {_CELL:g} m, got {reach!r}")
+        if not 0 < reach <= _REACH:
+            raise MapError(f"reach must lie above 0 and up to {_REACH:g} m, got {reach!r}")
         column, row = math.floor(pose.x / _CELL), math.floor(pose.y / _CELL)
         best: dict[str, tuple[float, Place]] = {}
         for cell in ((column + i, row + k) for i in (-1, 0, 1) for k in (-1, 0, 1)):
