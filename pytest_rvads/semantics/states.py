@@ -102,6 +102,10 @@ class Observation(NamedTuple):
     """Parameters of the own vehicle."""
     speed_limit: float
     """[m/s]."""
+    aggression: int = 1
+    """1, 2 or 3: which deceleration of `Vehicle.brake` is full service brake in this run."""
+    wait: float = 1.5
+    """The one random draw of autopilots that have one, fixed by the scenario [s]."""
 
 
 class Control(NamedTuple):

@@ -1,0 +1,90 @@
+"""Which movements of a junction get in each other's way, and where."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.maps.junction import Junction, Movement
+from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.semantics.states import Observation, VehicleState, Zone
+
+__all__ = ["CLEARANCE", "RUNNER", "Stretch", "conflict", "exit_blocked", "in_the_way", "movements", "runs_through"]
+
+CLEARANCE = 2.6
+"""Two centre lines nearer than this are in conflict [m]: a vehicle's width and the room it needs in a bend."""
+RUNNER = 4.5
+"""Who would have to brake harder than this to stop before the junction is not going to [m/s^2]."""
+_SPACING = 0.5
+
+
+class Stretch(NamedTuple):
+    """Part of a movement, in metres after the entrance vertex."""
+
+    start: float
+    end: float
+
+
+@lru_cache(maxsize=4096)
+def conflict(junction: Junction, mine: tuple[int, int], other: tuple[int, int]) -> tuple[Stretch, Stretch] | None:
+    """Return where two movements, each given as (entrance, exit), are too near each other for two vehicles.
+
+    Returns:
+        The stretch on `mine` and the stretch on `other`, or None where both can be driven at the same time.
+    """
+    if junction.geometry is None:
+        return None
+    one, two = _sample(junction.geometry.movements[mine]), _sample(junction.geometry.movements[other])
+    distance = np.hypot(one[:, None, 0] - two[None, :, 0], one[:, None, 1] - two[None, :, 1])
+    near = distance < CLEARANCE
+    if not near.any():
+        return None
+    along, across = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
+    return (
+        Stretch(float(along[0]) * _SPACING, float(along[-1]) * _SPACING),
+        Stretch(float(across[0]) * _SPACING, float(across[-1]) * _SPACING),
+    )
+
+
+@lru_cache(maxsize=4096)
+def movements(junction: Junction, entrance: int, turn: Turn) -> tuple[Movement, ...]:
+    """Return the movements that a vehicle from `entrance` with this indicator may make."""
+    return tuple(m for m in junction.movements.values() if m.entrance == entrance and m.turn is turn)
+
+
+def in_the_way(junction: Junction, mine: tuple[int, int], other: VehicleState) -> bool:
+    """Return whether `other`, in the junction, has yet to leave where its movement and `mine` conflict."""
+    if other.zone is not Zone.JUNCTION:
+        return False
+    for movement in movements(junction, other.entrance, other.turn):
+        found = conflict(junction, mine, (movement.entrance, movement.exit))
+        if found is not None and other.station - other.length < found[1].end:
+            return True
+    return False
+
+
+def runs_through(other: VehicleState) -> bool:
+    """Return whether `other`, before the junction, is too fast to stop there."""
+    if other.zone is not Zone.APPROACH and other.zone is not Zone.ENTRANCE:
+        return False
+    return other.speed > 1.0 and other.speed * other.speed > -2.0 * RUNNER * other.station
+
+
+def exit_blocked(seen: Observation) -> bool:
+    """Return whether somebody stands on the exit road so near that there would be no room behind."""
+    me = seen.me
+    for other in seen.others:
+        if other.zone is Zone.EXIT and other.speed < 1.0:
+            for movement in movements(seen.junction, other.entrance, other.turn):
+                room = other.station - other.length - movement.length
+                if movement.exit == seen.itinerary.exit and room < me.length + 2.5:
+                    return True
+    return False
+
+
+def _sample(segment: Segment) -> NDArray[np.float64]:
+    stations = np.arange(0.0, segment.length + _SPACING / 2, _SPACING)
+    return np.array([segment.pose(float(s))[:2] for s in stations])

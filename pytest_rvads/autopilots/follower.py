@@ -1,0 +1,114 @@
+"""A helper to write autopilots with: it follows the itinerary, the autopilot only decides how fast.
+
+Steering is pure pursuit on the rear axle (Coulter, Implementation of the Pure Pursuit Path Tracking Algorithm, 1992);
+speed is a proportional controller that knows the resistances of its vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+
+from pytest_rvads.semantics.itinerary import Itinerary
+from pytest_rvads.semantics.states import Control, Observation
+
+__all__ = ["Follower"]
+
+_GRAVITY = 9.81
+_BEND = 2.5
+"""Lateral acceleration that bends are taken with [m/s^2]."""
+_EASE = 2.0
+"""Deceleration towards a bend [m/s^2]."""
+_GAIN = 4.0
+"""Acceleration asked for per speed error [1/s]."""
+_HOLD = 0.5
+"""Brake that keeps a standing vehicle standing."""
+STANDING = 0.01
+"""A vehicle slower than this stands [m/s]."""
+
+
+class Follower:
+    """Follows its itinerary at the speed that `target_speed` returns, slower in bends.
+
+    Example:
+        >>> class Cruiser(Follower):
+        ...     def target_speed(self, seen: Observation) -> float:
+        ...         line = seen.itinerary.line - seen.me.station
+        ...         return self.stopping_speed(line - 0.5) if line > 0 else 5.0
+    """
+
+    def __init__(self) -> None:
+        self._steering = 0.0
+        self._bends: _Bends | None = None
+
+    def target_speed(self, seen: Observation) -> float:
+        """Return how fast to drive where the road is straight [m/s]; 0 stops and holds the vehicle."""
+        return seen.speed_limit
+
+    def stopping_speed(self, distance: float, deceleration: float = 2.0) -> float:
+        """Return the speed from which braking at `deceleration` [m/s^2] ends after `distance` [m]; 0 from there on."""
+        return math.sqrt(2.0 * deceleration * distance) if distance > 0.0 else 0.0
+
+    def control(self, seen: Observation) -> Control:
+        """Return throttle, brake and steering."""
+        return self.drive(seen, self.towards(seen, self.target_speed(seen)))
+
+    def towards(self, seen: Observation, target: float) -> float:
+        """Return the acceleration [m/s^2] that leads to `target` [m/s], or to what the bend ahead allows."""
+        speed = seen.me.speed
+        if target <= 0.0 and speed < 0.3:
+            return -math.inf
+        if self._bends is None:
+            self._bends = _Bends(seen.itinerary, seen.vehicle.rear_axle_offset)
+        limit = self._bends.speed(seen.me.station)
+        return _GAIN * ((limit if limit < target else target) - speed)
+
+    def drive(self, seen: Observation, acceleration: float) -> Control:
+        """Return the control that yields `acceleration` [m/s^2] along the itinerary; -inf holds a standing vehicle."""
+        vehicle = seen.vehicle
+        speed = seen.me.speed
+        if acceleration == -math.inf and speed < 0.3:
+            return Control(0.0, _HOLD, self.steer(seen) if speed > STANDING else self._steering)
+        needed = acceleration + vehicle.rolling * _GRAVITY + vehicle.drag * speed * speed / vehicle.mass
+        if needed >= 0.0:
+            throttle, brake = needed / vehicle.drive, 0.0
+        else:
+            throttle, brake = 0.0, -needed / vehicle.brake[seen.aggression - 1]
+        return Control(throttle if throttle < 1.0 else 1.0, brake if brake < 1.0 else 1.0, self.steer(seen))
+
+    def steer(self, seen: Observation) -> float:
+        """Return the angle of the front wheels [rad] that leads the rear axle back to the itinerary."""
+        me, vehicle = seen.me, seen.vehicle
+        cos, sin = math.cos(me.heading), math.sin(me.heading)
+        back = vehicle.rear_axle_offset
+        ahead = 0.35 * me.speed + 1.5
+        ahead = ahead if ahead > 2.5 else 2.5
+        x, y, _ = seen.itinerary.pose(me.station - back + ahead)
+        dx = x - me.x + back * cos
+        dy = y - me.y + back * sin
+        left = dy * cos - dx * sin
+        self._steering = math.atan2(2.0 * vehicle.wheelbase * left, dx * dx + dy * dy)
+        return self._steering
+
+
+class _Bends:
+    """Speeds that the bends of an itinerary allow, by station."""
+
+    def __init__(self, itinerary: Itinerary, axle: float) -> None:
+        self._first = max(-itinerary.origin, -60.0)
+        count = max(math.ceil(itinerary.end - self._first), 1)
+        headings = [itinerary.pose(self._first + k).heading for k in range(-2, count + 3)]
+        # Curvature over four metres, so that the corners of a polyline do not count as bends of their own.
+        changes = [(b - a + math.pi) % (2 * math.pi) - math.pi for a, b in zip(headings, headings[4:], strict=False)]
+        raw = [math.sqrt(_BEND * 4.0 / abs(change)) if abs(change) > 1e-3 else math.inf for change in changes]
+        # The rear axle follows a few metres behind the reference point and is still in the bend then.
+        trail = math.ceil(axle)
+        limits = [min(raw[max(k - trail, 0) : k + 1]) for k in range(len(raw))]
+        for k in range(len(limits) - 2, -1, -1):
+            limits[k] = min(limits[k], math.sqrt(limits[k + 1] ** 2 + 2.0 * _EASE))
+        self._limits = limits
+
+    def speed(self, station: float) -> float:
+        """Return the highest speed [m/s] at `station` [m]."""
+        limits = self._limits
+        k = int(station - self._first)
+        return limits[k if 0 <= k < len(limits) else -1 if k > 0 else 0]

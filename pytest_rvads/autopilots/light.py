@@ -1,0 +1,95 @@
+"""How the reference autopilot behaves at a traffic light."""
+
+from __future__ import annotations
+
+from pytest_rvads.autopilots.conflicts import conflict, exit_blocked, in_the_way, movements, runs_through
+from pytest_rvads.autopilots.follower import STANDING
+from pytest_rvads.autopilots.spacing import can_stop, time_to
+from pytest_rvads.maps.segment import Turn
+from pytest_rvads.semantics.itinerary import ENTRANCE_ZONE
+from pytest_rvads.semantics.states import Colour, Observation, VehicleState, Zone
+
+__all__ = ["Light"]
+
+YELLOW = 3.2
+"""Who can stop with this deceleration stops on yellow [m/s^2]; people do at 2.2 to 5.9."""
+DRIVE = 2.5
+"""Own acceleration counted on [m/s^2]."""
+SET_OFF = 0.35
+"""Time that setting off takes, until the drive answers [s]."""
+EAGER = 3.0
+"""Acceleration that others are believed capable of [m/s^2]."""
+MARGIN = 1.0
+"""Time kept between leaving a place and the arrival there of one who has priority [s]."""
+
+
+class Light:
+    """Stops on yellow and red, turns right on red after a stop, and yields when turning."""
+
+    def __init__(self) -> None:
+        self._stood = False
+        self._owed: set[str] = set()
+
+    def allows(self, seen: Observation) -> bool:
+        """Return whether to enter the junction; to be called in every step before it."""
+        me = seen.me
+        colour = seen.lights[me.entrance]
+        if me.zone is Zone.ENTRANCE and me.speed < STANDING:
+            self._stood = True
+        prior = [other for other in seen.others if self._has_priority(seen, other, colour)]
+        self._remember(seen, prior)
+        if colour is Colour.YELLOW:
+            return not can_stop(seen, YELLOW)
+        if colour is Colour.RED and not (self._stood and me.turn is Turn.RIGHT and not seen.junction.left_hand):
+            return False
+        if self._owed or not all(_leaves_time(seen, other) for other in prior):
+            return False
+        mine = (seen.itinerary.entrance, seen.itinerary.exit)
+        if any(in_the_way(seen.junction, mine, other) for other in seen.others):
+            return False
+        return not (exit_blocked(seen) or any(_runs_red(seen, mine, other) for other in seen.others))
+
+    def _has_priority(self, seen: Observation, other: VehicleState, colour: Colour) -> bool:
+        """Return whether `other`, on its way to the junction, goes first if it comes to it."""
+        if other.zone is not Zone.APPROACH and other.zone is not Zone.ENTRANCE:
+            return False
+        me, junction = seen.me, seen.junction
+        far = Turn.RIGHT if junction.left_hand else Turn.LEFT
+        if me.turn is far and other.turn is not far and (me.entrance, other.entrance) in junction.opposite:
+            return True
+        return colour is Colour.RED and me.turn is Turn.RIGHT and (me.entrance, other.entrance) in junction.right_of
+
+    def _remember(self, seen: Observation, prior: list[VehicleState]) -> None:
+        """Keep whom to let in first: once both were at their entrances, it stays so whatever the lights show."""
+        if seen.me.zone is Zone.ENTRANCE:
+            self._owed |= {other.name for other in prior if other.zone is Zone.ENTRANCE}
+        self._owed &= {other.name for other in seen.others if other.zone is Zone.ENTRANCE}
+
+
+def _leaves_time(seen: Observation, other: VehicleState) -> bool:
+    """Return whether one can pass before `other`, who has priority, needs the place."""
+    if other.zone is Zone.ENTRANCE:
+        return False
+    me, junction = seen.me, seen.junction
+    delay = SET_OFF if me.speed < 1.0 else 0.0
+    cruise = min(seen.speed_limit, 5.0)
+    # It must not come to its entrance while the own vehicle is still at the own one.
+    entrance = -junction.setbacks[other.entrance] - ENTRANCE_ZONE - other.station
+    enter = delay + time_to(-me.station, me.speed, DRIVE, cruise)
+    if time_to(entrance, other.speed, EAGER, seen.speed_limit) < enter + MARGIN / 2:
+        return False
+    for movement in movements(junction, other.entrance, other.turn):
+        found = conflict(junction, (seen.itinerary.entrance, seen.itinerary.exit), (movement.entrance, movement.exit))
+        if found is None:
+            continue
+        leave = delay + time_to(found[0].end + me.length - me.station, me.speed, DRIVE, cruise)
+        if time_to(found[1].start - other.station, other.speed, EAGER, seen.speed_limit) < leave + MARGIN:
+            return False
+    return True
+
+
+def _runs_red(seen: Observation, mine: tuple[int, int], other: VehicleState) -> bool:
+    if seen.lights[other.entrance] is not Colour.RED or not runs_through(other):
+        return False
+    paths = movements(seen.junction, other.entrance, other.turn)
+    return any(conflict(seen.junction, mine, (m.entrance, m.exit)) is not None for m in paths)

@@ -1,0 +1,61 @@
+"""Whose turn it is where everybody stops: first come, first served, and right before left on ties."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from pytest_rvads.semantics.run import DT
+from pytest_rvads.semantics.states import Observation, VehicleState, Zone
+
+__all__ = ["Queue"]
+
+_MOVING = 0.15
+"""A vehicle that stood at its entrance and is now faster than this has set off [m/s]."""
+_STANDING = 0.05
+"""Slower than this a vehicle stands [m/s]."""
+
+
+class Queue:
+    """What a driver remembers of the vehicles at the entrances: when each arrived, and who has set off again."""
+
+    def __init__(self) -> None:
+        self._outside: dict[str, int] = {}
+        self._stood: set[str] = set()
+        self._last = 0
+
+    def watch(self, seen: Observation) -> None:
+        """Take note of who is where; to be called in every step."""
+        tick = round(seen.time / DT)
+        for state in (seen.me, *seen.others):
+            if state.zone is not Zone.ENTRANCE:
+                self._outside[state.name] = tick
+                self._stood.discard(state.name)
+            elif state.speed < _STANDING:
+                self._stood.add(state.name)
+            if state.name not in self._outside:
+                # At its entrance from the start: waiting times count from zero there.
+                self._outside[state.name] = tick
+
+    def arrival(self, name: str) -> int:
+        """Return the tick after which `name` was at its entrance all the time."""
+        return self._outside[name]
+
+    def setting_off(self, others: Iterable[VehicleState]) -> bool:
+        """Return whether one of `others` stood at its entrance and is on its way now."""
+        return any(o.zone is Zone.ENTRANCE and o.speed > _MOVING and o.name in self._stood for o in others)
+
+    def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
+        """Return who goes next among the vehicles at the entrances, and whether right before left decides it.
+
+        Returns:
+            The one vehicle whose turn it is, and True; or, where everybody who came first has somebody to the right,
+            all of them, and False.
+        """
+        waiting = [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
+        earliest = min(self._outside[s.name] for s in waiting)
+        tied = [s for s in waiting if self._outside[s.name] == earliest]
+        right_of = seen.junction.right_of
+        free = [s for s in tied if not any((o.entrance, s.entrance) in right_of for o in tied)]
+        if not free:
+            return tied, False
+        return [min(free, key=lambda s: s.entrance)], True

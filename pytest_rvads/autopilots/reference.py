@@ -1,0 +1,61 @@
+"""The reference autopilot: it obeys every rule, and decides from nothing but its own observation."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from pytest_rvads.autopilots.follower import Follower
+from pytest_rvads.autopilots.light import Light
+from pytest_rvads.autopilots.spacing import Stopping, behind_leader, clear_of_bodies
+from pytest_rvads.autopilots.stop_sign import StopSign
+from pytest_rvads.maps.junction import JunctionControl
+from pytest_rvads.semantics.states import Control, Observation, Zone
+
+__all__ = ["Gate", "Reference"]
+
+
+class Gate(Protocol):
+    """Decides when to enter the junction."""
+
+    def allows(self, seen: Observation) -> bool:
+        """Return whether to enter now; called in every step before the junction."""
+
+
+class Reference(Follower):
+    """Drives as the paper's rules and the law demand.
+
+    At a stop sign it stops before the line, inside the entrance zone, and enters when nobody else is in the junction
+    and it is its turn: first come, first served; on ties whoever has nobody to the right. Where four arrive at once,
+    so that everybody has somebody to the right, patience decides; it differs by entrance, so that one sets off alone.
+    Where nothing regulates the junction, or only some of its entrances, it does the same.
+
+    At a light it stops on yellow where it can and on red always. On red it turns right after a full stop, when nobody
+    comes from the left. Turning left it yields to oncoming traffic. It never gets into the way of somebody who is
+    still in the junction.
+
+    Everywhere it keeps its distance from who drives ahead, and stops before a body in its way.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._stopping = Stopping()
+        self._gate: Gate | None = None
+
+    def make_gate(self, seen: Observation) -> Gate:
+        """Return what decides when to enter; called once, with the first observation."""
+        return Light() if seen.junction.control is JunctionControl.LIGHTS else StopSign()
+
+    def control(self, seen: Observation) -> Control:
+        """Return throttle, brake and steering."""
+        wanted = self.towards(seen, self.target_speed(seen))
+        zone = seen.me.zone
+        if zone is Zone.APPROACH or zone is Zone.ENTRANCE:
+            if self._gate is None:
+                self._gate = self.make_gate(seen)
+            if self._gate.allows(seen):
+                self._stopping.reset()
+            else:
+                wanted = min(wanted, self._stopping.acceleration(seen))
+        if seen.others:
+            wanted = min(wanted, behind_leader(seen), clear_of_bodies(seen))
+        return self.drive(seen, wanted)

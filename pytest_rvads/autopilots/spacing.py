@@ -1,0 +1,137 @@
+"""Braking: for a stop before the junction, and for whoever drives or stands ahead."""
+
+from __future__ import annotations
+
+import math
+
+from pytest_rvads.autopilots.conflicts import movements
+from pytest_rvads.semantics.states import Observation, VehicleState, Zone
+
+__all__ = ["COMFORT", "FIRM", "LAST_STOP", "STAND_OFF", "Stopping", "behind_leader", "can_stop", "clear_of_bodies", "time_to"]
+
+STAND_OFF = 0.35
+"""Where to stop before the stopping line [m]: well inside the entrance zone."""
+LAST_STOP = 0.15
+"""Where a late stop may end at the latest, before the entrance vertex [m]."""
+COMFORT = 2.3
+"""Braking for the line begins when it takes this much [m/s^2]; people use up to 3.4 at stop signs."""
+FIRM = 3.0
+"""Most that a stop at the line may take [m/s^2]; beyond it the vertex is the aim."""
+GAP = 2.0
+"""Distance to who stands ahead [m]."""
+REACTION = 0.5
+"""Time in which a speed error is corrected when following [s]."""
+FOLLOW = 3.0
+"""Deceleration counted on when following [m/s^2]."""
+SIDE = 0.35
+"""Room to the side of the own body that must be free [m]."""
+
+
+class Stopping:
+    """Brakes for a stop in the entrance zone, evenly; remembers that it has begun."""
+
+    def __init__(self) -> None:
+        self._braking = False
+
+    def reset(self) -> None:
+        """Forget the stop: the way is free."""
+        self._braking = False
+
+    def acceleration(self, seen: Observation) -> float:
+        """Return the acceleration that a stop needs now [m/s^2].
+
+        Returns:
+            inf while it is too early to brake, or too late to stop before the junction; -inf to hold the vehicle.
+        """
+        station, speed = seen.me.station, seen.me.speed
+        distance = seen.itinerary.line - STAND_OFF - station
+        if distance < 0.02 and speed < 0.3:
+            return -math.inf
+        needed = speed * speed / (2.0 * distance) if distance > 0.0 else math.inf
+        if needed <= FIRM or (self._braking and needed <= 1.1 * FIRM):
+            if self._braking and needed < COMFORT / 2.0:
+                self._braking = False
+            self._braking = self._braking or needed >= COMFORT
+            return -needed if self._braking else math.inf
+        distance = -LAST_STOP - station
+        needed = speed * speed / (2.0 * distance) if distance > 0.0 else math.inf
+        return -max(needed, FIRM) if needed <= seen.vehicle.brake[seen.aggression - 1] else math.inf
+
+
+def can_stop(seen: Observation, deceleration: float) -> bool:
+    """Return whether braking at `deceleration` [m/s^2] from now on ends before the entrance vertex."""
+    speed = seen.me.speed
+    distance = -LAST_STOP - seen.me.station - speed * seen.vehicle.brake_lag
+    return speed * speed <= 2.0 * deceleration * distance if speed > 0.1 else seen.me.station <= 0.0
+
+
+def behind_leader(seen: Observation) -> float:
+    """Return the acceleration [m/s^2] that keeps the distance to whoever drives ahead into the same exit; inf if nobody."""
+    me, itinerary = seen.me, seen.itinerary
+    remaining = itinerary.length - me.station
+    least = math.inf
+    for other in seen.others:
+        if other.zone is not Zone.JUNCTION and other.zone is not Zone.EXIT:
+            continue
+        for movement in movements(seen.junction, other.entrance, other.turn):
+            left = movement.length - other.station
+            if movement.exit == itinerary.exit and left < remaining:
+                least = min(least, _follow(me.speed, remaining - left - other.length, other.speed))
+    return least
+
+
+def clear_of_bodies(seen: Observation) -> float:
+    """Return the acceleration [m/s^2] that stops before a body that is in the way on the itinerary; inf if none is."""
+    me = seen.me
+    reach = 3.0 + me.speed * (REACTION + me.speed / (2.0 * FOLLOW))
+    least = math.inf
+    for other in seen.others:
+        # Cheap first: most others are nowhere near.
+        far = reach + GAP + other.length
+        dx, dy = other.x - me.x, other.y - me.y
+        if dx * dx + dy * dy > far * far:
+            continue
+        gap = _free(seen, other, reach)
+        if gap < reach:
+            along = other.speed * math.cos(other.heading - me.heading)
+            least = min(least, _follow(me.speed, gap, max(along, 0.0)))
+    return least
+
+
+def time_to(distance: float, speed: float, acceleration: float, limit: float) -> float:
+    """Return the time [s] to drive `distance` [m] from `speed` [m/s], accelerating up to `limit` [m/s]."""
+    if distance <= 0.0:
+        return 0.0
+    limit = max(limit, speed)
+    ramp = (limit * limit - speed * speed) / (2.0 * acceleration)
+    if distance <= ramp:
+        return (math.sqrt(speed * speed + 2.0 * acceleration * distance) - speed) / acceleration
+    return (limit - speed) / acceleration + (distance - ramp) / limit
+
+
+def _follow(speed: float, gap: float, leader: float) -> float:
+    """Return the acceleration towards the safe speed of Gipps (1981), behind a leader at `gap` [m]."""
+    room = gap - GAP
+    if room <= 0.0 and speed < 0.3:
+        return -math.inf
+    lag = FOLLOW * REACTION
+    safe = -lag + math.sqrt(lag * lag + leader * leader + 2.0 * FOLLOW * max(room, 0.0))
+    return (safe - speed) / REACTION
+
+
+def _free(seen: Observation, other: VehicleState, reach: float) -> float:
+    """Return how far ahead on the own itinerary the body of `other` begins [m]; inf when it leaves room."""
+    me, itinerary = seen.me, seen.itinerary
+    cos, sin = math.cos(other.heading), math.sin(other.heading)
+    half = other.width / 2.0
+    room = me.width / 2.0 + SIDE
+    least = math.inf
+    for back in (0.0, other.length / 2.0, other.length):
+        for side in (-half, half):
+            x = other.x - back * cos - side * sin
+            y = other.y - back * sin + side * cos
+            station, offset = itinerary.path.project(x, y, me.station + itinerary.origin + reach / 2.0, reach / 2.0)
+            ahead = station - itinerary.origin - me.station
+            if abs(offset) < room and 0.0 < ahead < least:
+                least = ahead
+    return least

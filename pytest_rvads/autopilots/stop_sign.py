@@ -1,0 +1,55 @@
+"""How the reference autopilot behaves at a stop sign."""
+
+from __future__ import annotations
+
+from pytest_rvads.autopilots.conflicts import exit_blocked, runs_through
+from pytest_rvads.autopilots.follower import STANDING
+from pytest_rvads.autopilots.order import Queue
+from pytest_rvads.semantics.states import Colour, Observation, Zone
+
+__all__ = ["StopSign"]
+
+HOLD = 0.5
+"""How long to stand at the sign, at least [s]."""
+PATIENCE, PATIENCE_STEP = 1.0, 0.7
+"""Where everybody has to wait for somebody: how long entrance 0 waits, and how much longer each next entrance [s]."""
+
+
+class StopSign:
+    """Stops, waits for its turn, and enters when nobody else is in the junction."""
+
+    def __init__(self) -> None:
+        self._queue = Queue()
+        self._stood_since: float | None = None
+        self._stuck_since: float | None = None
+        self._released = False
+
+    def allows(self, seen: Observation) -> bool:
+        """Return whether to enter the junction; to be called in every step before it."""
+        self._queue.watch(seen)
+        me = seen.me
+        if me.zone is Zone.ENTRANCE and self._stood_since is None and me.speed < STANDING:
+            self._stood_since = seen.time
+        if self._stood_since is None or seen.time - self._stood_since < HOLD:
+            return False
+        if any(other.zone is Zone.JUNCTION for other in seen.others):
+            self._released, self._stuck_since = False, None
+            return False
+        self._released = self._released or self._my_turn(seen)
+        return self._released
+
+    def _my_turn(self, seen: Observation) -> bool:
+        # Where only some entrances have lights, they are obeyed as well.
+        if seen.lights[seen.me.entrance] in (Colour.RED, Colour.YELLOW):
+            return False
+        if self._queue.setting_off(seen.others) or any(runs_through(other) for other in seen.others) or exit_blocked(seen):
+            self._stuck_since = None
+            return False
+        first, decided = self._queue.first(seen)
+        mine = any(state.name == seen.me.name for state in first)
+        if decided or not mine:
+            self._stuck_since = None
+            return mine
+        if self._stuck_since is None:
+            self._stuck_since = seen.time
+        return seen.time - self._stuck_since >= PATIENCE + PATIENCE_STEP * seen.me.entrance

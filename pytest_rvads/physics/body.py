@@ -1,0 +1,107 @@
+"""Bodies: a vehicle of a run, between the world that moves it and the semantic model that describes it."""
+
+from __future__ import annotations
+
+import math
+
+from pytest_rvads.physics.dynamics import Dynamics
+from pytest_rvads.physics.seat import Halt
+from pytest_rvads.physics.world import Motion
+from pytest_rvads.semantics.itinerary import Itinerary
+from pytest_rvads.semantics.run import DT
+from pytest_rvads.semantics.states import Agent, VehicleState
+from pytest_rvads.semantics.vehicle import Vehicle
+
+__all__ = ["MAX_OFFSET", "MAX_SPEED", "Body", "OffRoute", "start"]
+
+MAX_OFFSET = 3.0
+"""A vehicle this far to the side of its itinerary is off its route [m]: nearly a lane width."""
+MAX_SPEED = 70.0
+"""No vehicle here gets this fast by itself; one that does was thrown away [m/s]."""
+_WINDOW = 0.5
+"""How far around the last station the next one is looked for [m]; MAX_SPEED times the step is more than covered."""
+
+
+class OffRoute(Halt):
+    """The plant is beyond what the simulation stands for: not finite, off its route, thrown away."""
+
+
+class Body:
+    """One vehicle: where it is on its itinerary, and its dynamics.
+
+    Args:
+        agent: whose body it is.
+        itinerary: its way.
+        station: where its reference point starts [m].
+        vehicle: its parameters.
+        aggression: of the scenario.
+    """
+
+    def __init__(self, agent: Agent, itinerary: Itinerary, station: float, vehicle: Vehicle, aggression: int) -> None:
+        self.agent = agent
+        self.itinerary = itinerary
+        self.dynamics = Dynamics(vehicle, aggression)
+        self.cos = 1.0
+        self.sin = 0.0
+        self._path, self._origin = itinerary.path, itinerary.origin
+        self._along = station + itinerary.origin
+        self._ahead = vehicle.gravity_offset
+        self._length, self._width = vehicle.length, vehicle.width
+        self._speed = math.nan
+
+    def sample(self, motion: Motion) -> VehicleState:
+        """Return what the semantic model says of `motion`, the next state after the last one sampled.
+
+        Raises:
+            OffRoute: it is not finite, or the vehicle has left its route or was thrown away.
+        """
+        x, y, yaw, vx, vy, _ = motion
+        cos = self.cos = math.cos(yaw)
+        sin = self.sin = math.sin(yaw)
+        x += self._ahead * cos
+        y += self._ahead * sin
+        along, offset = self._path.project(x, y, self._along, _WINDOW)
+        speed = vx * cos + vy * sin
+        # Comparisons with NaN are false, so this also catches a motion that is not finite.
+        if not (-MAX_OFFSET <= offset <= MAX_OFFSET and vx * vx + vy * vy < MAX_SPEED * MAX_SPEED):
+            raise OffRoute(self.agent.name, self._complaint(motion, offset))
+        self._along = along
+        change = (speed - self._speed) / DT
+        self._speed = speed
+        station = along - self._origin
+        agent = self.agent
+        return VehicleState(
+            agent.name,
+            agent.entrance,
+            agent.turn,
+            self.itinerary.zone(station),
+            station,
+            x,
+            y,
+            yaw,
+            speed,
+            change if change == change else 0.0,  # there is no step before the first state
+            self._length,
+            self._width,
+        )
+
+    def _complaint(self, motion: Motion, offset: float) -> str:
+        name = self.agent.name
+        if not all(map(math.isfinite, motion)):
+            return f"the motion of {name} is no longer finite: {tuple(motion)}"
+        if abs(offset) > MAX_OFFSET:
+            return f"{name} is off its route: {abs(offset):.1f} m beside its itinerary, at most {MAX_OFFSET:g} m are allowed"
+        return f"{name} was thrown away: it moves at {math.hypot(motion.vx, motion.vy):.0f} m/s"
+
+
+def start(itinerary: Itinerary, station: float, speed: float, vehicle: Vehicle) -> Motion:
+    """Return the motion of a vehicle placed with its reference point at `station` [m], driving at `speed` [m/s].
+
+    Front bumper and rear axle stand on the centre line, so that a vehicle placed in a bend follows it.
+    """
+    front = itinerary.pose(station)
+    axle = itinerary.pose(station - vehicle.rear_axle_offset)
+    yaw = math.atan2(front.y - axle.y, front.x - axle.x)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    ahead = vehicle.gravity_offset
+    return Motion(front.x - ahead * cos, front.y - ahead * sin, yaw, speed * cos, speed * sin, 0.0)

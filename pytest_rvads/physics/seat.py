@@ -1,0 +1,199 @@
+"""Seats: what stands between the simulation and the autopilots.
+
+A seat asks its autopilot at the autopilot's own rate, holds the answer in between, and lets nothing through that is
+not a control.
+"""
+
+from __future__ import annotations
+
+import math
+import traceback
+from collections.abc import Callable, Sequence
+from numbers import Real
+from typing import Any
+
+from pytest_rvads.errors import AutopilotError, RunError, ScenarioError
+from pytest_rvads.semantics.run import DT
+from pytest_rvads.semantics.states import Agent, Control, Observation
+
+__all__ = ["Factory", "Halt", "Seat", "crew", "name_of"]
+
+Factory = Callable[[], Any]
+"""Makes the autopilot of one vehicle, or the `TrafficSystem` of a run: a class, or anything callable without arguments."""
+
+_TOLERANCE = 1e-6
+"""How far throttle and brake may leave 0..1 by rounding; they are clamped."""
+
+
+class Halt(RunError):
+    """Ends a run with a fault; raised and caught within the simulation.
+
+    Args:
+        agent: the vehicle concerned.
+        reason: one sentence, see `Fault.reason`.
+    """
+
+    def __init__(self, agent: str, reason: str) -> None:
+        super().__init__(reason)
+        self.agent = agent
+        self.reason = reason
+
+
+class Seat:
+    """One vehicle's place for an autopilot.
+
+    An autopilot may have an attribute `period` [s], a whole multiple of the step: it is then asked that often, and
+    its last answer is held in between (zero-order hold). Without one it is asked in every step.
+
+    Raises:
+        Halt: no method ``control``, or a period that is not a multiple of the step.
+    """
+
+    def __init__(self, agent: Agent, autopilot: Any) -> None:
+        self.agent = agent
+        self.name = type(autopilot).__qualname__
+        if not callable(getattr(autopilot, "control", None)):
+            raise Halt(
+                agent.name,
+                f"{self.name} can't drive {agent.name}: an autopilot needs a method control(seen: Observation) -> Control, "
+                f"got {autopilot!r}",
+            )
+        self._ask = autopilot.control
+        self._every = self._steps(getattr(autopilot, "period", DT))
+        self._held = Control()
+
+    def command(self, step: int, seen: Observation) -> Control:
+        """Return the control for the step that starts in state number `step`.
+
+        Raises:
+            Halt: the autopilot raised, or its answer is not a control.
+        """
+        if step % self._every == 0:
+            try:
+                answer = self._ask(seen)
+            except Exception as error:
+                raise Halt(
+                    self.agent.name, f"{self.name} driving {self.agent.name} {_describe(error)} at {seen.time:.2f} s"
+                ) from error
+            if type(answer) is Control:
+                throttle, brake, steering = answer
+                # Plain floats in range are the usual case; everything else is looked at closely.
+                if type(throttle) is type(brake) is type(steering) is float and (
+                    0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0 and -1.5 < steering < 1.5
+                ):
+                    self._held = answer
+                    return answer
+            self._held = self._checked(answer, seen.time)
+        return self._held
+
+    def _steps(self, period: Any) -> int:
+        if isinstance(period, Real) and not isinstance(period, bool) and math.isfinite(period):
+            steps = round(float(period) / DT)
+            if steps >= 1 and math.isclose(steps * DT, float(period), rel_tol=1e-9):
+                return steps
+        raise Halt(
+            self.agent.name,
+            f"{self.name} can't drive {self.agent.name}: its period must be a whole multiple of {DT:g} s, got {period!r}",
+        )
+
+    def _checked(self, answer: Any, time: float) -> Control:
+        where = f"{self.name} driving {self.agent.name} at {time:.2f} s"
+        if not isinstance(answer, Control):
+            raise Halt(self.agent.name, f"{where} returned {answer!r} of type {type(answer).__name__}, expected a Control")
+        for name, value in zip(Control._fields, answer, strict=True):
+            if not isinstance(value, Real):
+                raise Halt(
+                    self.agent.name, f"{where} returned {name} {value!r} of type {type(value).__name__}, expected a number"
+                )
+            if not math.isfinite(value):
+                raise Halt(self.agent.name, f"{where} returned {name} {float(value)}, expected a finite number")
+        throttle, brake, steering = (float(value) for value in answer)
+        for name, value in (("throttle", throttle), ("brake", brake)):
+            if not -_TOLERANCE <= value <= 1.0 + _TOLERANCE:
+                raise Halt(self.agent.name, f"{where} returned {name} {value:g}, expected 0..1")
+        if abs(steering) > math.pi / 2:
+            raise Halt(
+                self.agent.name,
+                f"{where} returned steering {steering:g}, expected radians within -pi/2..pi/2 (was it in degrees?)",
+            )
+        return Control(min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0), steering)
+
+
+def crew(agents: Sequence[Agent], autopilot: Factory, subject: int | None = None, traffic: Factory | None = None) -> list[Seat]:
+    """Make the autopilots of a run.
+
+    Args:
+        agents: in creation order.
+        autopilot: drives every vehicle, or the subject alone.
+        subject: entrance of the subject, or None.
+        traffic: drives the other vehicles where there is a subject.
+
+    Returns:
+        One seat per agent, in the same order.
+
+    Raises:
+        ScenarioError: a subject without traffic, or traffic without a subject.
+        AutopilotError: `autopilot` or `traffic` is not callable.
+        Halt: it raised, or made something that can't drive.
+    """
+    if subject is not None and traffic is None:
+        raise ScenarioError("the scenario has a subject, so its other vehicles need an autopilot: pass it as traffic=")
+    if subject is None and traffic is not None:
+        raise ScenarioError("traffic= drives the vehicles beside a subject: give the scenario a subject, or leave traffic= out")
+    for factory in (autopilot, traffic):
+        if factory is not None and not callable(factory):
+            raise AutopilotError(
+                f"an autopilot must be a class or a callable that makes one, got {factory!r}: every vehicle of every run gets "
+                "a new one, so pass the class, not an instance"
+            )
+    if traffic is None:
+        return _hire(autopilot, agents)
+    seats = {seat.agent: seat for seat in _hire(autopilot, [a for a in agents if a.entrance == subject])}
+    seats |= {seat.agent: seat for seat in _hire(traffic, [a for a in agents if a.entrance != subject])}
+    return [seats[agent] for agent in agents]
+
+
+def name_of(factory: Factory | None) -> str | None:
+    """Return the name of an autopilot factory, for records."""
+    if factory is None:
+        return None
+    inner = getattr(factory, "func", factory)  # of a functools.partial
+    return str(getattr(inner, "__qualname__", type(inner).__qualname__))
+
+
+def _hire(factory: Factory, agents: Sequence[Agent]) -> list[Seat]:
+    """Return the seats of `agents`, filled by one factory, asked in order; or once, if it makes a traffic system."""
+    seats: list[Seat] = []
+    for agent in agents:
+        made = _make(factory, agent)
+        if callable(getattr(made, "autopilots", None)):
+            return _delegate(made, agents)
+        seats.append(Seat(agent, made))
+    return seats
+
+
+def _make(factory: Factory, agent: Agent) -> Any:
+    try:
+        return factory()
+    except Exception as error:
+        raise Halt(agent.name, f"making {name_of(factory)} for {agent.name} {_describe(error)}") from error
+
+
+def _delegate(system: Any, agents: Sequence[Agent]) -> list[Seat]:
+    name = type(system).__qualname__
+    try:
+        made = list(system.autopilots(tuple(agents)))
+    except Exception as error:
+        raise Halt(agents[0].name, f"{name}.autopilots {_describe(error)}") from error
+    if len(made) != len(agents):
+        raise Halt(
+            agents[0].name, f"{name}.autopilots returned {len(made)} autopilots, expected one for each of {len(agents)} agents"
+        )
+    return [Seat(agent, one) for agent, one in zip(agents, made, strict=True)]
+
+
+def _describe(error: Exception) -> str:
+    """Return "raised Type: text (file:line)" for the place where `error` came up."""
+    frames = traceback.extract_tb(error.__traceback__)
+    text = " ".join(str(error).split())
+    return f"raised {type(error).__name__}{': ' if text else ''}{text} ({frames[-1].filename}:{frames[-1].lineno})"

@@ -1,0 +1,219 @@
+"""The world: rigid bodies in the plane, integrated by pybullet, which also detects and resolves collisions.
+
+All vehicles are links of one multibody on a fixed base, each on three joints of its own (x, y, yaw). The joints
+carry nothing, so every body moves as a free body in the plane, and two calls per step read and drive all of them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator, Sequence
+from types import ModuleType
+from typing import NamedTuple, Protocol
+
+from pytest_rvads.errors import RunError
+from pytest_rvads.semantics.run import DT
+from pytest_rvads.semantics.vehicle import Vehicle
+
+__all__ = ["BulletWorld", "Motion", "World"]
+
+_HELPER_MASS = 1e-6
+"""Mass of the two links that carry the x and the y joint [kg]; a billionth of a vehicle."""
+
+
+class Motion(NamedTuple):
+    """Place and velocity of a body's centre of gravity, in the frame of the map."""
+
+    x: float
+    """[m]."""
+    y: float
+    """[m]."""
+    yaw: float
+    """Counter-clockwise from east, not wrapped [rad]."""
+    vx: float
+    """[m/s]."""
+    vy: float
+    """[m/s]."""
+    yaw_rate: float
+    """[rad/s]."""
+
+
+class World(Protocol):
+    """Rigid bodies in the plane; the only thing the simulation asks of a physics engine."""
+
+    def motions(self) -> list[Motion]:
+        """Return the motion of every body, in the order in which they were given."""
+
+    def step(self, forces: Sequence[float]) -> None:
+        """Advance by one step.
+
+        Args:
+            forces: force along x [N], along y [N] and moment about the vertical [N m] per body, in one flat sequence.
+        """
+
+    def contacts(self) -> list[tuple[int, int]]:
+        """Return the pairs (lower index first) of bodies that touched in the last step."""
+
+    def remove(self, body: int) -> None:
+        """Take `body` out of the world: it touches nothing any more."""
+
+    def close(self) -> None:
+        """Free the world; it can't be used afterwards."""
+
+
+class BulletWorld:
+    """A `World` of equal vehicles in pybullet.
+
+    The engine's state is built anew for every world, so that a run does not depend on the runs before it.
+
+    Args:
+        vehicle: mass, inertia and body of every vehicle.
+        starts: initial motion of every body.
+    """
+
+    def __init__(self, vehicle: Vehicle, starts: Sequence[Motion]) -> None:
+        self._bullet, self._client = _acquire()
+        self._open = True
+        self._joints = list(range(3 * len(starts)))
+        bullet, client = self._bullet, self._client
+        bullet.resetSimulation(physicsClientId=client)
+        # A reset also resets the solver, so its settings are given again.
+        bullet.setPhysicsEngineParameter(fixedTimeStep=DT, numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=client)
+        bullet.setGravity(0, 0, 0, physicsClientId=client)
+        self._body = self._build(vehicle, len(starts))
+        for body, start in enumerate(starts):
+            for joint, (place, velocity) in enumerate(zip(start[:3], start[3:], strict=True)):
+                bullet.resetJointState(self._body, 3 * body + joint, place, velocity, physicsClientId=client)
+        # Contacts are looked up before the first step too: two vehicles may stand inside each other.
+        bullet.performCollisionDetection(physicsClientId=client)
+
+    def _build(self, vehicle: Vehicle, count: int) -> int:
+        bullet, client = self._bullet, self._client
+        # The body reaches from the front bumper backwards; its link sits in the centre of gravity.
+        box = bullet.createCollisionShape(
+            bullet.GEOM_BOX,
+            halfExtents=[vehicle.length / 2, vehicle.width / 2, vehicle.height / 2],
+            collisionFramePosition=[vehicle.gravity_offset - vehicle.length / 2, 0.0, 0.0],
+            physicsClientId=client,
+        )
+        links = 3 * count
+        body: int = bullet.createMultiBody(
+            baseMass=0,
+            baseCollisionShapeIndex=-1,
+            linkMasses=[_HELPER_MASS, _HELPER_MASS, vehicle.mass] * count,
+            linkCollisionShapeIndices=[-1, -1, box] * count,
+            linkVisualShapeIndices=[-1] * links,
+            linkPositions=[[0, 0, 0]] * links,
+            linkOrientations=[[0, 0, 0, 1]] * links,
+            linkInertialFramePositions=[[0, 0, 0]] * links,
+            linkInertialFrameOrientations=[[0, 0, 0, 1]] * links,
+            # Parent 0 is the base, parent k the link k - 1.
+            linkParentIndices=[parent for k in range(0, links, 3) for parent in (0, k + 1, k + 2)],
+            linkJointTypes=[bullet.JOINT_PRISMATIC, bullet.JOINT_PRISMATIC, bullet.JOINT_REVOLUTE] * count,
+            linkJointAxis=[[1, 0, 0], [0, 1, 0], [0, 0, 1]] * count,
+            flags=bullet.URDF_USE_SELF_COLLISION,
+            physicsClientId=client,
+        )
+        # Calls of their own: damping in the same call as other settings redirects those to the base.
+        for link in range(-1, links):
+            bullet.changeDynamics(body, link, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client)
+        for link in range(2, links, 3):
+            inertia = [vehicle.yaw_inertia] * 3
+            bullet.changeDynamics(body, link, localInertiaDiagonal=inertia, restitution=0, physicsClientId=client)
+        # Joints are born with a motor that holds them; without force it is gone.
+        bullet.setJointMotorControlArray(
+            body, self._joints, bullet.VELOCITY_CONTROL, forces=[0.0] * links, physicsClientId=client
+        )
+        return body
+
+    def motions(self) -> list[Motion]:
+        """Return the motion of every body, in the order in which they were given."""
+        self._check()
+        joints = self._bullet.getJointStates(self._body, self._joints, physicsClientId=self._client)
+        return [
+            Motion(x[0], y[0], yaw[0], x[1], y[1], yaw[1])
+            for x, y, yaw in zip(joints[::3], joints[1::3], joints[2::3], strict=True)
+        ]
+
+    def step(self, forces: Sequence[float]) -> None:
+        """Advance by one step under `forces` (x [N], y [N], moment [N m] of every body, flat)."""
+        self._check()
+        self._bullet.setJointMotorControlArray(
+            self._body, self._joints, self._bullet.TORQUE_CONTROL, forces=forces, physicsClientId=self._client
+        )
+        self._bullet.stepSimulation(physicsClientId=self._client)
+
+    def contacts(self) -> list[tuple[int, int]]:
+        """Return the pairs (lower index first) of bodies that touched in the last step.
+
+        The engine detects contacts at the start of a step and resolves them within it. Two bodies count as touching
+        when they overlap there, or when the step pushed them apart although a sliver of air was left between them.
+        """
+        self._check()
+        points = self._bullet.getContactPoints(self._body, self._body, physicsClientId=self._client)
+        if not points:
+            return []
+        touching = {(point[3] // 3, point[4] // 3) for point in points if point[8] <= 0.0 or point[9] > 0.0}
+        return sorted({(min(pair), max(pair)) for pair in touching})
+
+    def remove(self, body: int) -> None:
+        """Take `body` out of the world: it stands still and touches nothing any more."""
+        self._check()
+        link = 3 * body + 2
+        self._bullet.setCollisionFilterGroupMask(self._body, link, 0, 0, physicsClientId=self._client)
+        for joint in range(3 * body, link + 1):
+            place = self._bullet.getJointState(self._body, joint, physicsClientId=self._client)[0]
+            self._bullet.resetJointState(self._body, joint, place, 0.0, physicsClientId=self._client)
+
+    def close(self) -> None:
+        """Give the engine back for the next world."""
+        if self._open:
+            self._open = False
+            _free.append((os.getpid(), self._client))
+
+    def _check(self) -> None:
+        if not self._open:
+            raise RunError("this world is closed: build a new one for every run")
+
+
+_free: list[tuple[int, int]] = []
+"""Connected engines without a world, by the process that connected them: connecting takes 20 ms, resetting 0.3 ms."""
+
+
+def _acquire() -> tuple[ModuleType, int]:
+    """Return pybullet and an engine that no open world uses."""
+    bullet = _load()
+    pid = os.getpid()
+    # An engine connected before a fork belongs to the parent.
+    _free[:] = [entry for entry in _free if entry[0] == pid]
+    client = _free.pop()[1] if _free else bullet.connect(bullet.DIRECT)
+    if client < 0:
+        raise RunError("pybullet has no engine left for another world: close worlds that are no longer used")
+    return bullet, client
+
+
+def _load() -> ModuleType:
+    """Import pybullet without the line that it prints on standard error."""
+    with _silent_stderr():
+        import pybullet
+    module: ModuleType = pybullet
+    return module
+
+
+@contextlib.contextmanager
+def _silent_stderr() -> Iterator[None]:
+    # The line comes from C code, so the file descriptor is redirected; a process may also have none.
+    try:
+        saved = os.dup(2)
+    except OSError:
+        yield
+        return
+    sink = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(sink, 2)
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(sink)
