@@ -8,16 +8,12 @@ from __future__ import annotations
 
 import math
 
-from pytest_rvads.semantics.itinerary import Itinerary
+from pytest_rvads.autopilots.track import Track
 from pytest_rvads.semantics.states import Control, Observation
 
 __all__ = ["Follower"]
 
 _GRAVITY = 9.81
-_BEND = 2.5
-"""Lateral acceleration that bends are taken with [m/s^2]."""
-_EASE = 2.0
-"""Deceleration towards a bend [m/s^2]."""
 _GAIN = 4.0
 """Acceleration asked for per speed error [1/s]."""
 _HOLD = 0.5
@@ -38,7 +34,7 @@ class Follower:
 
     def __init__(self) -> None:
         self._steering = 0.0
-        self._bends: _Bends | None = None
+        self._track: Track | None = None
 
     def target_speed(self, seen: Observation) -> float:
         """Return how fast to drive where the road is straight [m/s]; 0 stops and holds the vehicle."""
@@ -57,10 +53,14 @@ class Follower:
         speed = seen.me.speed
         if target <= 0.0 and speed < 0.3:
             return -math.inf
-        if self._bends is None:
-            self._bends = _Bends(seen.itinerary, seen.vehicle.rear_axle_offset)
-        limit = self._bends.speed(seen.me.station)
+        limit = self.track(seen).speed(seen.me.station)
         return _GAIN * ((limit if limit < target else target) - speed)
+
+    def track(self, seen: Observation) -> Track:
+        """Return what is known of the way ahead; worked out once."""
+        if self._track is None:
+            self._track = Track(seen.itinerary, seen.vehicle.rear_axle_offset)
+        return self._track
 
     def drive(self, seen: Observation, acceleration: float) -> Control:
         """Return the control that yields `acceleration` [m/s^2] along the itinerary; -inf holds a standing vehicle."""
@@ -88,27 +88,3 @@ class Follower:
         left = dy * cos - dx * sin
         self._steering = math.atan2(2.0 * vehicle.wheelbase * left, dx * dx + dy * dy)
         return self._steering
-
-
-class _Bends:
-    """Speeds that the bends of an itinerary allow, by station."""
-
-    def __init__(self, itinerary: Itinerary, axle: float) -> None:
-        self._first = max(-itinerary.origin, -60.0)
-        count = max(math.ceil(itinerary.end - self._first), 1)
-        headings = [itinerary.pose(self._first + k).heading for k in range(-2, count + 3)]
-        # Curvature over four metres, so that the corners of a polyline do not count as bends of their own.
-        changes = [(b - a + math.pi) % (2 * math.pi) - math.pi for a, b in zip(headings, headings[4:], strict=False)]
-        raw = [math.sqrt(_BEND * 4.0 / abs(change)) if abs(change) > 1e-3 else math.inf for change in changes]
-        # The rear axle follows a few metres behind the reference point and is still in the bend then.
-        trail = math.ceil(axle)
-        limits = [min(raw[max(k - trail, 0) : k + 1]) for k in range(len(raw))]
-        for k in range(len(limits) - 2, -1, -1):
-            limits[k] = min(limits[k], math.sqrt(limits[k + 1] ** 2 + 2.0 * _EASE))
-        self._limits = limits
-
-    def speed(self, station: float) -> float:
-        """Return the highest speed [m/s] at `station` [m]."""
-        limits = self._limits
-        k = int(station - self._first)
-        return limits[k if 0 <= k < len(limits) else -1 if k > 0 else 0]

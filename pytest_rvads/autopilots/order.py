@@ -21,24 +21,21 @@ class Queue:
     def __init__(self) -> None:
         self._outside: dict[str, int] = {}
         self._stood: set[str] = set()
-        self._last = 0
 
     def watch(self, seen: Observation) -> None:
         """Take note of who is where; to be called in every step."""
         tick = round(seen.time / DT)
+        outside, stood = self._outside, self._stood
         for state in (seen.me, *seen.others):
+            name = state.name
             if state.zone is not Zone.ENTRANCE:
-                self._outside[state.name] = tick
-                self._stood.discard(state.name)
-            elif state.speed < _STANDING:
-                self._stood.add(state.name)
-            if state.name not in self._outside:
+                outside[name] = tick
+                stood.discard(name)
+            else:
                 # At its entrance from the start: waiting times count from zero there.
-                self._outside[state.name] = tick
-
-    def arrival(self, name: str) -> int:
-        """Return the tick after which `name` was at its entrance all the time."""
-        return self._outside[name]
+                outside.setdefault(name, tick)
+                if state.speed < _STANDING:
+                    stood.add(name)
 
     def setting_off(self, others: Iterable[VehicleState]) -> bool:
         """Return whether one of `others` stood at its entrance and is on its way now."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 from pytest_rvads.autopilots.follower import Follower
@@ -56,6 +57,6 @@ class Reference(Follower):
                 self._stopping.reset()
             else:
                 wanted = min(wanted, self._stopping.acceleration(seen))
-        if seen.others:
-            wanted = min(wanted, behind_leader(seen), clear_of_bodies(seen))
+        if seen.others and wanted > -math.inf:
+            wanted = min(wanted, behind_leader(seen), clear_of_bodies(seen, self.track(seen)))
         return self.drive(seen, wanted)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from pytest_rvads.autopilots.conflicts import movements
+from pytest_rvads.autopilots.track import Track
 from pytest_rvads.semantics.states import Observation, VehicleState, Zone
 
 __all__ = ["COMFORT", "FIRM", "LAST_STOP", "STAND_OFF", "Stopping", "behind_leader", "can_stop", "clear_of_bodies", "time_to"]
@@ -80,21 +81,21 @@ def behind_leader(seen: Observation) -> float:
     return least
 
 
-def clear_of_bodies(seen: Observation) -> float:
-    """Return the acceleration [m/s^2] that stops before a body that is in the way on the itinerary; inf if none is."""
+def clear_of_bodies(seen: Observation, track: Track) -> float:
+    """Return the acceleration [m/s^2] that stops before a body that is in the way on `track`; inf if none is."""
     me = seen.me
     reach = 3.0 + me.speed * (REACTION + me.speed / (2.0 * FOLLOW))
+    cos, sin = math.cos(me.heading), math.sin(me.heading)
     least = math.inf
     for other in seen.others:
-        # Cheap first: most others are nowhere near.
-        far = reach + GAP + other.length
         dx, dy = other.x - me.x, other.y - me.y
-        if dx * dx + dy * dy > far * far:
-            continue
-        gap = _free(seen, other, reach)
-        if gap < reach:
-            along = other.speed * math.cos(other.heading - me.heading)
-            least = min(least, _follow(me.speed, gap, max(along, 0.0)))
+        far = reach + other.length
+        # Cheap first: most others are nowhere near, or behind.
+        if dx * dx + dy * dy < far * far and dx * cos + dy * sin > 0.0:
+            gap = _free(track.places(me.station, reach), other, me.width / 2.0 + SIDE)
+            if gap < math.inf:
+                along = other.speed * math.cos(other.heading - me.heading)
+                least = min(least, _follow(me.speed, gap, max(along, 0.0)))
     return least
 
 
@@ -119,19 +120,13 @@ def _follow(speed: float, gap: float, leader: float) -> float:
     return (safe - speed) / REACTION
 
 
-def _free(seen: Observation, other: VehicleState, reach: float) -> float:
-    """Return how far ahead on the own itinerary the body of `other` begins [m]; inf when it leaves room."""
-    me, itinerary = seen.me, seen.itinerary
+def _free(places: list[tuple[float, float]], other: VehicleState, room: float) -> float:
+    """Return how many metres of the way ahead have `room` [m] beside the body of `other`; inf when all have."""
     cos, sin = math.cos(other.heading), math.sin(other.heading)
-    half = other.width / 2.0
-    room = me.width / 2.0 + SIDE
-    least = math.inf
-    for back in (0.0, other.length / 2.0, other.length):
-        for side in (-half, half):
-            x = other.x - back * cos - side * sin
-            y = other.y - back * sin + side * cos
-            station, offset = itinerary.path.project(x, y, me.station + itinerary.origin + reach / 2.0, reach / 2.0)
-            ahead = station - itinerary.origin - me.station
-            if abs(offset) < room and 0.0 < ahead < least:
-                least = ahead
-    return least
+    aside, back = other.width / 2.0 + room, other.length + room
+    for ahead, (x, y) in enumerate(places):
+        dx, dy = x - other.x, y - other.y
+        # The place in the frame of the other body, which reaches backwards from its bumper.
+        if -aside < dy * cos - dx * sin < aside and -back < dx * cos + dy * sin < room:
+            return float(ahead)
+    return math.inf

@@ -1,0 +1,132 @@
+"""The braking envelope v(d)max: how fast a vehicle may be, d metres before a line, and still stop in front of it.
+
+It is found by iterated testing on the plant that drives in the simulations (paper, section 5.3): full service brake from
+the first step on, released never. The grids of scenarios keep to it, so a controller that brakes late is a finding.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+from pytest_rvads.errors import RunError, ScenarioError
+from pytest_rvads.physics.dynamics import Dynamics
+from pytest_rvads.physics.world import BulletWorld, Motion
+from pytest_rvads.scenarios.scenario import SPEED_LIMIT
+from pytest_rvads.semantics.run import DT
+from pytest_rvads.semantics.vehicle import Vehicle
+
+__all__ = ["RESOLUTION", "STANDING", "envelope", "greatest_safe", "stopping_distance", "vmax"]
+
+RESOLUTION = 0.01
+"""Speeds are tested to this resolution [m/s]."""
+STANDING = 0.001
+"""A vehicle slower than this has stopped [m/s]."""
+_LONGEST = 60.0
+"""A vehicle that has not stopped by then never will [s]."""
+
+
+def vmax(distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
+    """Return the greatest safe speed `distance` metres before the stopping line.
+
+    Args:
+        distance: reference point to stopping line [m].
+        aggression: 1, 2 or 3, the scenario's; selects the service brake.
+        vehicle: the parameters; a passenger car by default.
+
+    Returns:
+        The speed, at most the speed limit [m/s]; None where not even a standing vehicle is safe.
+
+    Raises:
+        ScenarioError: a distance that is negative or not finite, or an unknown aggression.
+        RunError: the plant breaks monotonicity, so no bisection can be trusted.
+    """
+    if not (math.isfinite(distance) and distance >= 0):
+        raise ScenarioError(f"the distance to the stopping line must be 0 m or more, got {distance!r}")
+    if aggression not in (1, 2, 3):
+        raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")
+    return _vmax(float(distance), aggression, vehicle or Vehicle())
+
+
+def envelope(
+    distances: Sequence[float], vehicle: Vehicle | None = None, aggressions: Sequence[int] = (1, 2, 3)
+) -> dict[int, tuple[float | None, ...]]:
+    """Return v(d)max [m/s] over `distances` [m] for every aggression, after checking that it is monotone.
+
+    Raises:
+        ScenarioError: as for `vmax`.
+        RunError: the envelope falls with the distance, or with the aggression.
+    """
+    table = {level: tuple(vmax(d, level, vehicle) for d in distances) for level in aggressions}
+    points = [(level, d, -1.0 if v is None else v) for level, row in table.items() for d, v in zip(distances, row, strict=True)]
+    for level, d, v in points:
+        for other, farther, greater in points:
+            if other >= level and farther >= d and greater < v:
+                raise RunError(
+                    f"v(d)max is not monotone: {v:g} m/s at {d:g} m and aggression {level}, but {greater:g} m/s at {farther:g} m "
+                    f"and aggression {other}"
+                )
+    return table
+
+
+def greatest_safe(safe: Callable[[float], bool], limit: float) -> float | None:
+    """Return the greatest speed up to `limit` [m/s] that is safe, to `RESOLUTION`.
+
+    Args:
+        safe: the test; whoever is safe at some speed must be safe at every lower one.
+        limit: tried first.
+
+    Returns:
+        None where 0 m/s is not safe.
+    """
+    if safe(limit):
+        return limit
+    if not safe(0.0):
+        return None
+    low, high = 0, math.ceil(limit / RESOLUTION)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if safe(round(middle * RESOLUTION, 9)):
+            low = middle
+        else:
+            high = middle
+    return round(low * RESOLUTION, 9)
+
+
+@lru_cache(maxsize=4096)
+def stopping_distance(speed: float, aggression: int, vehicle: Vehicle) -> float:
+    """Return how far a vehicle gets from `speed` [m/s] under full service brake on a straight [m]; inf if it never stops."""
+    dynamics = Dynamics(vehicle, aggression)
+    world = BulletWorld(vehicle, [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
+    farthest = 0.0
+    try:
+        for _ in range(round(_LONGEST / DT)):
+            x, _, yaw, vx, vy, rate = world.motions()[0]
+            farthest = max(farthest, x)
+            if abs(vx) < STANDING:
+                return farthest
+            world.step(dynamics.forces(math.cos(yaw), math.sin(yaw), vx, vy, rate, 0.0, 1.0, 0.0))
+    finally:
+        world.close()
+    return math.inf
+
+
+@lru_cache(maxsize=4096)
+def _vmax(distance: float, aggression: int, vehicle: Vehicle) -> float | None:
+    tried: dict[float, float] = {}
+
+    def safe(speed: float) -> bool:
+        # The plant does not know where it is: one test of a speed answers for every distance.
+        tried[speed] = stopping_distance(speed, aggression, vehicle)
+        return tried[speed] <= distance
+
+    found = greatest_safe(safe, SPEED_LIMIT)
+    speeds = sorted(tried)
+    for slow, fast in zip(speeds, speeds[1:], strict=False):
+        if tried[slow] > tried[fast]:
+            raise RunError(
+                f"v(d)max can't be bisected at aggression {aggression}: the vehicle needs {tried[slow]:.3f} m to stop from "
+                f"{slow:g} m/s, but {tried[fast]:.3f} m from {fast:g} m/s"
+            )
+    return found
