@@ -8,7 +8,9 @@ import pytest
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
-def test_the_example_of_an_own_map_runs_on_town07(pytester: pytest.Pytester, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_example_of_an_own_map_runs_on_town07(
+    pytester: pytest.Pytester, shared: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("RVADS_MAP", str(shared / "maps" / "Town07.xodr"))
     pytester.copy_example(str(EXAMPLES / "test_5_your_own_map.py"))
     result = pytester.runpytest("-v")
