@@ -8,21 +8,30 @@ import pytest
 import pytest_rvads as rvads
 
 
-class Patient(rvads.Follower):
-    """Stops at the line, then goes when its turn has come by the number of its entrance."""
+class ByNumber(rvads.Follower):
+    """Lets those at lower entrances go first, and waits while somebody is in the junction."""
 
     def target_speed(self, seen: rvads.Observation) -> float:
-        line = seen.itinerary.line
-        if seen.me.station > 0 or seen.time > 8.0 + 9.0 * seen.me.entrance:
-            return 6.0
-        return self.speed_to_stop(seen, line - 0.5 - seen.me.station)
+        """Return the speed to drive at [m/s]."""
+        occupied = any(other.zone == rvads.Zone.JUNCTION for other in seen.others)
+        yields = any(other.zone <= rvads.Zone.ENTRANCE and other.entrance < seen.me.entrance for other in seen.others)
+        if seen.me.zone >= rvads.Zone.JUNCTION or not (occupied or yields):
+            return seen.speed_limit
+        return self.stopping_speed(seen.itinerary.line - 0.5 - seen.me.station)
 
 
 @pytest.fixture
 def rvads_autopilot():
-    return Patient
+    """Return the system under test; a fixture in conftest.py would serve all test files."""
+    return ByNumber
 
 
 @rvads.scenario("stop4", classes=(1, 7, 24), distances=[5, 20], speeds=[0, 4], rules="p1")
 def test_one_at_a_time(run, rule, monitor):
     assert monitor.check(rule)
+
+
+@rvads.known("queue", reason="goes by the number of the entrance, not by who came first")
+@rvads.scenario("stop4", classes=(1, 7, 24), distances=(20, 20, 0.3, 0.3), rules="p3")
+def test_first_come_first_served(run, rule, monitor):
+    monitor.check(rule)

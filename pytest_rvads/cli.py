@@ -90,11 +90,12 @@ def _map(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(found, indent=1))
         return 0
-    print(f"{os.path.basename(options.file)}: {len(found['junctions'])} junctions")
+    count = len(found["junctions"])
+    print(f"{os.path.basename(options.file)}: {count} junction{'s' if count > 1 else ''}")
     for junction in found["junctions"]:
-        approach = f"approach {min(junction['approach']):.0f} m" if junction["approach"] else ""
-        state = "usable  " if junction["usable"] else f"not usable: {junction['reason']}"
-        print(f"  {junction['id']:>8}  {junction['ways']}-way {junction['control']:<8} {state} {approach}".rstrip())
+        approach = f"approach {min(junction['approach'], default=0.0):4.0f} m"
+        state = "usable" if junction["usable"] else f"not usable: {junction['reason']}"
+        print(f"  {junction['id']:>6}  {junction['ways']}-way {junction['control']:<7} {approach}  {state}")
     for warning in found["warnings"]:
         print(f"warning: {warning['message'] if isinstance(warning, dict) else warning}", file=sys.stderr)
     return 0

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from math import cos, pi, sin
 
+from pytest_rvads.draw.svg import document, text
+
 __all__ = ["draw_classes"]
 
 _CELL, _LABEL, _RADIUS, _LANE = 110, 90, 42.0, 5.0
@@ -20,26 +22,21 @@ def draw_classes(ways: int, title: str, rows: Iterable[tuple[str, Sequence[tuple
         title: first line.
         rows: per class its label and the direction tuples of its members.
     """
-    body: list[str] = []
+    body = [text(10, 24, title, font_size=15, font_weight="bold")]
     count = 0
     for label, members in rows:
         top = 40 + count * _CELL
-        body.append(f'<text x="10" y="{top + _CELL / 2 + 4}">{label}</text>')
+        body.append(text(10, top + _CELL / 2 + 4, label))
         for column, member in enumerate(members):
             x, y = _LABEL + (column + 0.5) * _CELL, top + _CELL / 2
             body.append(f'<g transform="translate({x:g} {y:g})">{_diagram(ways, member)}</g>')
         count += 1
-    width, height = _LABEL + ways * _CELL + 10, 50 + count * _CELL
     markers = "".join(
         f'<marker id="d{d}" viewBox="0 0 6 6" refX="4" refY="3" markerWidth="5" markerHeight="5" orient="auto">'
         f'<path d="M0 0L6 3L0 6z" fill="{_COLOURS[d - 1]}"/></marker>'
         for d in range(1, ways)
     )
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}" '
-        f'font-family="sans-serif" font-size="12"><defs>{markers}</defs><rect width="100%" height="100%" fill="white"/>'
-        f'<text x="10" y="24" font-size="15" font-weight="bold">{title}</text>{"".join(body)}</svg>\n'
-    )
+    return document(_LABEL + ways * _CELL + 10, 50 + count * _CELL, body, markers)
 
 
 def _diagram(ways: int, directions: Sequence[int]) -> str:
@@ -50,9 +47,7 @@ def _diagram(ways: int, directions: Sequence[int]) -> str:
     for arm, direction in enumerate(directions):
         ux, uy = _outward(arm, ways)
         number = _RADIUS + 8
-        parts.append(
-            f'<text x="{number * ux:.1f}" y="{number * uy + 3:.1f}" font-size="9" fill="#666" text-anchor="middle">{arm}</text>'
-        )
+        parts.append(text(number * ux, number * uy + 3, str(arm), font_size=9, fill="#666", text_anchor="middle"))
         if direction:
             parts.append(_movement(ways, arm, (arm + direction) % ways, direction))
     return "".join(parts)

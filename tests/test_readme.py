@@ -1,0 +1,53 @@
+"""The README tells the truth: its Python runs, its commands print what it says."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+PYTHON = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+CONSOLE = re.findall(r"^\$ (rvads .*)\n((?:(?!\$ |```).*\n)*)", TEXT, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    "code", [code for code in PYTHON if "def test_" in code], ids=lambda code: re.search(r"def (test_\w+)", code)[1]
+)  # type: ignore[index]
+def test_examples_of_tests_pass_or_fail_as_said(pytester: pytest.Pytester, code: str) -> None:
+    pytester.makepyfile(code)
+    result = pytester.runpytest()
+    outcomes = result.parseoutcomes()
+    assert "errors" not in outcomes
+    assert ("failed" in outcomes) == ("# fails" in code)
+    assert outcomes.get("passed", 0) + outcomes.get("failed", 0) > 0
+
+
+@pytest.mark.parametrize("code", [code for code in PYTHON if "def test_" not in code])
+def test_scripts_run(tmp_path: Path, code: str) -> None:
+    """A comment behind a line that prints says what it prints."""
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == re.findall(r"^print\(.*\)  # (.*)$", code, re.MULTILINE)
+
+
+@pytest.mark.parametrize(("command", "said"), CONSOLE, ids=[command for command, _ in CONSOLE])
+def test_commands_print_what_is_shown(command: str, said: str) -> None:
+    program = Path(sys.executable).with_name("rvads")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [str(program), *shlex.split(command)[1:]], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+    )
+    shown = [line for line in said.splitlines() if line.strip()]
+    got = [line.rstrip() for line in done.stdout.splitlines() if line.strip()]
+    if "..." in shown:
+        cut = shown.index("...")
+        head, tail = shown[:cut], shown[cut + 1 :]
+        assert got[: len(head)] == head
+        assert got[len(got) - len(tail) :] == tail
+    else:
+        assert got == shown
