@@ -22,6 +22,7 @@ _PANEL, _CAPTION, _COLUMNS, _HEAD = 360.0, 64.0, 3, 62.0
 _MARGIN = 18.0
 """How much of the roads around a junction is drawn [m]."""
 _SMALLEST = 20.0
+_ARROWS = 12.0
 _TURNS = {Turn.LEFT: "#d55e00", Turn.STRAIGHT: "#0072b2", Turn.RIGHT: "#009e73"}
 """Okabe and Ito's palette, distinguishable by colour-blind people."""
 _NO_TURN = "#777"
@@ -143,19 +144,21 @@ def _near(edge: Edge, x: float, y: float, reach: float) -> Iterable[tuple[float,
 
 
 def _directions(edge: Edge, place: Project, x: float, y: float, reach: float) -> list[str]:
-    """Return an arrow every 12 m along a road lane."""
+    """Return arrows along a road lane, within the picture."""
     parts = []
-    next_at, done = 3.0, 0.0
+    apart, size = max(_ARROWS, reach / 4), max(1.0, reach / 40)
+    done = 0.0
     for (ax, ay), (bx, by) in pairwise(edge.points.tolist()):
         step = math.hypot(bx - ax, by - ay)
-        while next_at <= done + step:
-            share = (next_at - done) / step
-            px, py = ax + share * (bx - ax), ay + share * (by - ay)
-            if max(abs(px - x), abs(py - y)) <= reach:
-                ux, uy = (bx - ax) / step, (by - ay) / step
-                line = [place(px - ux, py - uy), place(px + ux, py + uy)]
+        ux, uy = (bx - ax) / step, (by - ay) / step
+        nearest = (x - ax) * ux + (y - ay) * uy
+        low, high = max(0.0, nearest - 1.5 * reach), min(step, nearest + 1.5 * reach)
+        for k in range(math.ceil((done + low) / apart), math.floor((done + high) / apart) + 1):
+            along = apart * k - done
+            px, py = ax + along * ux, ay + along * uy
+            if along < step and max(abs(px - x), abs(py - y)) <= reach:
+                line = [place(px, py), place(px + size * ux, py + size * uy)]
                 parts.append(polyline(line, stroke=_NO_TURN, stroke_width=1.2, marker_end="url(#way)"))
-            next_at += 12.0
         done += step
     return parts
 

@@ -26,6 +26,7 @@ SPACING = 0.5
 """Distance between samples [m]; together with all breakpoints lengths are within 0.01 m on whole towns."""
 JOINT = 0.1
 """Gap between two pieces of a reference line from which on a warning is given [m]."""
+_STRAIGHT_SPACING = 50.0
 _MERGE = 1e-3
 _KINK = 0.02
 _EPS = 1e-6
@@ -45,16 +46,18 @@ class LaneLine(NamedTuple):
 
 
 def sample_count(road: Road) -> int:
-    """Return about how many samples the reference line of `road` takes; to bound work before it is done."""
-    breaks = (
-        len(road.shapes)
-        + len(road.offsets)
-        + sum(len(lane.widths) for section in road.sections for lane in section.lanes.values())
-    )
-    lanes = max((len(section.lanes) for section in road.sections), default=0)
-    # A spiral is integrated from its start anew for every lane section.
+    """Return about how many samples the lanes of `road` take; to bound work before it is done."""
+    tables = [
+        road.offsets,
+        *(cubics for section in road.sections for lane in section.lanes.values() for cubics in (lane.widths, lane.borders)),
+    ]
+    curved = any(row.c or row.d for rows in tables for row in rows)
+    # A curve is integrated from its start anew for every lane section.
     again = len(road.sections) if any(shape.kind in ("spiral", "poly3", "paramPoly3") for shape in road.shapes) else 0
-    return int(road.length / SPACING * max(1, lanes, again)) + breaks * max(1, lanes)
+    lanes = max((sum(lane.drivable for lane in section.lanes.values()) for section in road.sections), default=0)
+    straight = not curved and all(shape.kind == "line" for shape in road.shapes)
+    spacing = _STRAIGHT_SPACING if straight else SPACING
+    return int(road.length / spacing * max(1, lanes, again)) + (len(road.shapes) + sum(map(len, tables))) * max(1, lanes)
 
 
 def lane_lines(road: Road, warnings: list[MapWarning]) -> list[dict[int, LaneLine]]:

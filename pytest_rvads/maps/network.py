@@ -26,8 +26,12 @@ __all__ = ["GAP_WARNING", "Edge", "Network", "build"]
 
 GAP_WARNING = 0.1
 """Gap between linked lanes from which on a warning is given [m]."""
-MAX_SAMPLES = 4_000_000
+MAX_SAMPLES = 1_500_000
 """Most samples of lane centre lines in one map; a town has 70,000."""
+MAX_ROAD = 200_000.0
+"""Longest road [m]."""
+
+_MERGE = 1e-3
 
 End = tuple[str, str, int]
 """Road id, ``start`` or ``end``, lane id."""
@@ -104,6 +108,11 @@ def build(document: Document) -> Network:
     Raises:
         MapError: a map too large to sample, or coordinates that are not finite.
     """
+    for road in document.roads.values():
+        if road.length > MAX_ROAD:
+            raise MapError(
+                f"road {road.id!r} says it is {road.length / 1000:,.0f} km long, expected at most {MAX_ROAD / 1000:.0f} km"
+            )
     samples = sum(map(sample_count, document.roads.values()))
     if samples > MAX_SAMPLES:
         raise MapError(
@@ -210,12 +219,12 @@ class _Builder:
         s = np.concatenate([part.s[::step] for part in parts])
         steps = np.hypot(*np.diff(points, axis=0).T)
         jump = float(steps.max())
-        if len(parts) > 1:
-            keep = np.concatenate(([True], steps > 1e-3))
-            points, s, steps = points[keep], s[keep], steps[keep[1:]]
+        keep = np.concatenate(([True], steps > _MERGE))
+        points, s = points[keep], s[keep]
+        steps = np.hypot(*np.diff(points, axis=0).T)
         length = float(steps.sum())
         name = f"{road.id}.{chain[0][0]}.{chain[0][1]}"
-        if length < 1e-3 or len(points) < 2:
+        if len(points) < 2 or length < _MERGE or not steps.all():
             self.warnings.append(MapWarning(Doubt.LINK, f"lane {name} has no length and was left out", road.id))
             return None
         if len(parts) > 1 and jump > GAP_WARNING and (where := self._jump(parts, step)) > GAP_WARNING:

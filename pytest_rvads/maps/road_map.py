@@ -8,8 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from pytest_rvads.errors import MapError, suggest
 from pytest_rvads.maps.analysis import JunctionReport, analyse
 from pytest_rvads.maps.arms import paths_of, walk
@@ -18,7 +16,7 @@ from pytest_rvads.maps.doubts import MapWarning
 from pytest_rvads.maps.junction import Geometry, Junction, Movement
 from pytest_rvads.maps.network import Network, build
 from pytest_rvads.maps.opendrive import Document, read
-from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.maps.segment import Segment, join
 
 if TYPE_CHECKING:
     from pytest_rvads.maps.graph import MetricGraph
@@ -124,7 +122,8 @@ class RoadMap:
         for way in reversed(report.movements):  # of several from one arm to another the shortest comes first
             edges = [self.network.edges[e] for e in way.path.edges]
             key = way.entrance, way.exit
-            segments[key] = Segment("+".join(e.id for e in edges), np.vstack([e.points for e in edges]), way.turn, id)
+            parts = [Segment(e.id, e.points, way.turn, id) for e in edges]
+            segments[key] = self._joined(parts)
             movements[key] = Movement(*key, way.turn, segments[key].length, segments[key].id)
         entrances = [self.network.edges[arm.entrances[0]] for arm in report.arms]
         geometry = Geometry(
@@ -158,10 +157,16 @@ class RoadMap:
                 break
         if upstream:
             kept.reverse()
-        segment = Segment("+".join(edge.id for edge in kept), np.vstack([edge.points for edge in kept]), Turn.STRAIGHT)
+        segment = self._joined([Segment(edge.id, edge.points) for edge in kept])
         if segment.length <= WALK_LIMIT:
             return segment
         return segment.tail(WALK_LIMIT) if upstream else segment.head(WALK_LIMIT)
+
+    def _joined(self, parts: list[Segment]) -> Segment:
+        segment = join(parts)
+        if segment is None:
+            raise MapError(f"the lanes {', '.join(part.id for part in parts)} of map file {self.path} do not meet")
+        return segment
 
 
 def read_map(path: str | os.PathLike[str]) -> RoadMap:

@@ -19,6 +19,8 @@ __all__ = ["GAP_LIMIT", "Pose", "Segment", "Turn"]
 
 GAP_LIMIT = 1.0
 """Widest gap [m] between two segments that still counts as consecutive (facts on OpenDRIVE files)."""
+_WELD = 0.01
+_Table = tuple[tuple[float, ...], tuple[tuple[float, float, float, float, float], ...]]
 
 
 class Turn(StrEnum):
@@ -60,7 +62,7 @@ class Segment:
     junction: str | None = None
     stations: NDArray[np.float64] = field(init=False)
     """Arc length at each point, shape ``(k,)`` [m]."""
-    _table: tuple[tuple[float, ...], tuple[tuple[float, float, float, float, float], ...]] = field(init=False, repr=False)
+    _table: _Table | None = field(init=False, repr=False, default=None)
 
     def __post_init__(self) -> None:
         points = np.asarray(self.points, dtype=np.float64)
@@ -76,23 +78,27 @@ class Segment:
         points.setflags(write=False)
         stations = np.concatenate(([0.0], np.cumsum(steps)))
         stations.setflags(write=False)
-        unit = np.diff(points, axis=0) / steps[:, None]
-        pieces = tuple(
-            (float(x), float(y), float(ux), float(uy), math.atan2(uy, ux))
-            for (x, y), (ux, uy) in zip(points[:-1], unit, strict=True)
-        )
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "stations", stations)
-        object.__setattr__(self, "_table", (tuple(stations.tolist()), pieces))
+
+    def _fill(self) -> _Table:
+        """Make the table of stations and pieces in plain floats, when first needed: most segments of a town never are."""
+        unit = np.diff(self.points, axis=0) / np.diff(self.stations)[:, None]
+        pieces = tuple(
+            (x, y, ux, uy, math.atan2(uy, ux)) for (x, y), (ux, uy) in zip(self.points[:-1].tolist(), unit.tolist(), strict=True)
+        )
+        table = tuple(self.stations.tolist()), pieces
+        object.__setattr__(self, "_table", table)
+        return table
 
     @property
     def length(self) -> float:
         """Arc length of the centre line [m]."""
-        return self._table[0][-1]
+        return float(self.stations[-1])
 
     def pose(self, station: float) -> Pose:
         """Return the pose at `station` [m]; beyond either end the line goes on straight."""
-        stations, pieces = self._table
+        stations, pieces = self._table or self._fill()
         i = min(max(bisect_right(stations, station) - 1, 0), len(pieces) - 1)
         x, y, ux, uy, heading = pieces[i]
         along = station - stations[i]
@@ -113,7 +119,7 @@ class Segment:
             Station and lateral offset (left positive) of the nearest point [m]. Before the start and
             after the end the line goes on straight, so stations may be negative or exceed the length.
         """
-        stations, pieces = self._table
+        stations, pieces = self._table or self._fill()
         last = len(pieces) - 1
         i = min(max(bisect_right(stations, near - window) - 1, 0), last)
         stop = min(max(bisect_right(stations, near + window) - 1, 0), last)
@@ -161,9 +167,12 @@ def join(segments: Sequence[Segment]) -> Segment | None:
         if math.dist(one.points[-1], two.points[0]) > GAP_LIMIT:
             return None
     junctions = {s.junction for s in segments}
+    # Where lanes meet within a centimetre the joint is one point: a step of a millimetre may point anywhere.
+    parts = [segments[0].points]
+    parts += [two.points[math.dist(one.points[-1], two.points[0]) < _WELD :] for one, two in pairwise(segments)]
     return Segment(
         "+".join(s.id for s in segments),
-        np.vstack([s.points for s in segments]),
+        np.vstack(parts),
         next((s.turn for s in segments if s.junction is not None), Turn.STRAIGHT),
         junctions.pop() if len(junctions) == 1 else None,
     )
