@@ -91,16 +91,17 @@ def load(path: str | os.PathLike[str]) -> Element:
 
 def _parse(file: Path) -> Element:
     parser = ElementTree.XMLParser(target=_Builder(f"map file {file}"))
-    ended = False
+    ended = begins_like_xml = False
     try:
         with file.open("rb") as stream:
             while chunk := stream.read(_CHUNK):
+                begins_like_xml = begins_like_xml or chunk.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<")
                 parser.feed(chunk)
         ended = True
         root: Element | None = parser.close()
     except ElementTree.ParseError as error:
         line, column = error.position
-        if ended:
+        if ended and begins_like_xml:
             raise MapError(f"map file {file} is cut off: the XML ends at line {line} before all elements are closed") from None
         raise MapError(
             f"map file {file} is not well-formed XML at line {line}, column {column}: {error.msg.partition(':')[0]}"

@@ -1,0 +1,121 @@
+"""The built-in maps: what they promise, measured on what the reader makes of them."""
+
+import math
+import subprocess
+import sys
+from itertools import pairwise
+
+import pytest
+
+from pytest_rvads.maps.builtin import LAYOUTS, path_of
+from pytest_rvads.maps.finder import find, names
+from pytest_rvads.maps.junction import JunctionControl
+from pytest_rvads.maps.road_map import read_map
+from pytest_rvads.maps.segment import Turn
+from pytest_rvads.maps.writer import Layout, opendrive
+from pytest_rvads.semantics.itinerary import Itinerary
+
+CYCLE = {(0, 3), (1, 0), (2, 1), (3, 2)}
+"""Entrance i + 1 is to the right of entrance i, counter-clockwise, in an X (the paper's figure)."""
+
+
+@pytest.mark.parametrize("name", names())
+def test_is_what_its_name_says(name: str) -> None:
+    junction = find(name)
+    assert junction.name == name
+    assert junction.ways == int(name[-1])
+    assert junction.control is (JunctionControl.LIGHTS if "light" in name else JunctionControl.STOP)
+    assert junction.setbacks == (0.0,) * junction.ways
+    assert junction.geometry is not None
+    assert all(road.length >= 100 for road in (*junction.geometry.approaches, *junction.geometry.exits))
+    assert read_map(path_of(name)).warnings == ()
+    assert find(name) is junction
+
+
+@pytest.mark.parametrize("name", names())
+def test_priorities(name: str) -> None:
+    junction = find(name)
+    if junction.ways == 4:
+        assert junction.right_of == CYCLE
+        assert junction.opposite == {(0, 2), (2, 0), (1, 3), (3, 1)}
+    else:  # the stem, entrance 0, faces nobody; the pair between the two ends of the bar is missing
+        assert junction.right_of == {(1, 0), (0, 2)}
+        assert junction.opposite == {(1, 2), (2, 1)}
+    groups = {4: (frozenset({0, 2}), frozenset({1, 3})), 3: (frozenset({0}), frozenset({1, 2}))}[junction.ways]
+    assert junction.phase_groups == (groups if "light" in name else ())
+
+
+def test_directions_are_right_straight_left() -> None:
+    for entrance in range(4):
+        turns = [find("stop4").turn(entrance, find("stop4").exit_of(entrance, d)) for d in (1, 2, 3)]
+        assert turns == [Turn.RIGHT, Turn.STRAIGHT, Turn.LEFT]
+
+
+def test_lengths_are_those_of_quarter_circles() -> None:
+    lengths = {m.turn: m.length for m in find("stop4").movements.values()}
+    # Stop lines 15 m from the centre, lanes 1.75 m from the axis; a polyline with a step of 0.5 m is a little shorter.
+    assert lengths[Turn.RIGHT] == pytest.approx(math.pi / 2 * (15 - 1.75), abs=0.01)
+    assert lengths[Turn.STRAIGHT] == pytest.approx(30, abs=1e-6)
+    assert lengths[Turn.LEFT] == pytest.approx(math.pi / 2 * (15 + 1.75), abs=0.01)
+
+
+@pytest.mark.parametrize("name", ["paper_stop4", "paper_light4"])
+def test_recorded_junctions_have_about_the_recorded_lengths(name: str) -> None:
+    measured = {Turn.RIGHT: (14.1, 17.9), Turn.STRAIGHT: (26.3, 30.7), Turn.LEFT: (26.6, 31.5)}
+    for movement in find(name).movements.values():
+        low, high = measured[movement.turn]
+        assert low <= movement.length <= high
+
+
+@pytest.mark.parametrize("name", names())
+def test_itineraries_are_smooth_and_without_gaps(name: str) -> None:
+    junction = find(name)
+    for entrance, exit in junction.movements:
+        itinerary = Itinerary.through(junction, entrance, exit)
+        points = itinerary.path.points
+        headings = [itinerary.path.pose(s + 1e-9).heading for s in itinerary.path.stations[:-1]]
+        assert max(math.dist(a, b) for a, b in pairwise(junction.geometry.movements[entrance, exit].points)) <= 30
+        # 0.5 m of the tightest circle, radius 9.9 m, turn by 0.05 rad.
+        assert max(abs(math.remainder(b - a, math.tau)) for a, b in pairwise(headings)) <= 0.5 / 9.9 + 1e-3
+        assert math.dist(points[0], points[-1]) > 100
+
+
+@pytest.mark.parametrize("name", names())
+def test_files_are_what_the_layouts_write(name: str) -> None:
+    assert path_of(name).read_text(encoding="utf-8") == opendrive(LAYOUTS[name], name)
+
+
+def test_reading_a_built_in_junction_needs_no_graph_library() -> None:
+    code = "import sys; from pytest_rvads.maps.finder import find; find('stop4'); sys.exit('networkx' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("setback", [0.0, 2.0, 4.0, 8.0])
+@pytest.mark.parametrize("left_hand", [False, True])
+def test_stop_lines_before_the_junction(read, setback: float, left_hand: bool) -> None:
+    report = read(opendrive(Layout(setback=setback, left_hand=left_hand))).report("1")
+    assert report.setbacks == pytest.approx((setback,) * 4, abs=1e-6)
+    assert report.control is JunctionControl.STOP
+
+
+@pytest.mark.parametrize("ways", range(3, 9))
+def test_any_arity(read, ways: int) -> None:
+    report = read(opendrive(Layout(ways, JunctionControl.LIGHTS, stop=25.0))).report("1")
+    assert report.usable, report.reason
+    assert report.ways == ways
+    assert len(report.movements) == ways * (ways - 1)
+    assert sorted(e for group in report.phase_groups for e in group) == list(range(ways))
+
+
+def test_left_hand_traffic_is_the_mirror_image(read) -> None:
+    right = read(opendrive(Layout())).report("1")
+    left = read(opendrive(Layout(left_hand=True))).report("1")
+    # Mirrored at the north-south axis arm i becomes arm -i, and who was to the right is to the left.
+    assert left.left_hand
+    assert left.right_of == {(-a % 4, -b % 4) for a, b in right.right_of}
+    assert left.opposite == {(-a % 4, -b % 4) for a, b in right.opposite}
+    mirrored = {Turn.LEFT: Turn.RIGHT, Turn.RIGHT: Turn.LEFT, Turn.STRAIGHT: Turn.STRAIGHT}
+    turns = {(m.entrance, m.exit): m.turn for m in right.movements}
+    assert {(m.entrance, m.exit): m.turn for m in left.movements} == {
+        (-a % 4, -b % 4): mirrored[t] for (a, b), t in turns.items()
+    }

@@ -1,0 +1,87 @@
+"""Whatever happens to a map, it is read or refused in one sentence; nothing else comes out."""
+
+from xml.etree import ElementTree
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pytest_rvads.draw.junction import draw_map
+from pytest_rvads.errors import MapError
+from pytest_rvads.maps.junction import JunctionControl
+from pytest_rvads.maps.road_map import describe, read_map
+from pytest_rvads.maps.writer import Layout, opendrive
+
+VALUES = [
+    *("nan", "inf", "1e308", "-1e308", "1e9", "-5", "0", "", "x", "1e-12", "start", "end", "-1", "1", "2", "99"),
+    *("road", "junction", "100000", "LHT", "none", "driving", "direct", "arcLength"),
+]
+SEEDS = [opendrive(Layout(3, JunctionControl.LIGHTS)), opendrive(Layout(4, setback=4.0, left_hand=True))]
+FILES = (
+    "sumo_t3",
+    "simple_4way_intersection",
+    "direct_junction_simple",
+    "connected_junctions_simple",
+    "lane_offset_intersection",
+)
+QUICK = settings(
+    derandomize=True,
+    deadline=None,
+    max_examples=150,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+
+
+def seeds(shared) -> list[bytes]:
+    return [text.encode() for text in SEEDS] + [(shared / "maps" / f"{stem}.xodr").read_bytes() for stem in FILES]
+
+
+def survive(path, data: bytes) -> None:
+    path.write_bytes(data)
+    try:
+        road_map = read_map(path)
+    except MapError as error:
+        assert "\n" not in str(error)
+        assert str(path) in str(error)
+        return
+    describe(road_map)
+    draw_map(road_map)
+    list(road_map.graph.roads())
+    for report in road_map.junctions:
+        if report.usable:
+            road_map.junction(report.id)
+
+
+@given(data=st.data())
+@QUICK
+def test_changed_elements(shared, tmp_path, data) -> None:
+    root = ElementTree.fromstring(data.draw(st.sampled_from(seeds(shared))))
+    for _ in range(data.draw(st.integers(1, 5))):
+        elements = list(root.iter())[1:]
+        if not elements:
+            break
+        element = elements[data.draw(st.integers(0, len(elements) - 1))]
+        what = data.draw(st.sampled_from(["set", "set", "set", "drop", "remove", "repeat"]))
+        parent = next(p for p in root.iter() if any(child is element for child in p))
+        if what in ("set", "drop") and element.attrib:
+            name = data.draw(st.sampled_from(sorted(element.attrib)))
+            if what == "drop":
+                del element.attrib[name]
+            else:
+                element.set(name, data.draw(st.sampled_from(VALUES)))
+        elif what == "remove":
+            parent.remove(element)
+        else:
+            parent.append(element)
+    survive(tmp_path / "map.xodr", ElementTree.tostring(root))
+
+
+@given(data=st.data())
+@QUICK
+def test_changed_bytes(shared, tmp_path, data) -> None:
+    content = bytearray(data.draw(st.sampled_from(seeds(shared))))
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(content) - 1))
+        length = data.draw(st.integers(0, 40))
+        content[at : at + length] = data.draw(st.binary(max_size=8))
+        content = content or bytearray(b"<")
+    survive(tmp_path / "map.xodr", bytes(content))

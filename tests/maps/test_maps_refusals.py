@@ -1,0 +1,121 @@
+"""Files that cannot be used: one error of one sentence each, in bounded time and memory."""
+
+import time
+import tracemalloc
+from pathlib import Path
+
+import pytest
+
+from pytest_rvads.errors import MapError
+from pytest_rvads.maps.document import MAX_BYTES
+from pytest_rvads.maps.road_map import read_map
+from pytest_rvads.maps.writer import Layout, opendrive
+
+BOMB = """<?xml version="1.0"?><!DOCTYPE lolz [<!ENTITY a "haha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>
+<OpenDRIVE><header name="&b;"/></OpenDRIVE>"""
+EXTERNAL = '<?xml version="1.0"?><!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]><OpenDRIVE>&e;</OpenDRIVE>'
+
+
+def refusal(read, content: str | bytes) -> str:
+    with pytest.raises(MapError) as caught:
+        read(content)
+    message = str(caught.value)
+    assert message.startswith("map file /")
+    assert "\n" not in message
+    assert len(message) < 500
+    return message
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "is empty"),
+        ("no XML", "not well-formed XML at line 1"),
+        (b"\x00\xff\x00", "not well-formed"),
+        ("<OpenDRIVE><road>", "is cut off"),
+        ("<OpenDRIVE></road>", "not well-formed"),
+        ("<!-- only a comment", "is cut off"),
+        (BOMB, "document type declaration"),
+        (EXTERNAL, "document type declaration"),
+        ("<svg/>", "its root element is <svg>, expected <OpenDRIVE>"),
+        ("<OpenDRIVE/>", "0 roads but no <junction>"),
+        ('<?xml version="1.0" encoding="klingon"?><OpenDRIVE/>', "klingon"),
+        ("<OpenDRIVE><road/></OpenDRIVE>", "no id"),
+        ('<OpenDRIVE><road id="7"/></OpenDRIVE>', "road '7': <road> has no attribute 'length'"),
+        ('<OpenDRIVE><junction id="7"/><junction id="7"/></OpenDRIVE>', "two junctions with id '7'"),
+    ],
+)
+def test_sentences(read, content: str | bytes, words: str) -> None:
+    assert words in refusal(read, content)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e400", "1e13", "x", "0x10"])
+@pytest.mark.parametrize("attribute", ["x", "hdg", "length"])
+def test_numbers_that_are_none(read, attribute: str, value: str) -> None:
+    text = opendrive(Layout())
+    at = text.index(f' {attribute}="', text.index("<geometry")) + len(attribute) + 3
+    message = refusal(read, text[:at] + value + text[text.index('"', at) :])
+    assert "road '0'" in message
+    assert repr(value) in message
+
+
+def test_no_such_file(tmp_path: Path) -> None:
+    with pytest.raises(MapError, match=r"nowhere.xodr does not exist; give the path of an OpenDRIVE file"):
+        read_map(tmp_path / "nowhere.xodr")
+    with pytest.raises(MapError, match="is not a regular file"):
+        read_map(tmp_path)
+    with pytest.raises(MapError, match="cannot be read|does not exist"):
+        read_map("a\0b")
+
+
+def test_too_large(tmp_path: Path) -> None:
+    path = tmp_path / "large.xodr"
+    with path.open("wb") as stream:
+        stream.truncate(MAX_BYTES + 1)
+    with pytest.raises(MapError, match="more than the 128 MB that are read"):
+        read_map(path)
+
+
+def test_deep_nesting_is_left_early(tmp_path: Path) -> None:
+    path = tmp_path / "deep.xodr"
+    path.write_bytes(b"<OpenDRIVE>" + b"<a>" * 30_000_000)
+    tracemalloc.start()
+    began = time.perf_counter()
+    with pytest.raises(MapError, match="deeper than 40 levels"):
+        read_map(path)
+    took, (_, peak) = time.perf_counter() - began, tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert took < 2
+    assert peak < 20_000_000
+
+
+@pytest.mark.parametrize("length", ["1e6", "1e11"])
+def test_absurd_lengths(read, length: str) -> None:
+    assert "km long, expected at most 200 km" in refusal(
+        read, opendrive(Layout()).replace('length="120"', f'length="{length}"', 1)
+    )
+
+
+def test_too_many_samples(read) -> None:
+    text = opendrive(Layout()).replace('length="120"', 'length="190000"').replace("<line />", '<arc curvature="0.00001" />')
+    assert "samples" in refusal(
+        read,
+        text.replace(
+            "</OpenDRIVE>", text[text.index("<road") : text.index("<junction")].replace('id="', 'id="x') + "</OpenDRIVE>"
+        ),
+    )
+
+
+def test_links_to_itself(read) -> None:
+    link = '<link><predecessor elementType="road" elementId="0" contactPoint="end"/><successor elementType="road" elementId="0" contactPoint="start"/></link>'
+    text = opendrive(Layout())
+    start = text.index("<link>")
+    (report,) = read(text[:start] + link + text[text.index("</link>") + 7 :]).junctions
+    assert max(report.approach) < 1000
+
+
+@pytest.mark.parametrize("share", [0.01, 0.2, 0.5, 0.9, 0.999])
+def test_truncated_real_files(shared: Path, read, share: float) -> None:
+    for stem in ("sumo_t3", "cubetown", "Town01"):
+        data = (shared / "maps" / f"{stem}.xodr").read_bytes()
+        assert "is cut off" in refusal(read, data[: int(len(data) * share)])
