@@ -58,6 +58,10 @@ class _Builder:
             self.root = element
         self.stack.append(element)
 
+    def data(self, text: str) -> None:
+        if self.stack and self.stack[-1].tag == "geoReference" and not self.skipping:
+            self.stack[-1].text = (self.stack[-1].text or "") + text
+
     def end(self, _tag: str) -> None:
         if self.skipping:
             self.skipping -= 1

@@ -27,6 +27,9 @@ SPACING = 0.5
 JOINT = 0.1
 """Gap between two pieces of a reference line from which on a warning is given [m]."""
 _STRAIGHT_SPACING = 50.0
+_BEND = 0.06
+"""Change of heading from sample to sample from which on curves are sampled finer: chords stay within 5 mm [rad]."""
+_FINEST = 8
 _MERGE = 1e-3
 _KINK = 0.02
 _EPS = 1e-6
@@ -166,8 +169,13 @@ def _reference(road: Road, section: Section, start: float, end: float) -> tuple[
     stations: list[Array] = []
     lines: list[Line] = []
     for shape, low, high in _pieces(road.shapes, start, end):
-        count = 1 if shape.kind == "line" and not curved else math.ceil((high - low) / SPACING)
-        s = np.linspace(low, high, max(count, 1) + 1)
+        count = 1 if shape.kind == "line" and not curved else max(1, math.ceil((high - low) / SPACING))
+        s = np.linspace(low, high, count + 1)
+        if shape.kind != "line":
+            turn = np.diff(evaluate(shape, np.maximum(s - shape.s, 0.0)).heading)
+            bend = float(np.max(np.abs(np.remainder(turn + np.pi, 2 * np.pi) - np.pi)))
+            if bend > _BEND:
+                s = np.linspace(low, high, count * min(math.ceil(bend / _BEND), _FINEST) + 1)
         inside = cuts[(cuts > low) & (cuts < high)]
         if len(inside):
             s = np.unique(np.concatenate((s, inside)))

@@ -1,6 +1,7 @@
 """The algebra of metric graphs: positions, segments, concatenation, rides, distance, roads, junctions, entex."""
 
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -50,7 +51,7 @@ def test_roads_of_a_town(shared: Path) -> None:
         seen += road.segments
         ends = [graph.ends(id) for id in road.segments]
         assert (ends[0][0], ends[-1][1]) == (road.entrance, road.exit)
-        for (_, v), (w, _) in zip(ends, ends[1:], strict=False):
+        for (_, v), (w, _) in pairwise(ends):
             assert v == w
             assert graph.graph.in_degree(v) == graph.graph.out_degree(v) == 1
     assert sorted(seen) == sorted(id for id in graph.segments if graph.segment(id).junction is None)

@@ -1,0 +1,241 @@
+"""From signals to entrances: the policy for signs, lights and stop lines, on one junction with one thing changed."""
+
+from xml.etree.ElementTree import Element, SubElement
+
+import pytest
+
+from pytest_rvads.maps.control import ObjectKind, kind_of
+from pytest_rvads.maps.junction import JunctionControl
+from pytest_rvads.maps.opendrive import Signal
+
+
+def signal(type: str, subtype: str = "-1", *, dynamic: bool = False) -> Signal:
+    return Signal("1", "r", 0.0, 0.0, "+", False, type, subtype, dynamic, (), False)
+
+
+@pytest.mark.parametrize(
+    ("type", "subtype", "dynamic", "kind"),
+    [
+        ("206", "-1", False, ObjectKind.STOP),
+        ("r1", "", False, ObjectKind.STOP),
+        ("r1-1", "", False, ObjectKind.STOP),
+        ("stop", "", False, ObjectKind.STOP),
+        ("r1", "2", False, None),  # R1-2 is the yield sign
+        ("205", "-1", False, None),
+        ("1000001", "-1", True, ObjectKind.LIGHT),
+        ("1000001", "-1", False, None),
+        ("1000011", "10", True, ObjectKind.LIGHT),
+        ("1000020", "-1", True, ObjectKind.LIGHT),
+        ("1000002", "-1", True, None),  # pedestrians
+        ("1000007", "-1", True, None),
+        ("1000013", "-1", True, None),  # bicycles
+        ("", "", True, None),
+        ("²", "", True, None),
+        ("9" * 5000, "", True, None),
+    ],
+)
+def test_kinds(type: str, subtype: str, dynamic: bool, kind: ObjectKind | None) -> None:
+    assert kind_of(signal(type, subtype, dynamic=dynamic)) is kind
+
+
+def road(root: Element, id: str) -> Element:
+    return next(road for road in root.iter("road") if road.get("id") == id)
+
+
+def sign(root: Element, arm: int) -> Element:
+    return road(root, str(arm)).find("signals/signal")
+
+
+def remove_sign(root: Element, arm: int) -> Element:
+    signals = road(root, str(arm)).find("signals")
+    element = signals.find("signal")
+    signals.remove(element)
+    return element
+
+
+def set_validity(element: Element, *lanes: tuple[int, int]) -> None:
+    for old in element.findall("validity"):
+        element.remove(old)
+    for low, high in lanes:
+        SubElement(element, "validity", {"fromLane": str(low), "toLane": str(high)})
+
+
+def control(read, root: Element) -> JunctionControl:
+    return read(root).report("1").control
+
+
+def test_all_entrances_must_agree(read, tree) -> None:
+    root = tree()
+    remove_sign(root, 2)
+    road_map = read(root)
+    assert road_map.report("1").control is JunctionControl.PARTIAL
+    (warning,) = road_map.warnings
+    assert "entrances e2 of junction '1' have no stop sign or light" in warning.message
+
+
+def test_no_signs_no_control(read, tree) -> None:
+    assert control(read, tree(control=JunctionControl.NONE)) is JunctionControl.NONE
+
+
+def test_validity_of_lane_0_is_only_the_pole(read, tree) -> None:
+    root = tree()
+    set_validity(sign(root, 1), (0, 0))
+    assert control(read, root) is JunctionControl.PARTIAL
+
+
+def test_validity_of_other_lanes_is_for_others(read, tree) -> None:
+    root = tree()
+    set_validity(sign(root, 1), (-1, -1))  # the exit lane
+    assert control(read, root) is JunctionControl.PARTIAL
+    set_validity(sign(root, 1), (2, -2))
+    assert control(read, root) is JunctionControl.STOP
+    set_validity(sign(root, 1))
+    assert control(read, root) is JunctionControl.STOP
+
+
+def test_reference_on_a_connecting_road_stands_for_the_entrance(read, tree) -> None:
+    root = tree()
+    element = remove_sign(root, 1)
+    set_validity(element, (0, 0))
+    SubElement(road(root, "1"), "signals").append(element)
+    # Road 107 leads from entrance 1 to exit 3.
+    signals = SubElement(road(root, "107"), "signals")
+    SubElement(signals, "signalReference", {"id": "1", "s": "20", "t": "0", "orientation": "+"})
+    report = read(root).report("1")
+    assert report.control is JunctionControl.STOP
+
+
+def test_far_side_masts_use_their_references(read, tree) -> None:
+    """The signal stands on arm 3, across the junction, and refers to the movements of entrance 1."""
+    root = tree(control=JunctionControl.LIGHTS)
+    element = remove_sign(root, 1)
+    set_validity(element)
+    road(root, "3").find("signals").append(element)
+    remove_sign(root, 3) if road(root, "3").find("signals/signal").get("id") == "3" else None
+    signals = SubElement(road(root, "107"), "signals")
+    SubElement(signals, "signalReference", {"id": "1", "s": "1", "t": "0", "orientation": "+"})
+    report = read(root).report("1")
+    lit = {
+        i for i, arm in enumerate(report.arms) for item in report.objects if item.kind == "light" and item.edge in arm.entrances
+    }
+    assert lit == {0, 1, 2}
+
+
+def test_a_reference_to_nothing_is_a_doubt(read, tree) -> None:
+    root = tree()
+    SubElement(road(root, "1").find("signals"), "signalReference", {"id": "99", "s": "1", "t": "0", "orientation": "+"})
+    road_map = read(root)
+    assert [warning.kind for warning in road_map.warnings] == ["signal"]
+    assert road_map.report("1").control is JunctionControl.STOP
+
+
+@pytest.mark.parametrize(("s", "found"), [("0", True), ("49.9", True), ("51", False), ("119", False)])
+def test_signs_count_near_the_junction_only(read, tree, s: str, found: bool) -> None:
+    root = tree()
+    sign(root, 0).set("s", s)
+    assert (control(read, root) is JunctionControl.STOP) == found
+
+
+def test_lights_above_stop_signs_are_lights(read, tree) -> None:
+    root = tree(control=JunctionControl.LIGHTS)
+    other = tree()
+    for arm in range(4):
+        element = sign(other, arm)
+        element.set("id", f"stop{arm}")
+        road(root, str(arm)).find("signals").append(element)
+    assert control(read, root) is JunctionControl.LIGHTS
+
+
+def lines(root: Element, s: str | None) -> None:
+    """Move all stop lines to station `s`, or take them away."""
+    for arm in range(4):
+        objects = road(root, str(arm)).find("objects")
+        for element in list(objects):
+            element.set("s", s or "0")
+            if s is None:
+                objects.remove(element)
+
+
+@pytest.mark.parametrize(
+    ("line", "sign_at", "setback"), [("4", "2", 4.0), (None, "2", 2.0), ("11", "2", 2.0), ("11", "12", 0.0), (None, "0", 0.0)]
+)
+def test_the_stopping_line(read, tree, line: str | None, sign_at: str, setback: float) -> None:
+    """The stop line within 10 m, else the stop sign within 10 m, else the vertex."""
+    root = tree()
+    lines(root, line)
+    for arm in range(4):
+        sign(root, arm).set("s", sign_at)
+    assert read(root).report("1").setbacks == pytest.approx((setback,) * 4, abs=1e-6)
+
+
+def test_lights_set_no_stopping_line_and_lines_set_no_control(read, tree) -> None:
+    root = tree(control=JunctionControl.LIGHTS, setback=3.0)
+    lines(root, None)
+    assert read(root).report("1").setbacks == (0.0,) * 4
+    root = tree(setback=3.0)
+    for arm in range(4):
+        remove_sign(root, arm)
+    report = read(root).report("1")
+    assert report.control is JunctionControl.NONE
+    assert report.setbacks == pytest.approx((3.0,) * 4, abs=1e-6)
+
+
+def test_stop_line_as_a_signal(read, tree) -> None:
+    root = tree()
+    lines(root, None)
+    attributes = {
+        "id": "l",
+        "name": "Haltlinie",
+        "s": "5",
+        "t": "0",
+        "orientation": "+",
+        "dynamic": "no",
+        "type": "294",
+        "subtype": "-1",
+    }
+    SubElement(road(root, "2").find("signals"), "signal", attributes)
+    assert read(root).report("1").setbacks == pytest.approx((0.0, 0.0, 5.0, 0.0), abs=1e-6)
+
+
+def test_controllers_count_when_their_entrances_are_opposite(read, tree) -> None:
+    def groups(*controllers: tuple[str, ...]) -> tuple[frozenset[int], ...]:
+        root = tree(control=JunctionControl.LIGHTS)
+        for old in root.findall("controller"):
+            root.remove(old)
+        for i, signals in enumerate(controllers):
+            element = SubElement(root, "controller", {"id": f"c{i}"})
+            for signal in signals:
+                SubElement(element, "control", {"signalId": signal})
+        return read(root).report("1").phase_groups
+
+    usual = (frozenset({0, 2}), frozenset({1, 3}))
+    assert groups() == usual
+    assert groups(("0",), ("1",), ("2",), ("3",)) == usual  # one per signal says nothing (CARLA)
+    assert groups(("0", "1", "2", "3")) == usual  # nor does one for all (SUMO)
+    assert groups(("0", "1"), ("2", "3")) == usual  # neighbours cannot have green together
+    assert groups(("1", "3"), ("0",), ("2",)) == (frozenset({0}), frozenset({1, 3}), frozenset({2}))
+
+
+def test_sides_are_assumed_from_the_other_roads(read, tree) -> None:
+    root = tree(left_hand=True)
+    for element in list(root.iter("road"))[4:]:
+        del element.attrib["rule"]
+    road_map = read(root)
+    assert road_map.report("1").usable
+    assert road_map.report("1").left_hand
+    assert [warning.kind for warning in road_map.warnings] == ["side"]
+
+
+def test_a_road_without_rule_keeps_right(read, tree) -> None:
+    root = tree()
+    for element in root.iter("road"):
+        del element.attrib["rule"]
+    road_map = read(root)
+    assert not road_map.report("1").left_hand
+    assert road_map.warnings == ()
+
+
+def test_other_units_are_a_doubt(read, tree) -> None:
+    root = tree()
+    SubElement(root.find("header"), "geoReference").text = "+proj=tmerc +units=us-ft"
+    assert [warning.kind for warning in read(root).warnings] == ["units"]
