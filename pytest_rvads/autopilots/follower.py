@@ -16,8 +16,10 @@ __all__ = ["Follower"]
 _GRAVITY = 9.81
 _GAIN = 4.0
 """Acceleration asked for per speed error [1/s]."""
-_HOLD = 0.5
-"""Brake that keeps a standing vehicle standing."""
+_FIRM = 3.0
+"""Hardest braking for a bend [m/s^2]."""
+_HOLD = 2.5
+"""Brake that ends a stop and keeps the vehicle standing [m/s^2]."""
 STANDING = 0.01
 """A vehicle slower than this stands [m/s]."""
 
@@ -53,8 +55,9 @@ class Follower:
         speed = seen.me.speed
         if target <= 0.0 and speed < 0.3:
             return -math.inf
-        limit = self.track(seen).speed(seen.me.station)
-        return _GAIN * ((limit if limit < target else target) - speed)
+        wanted = _GAIN * (target - speed)
+        bend = _GAIN * (self.track(seen).speed(seen.me.station) - speed)
+        return min(wanted, max(bend, -_FIRM))
 
     def track(self, seen: Observation) -> Track:
         """Return what is known of the way ahead; worked out once."""
@@ -66,13 +69,14 @@ class Follower:
         """Return the control that yields `acceleration` [m/s^2] along the itinerary; -inf holds a standing vehicle."""
         vehicle = seen.vehicle
         speed = seen.me.speed
+        full = vehicle.brake[seen.aggression - 1]
         if acceleration == -math.inf and speed < 0.3:
-            return Control(0.0, _HOLD, self.steer(seen) if speed > STANDING else self._steering)
+            return Control(0.0, min(_HOLD / full, 1.0), self.steer(seen) if speed > STANDING else self._steering)
         needed = acceleration + vehicle.rolling * _GRAVITY + vehicle.drag * speed * speed / vehicle.mass
         if needed >= 0.0:
             throttle, brake = needed / vehicle.drive, 0.0
         else:
-            throttle, brake = 0.0, -needed / vehicle.brake[seen.aggression - 1]
+            throttle, brake = 0.0, -needed / full
         return Control(throttle if throttle < 1.0 else 1.0, brake if brake < 1.0 else 1.0, self.steer(seen))
 
     def steer(self, seen: Observation) -> float:

@@ -45,6 +45,8 @@ class Light:
         if self._owed or not all(_leaves_time(seen, other) for other in prior):
             return False
         mine = (seen.itinerary.entrance, seen.itinerary.exit)
+        if any(_comes_first(seen, mine, other) for other in seen.others):
+            return False
         if any(in_the_way(seen.junction, mine, other) for other in seen.others):
             return False
         return not (exit_blocked(seen) or any(_runs_red(seen, mine, other) for other in seen.others))
@@ -86,6 +88,23 @@ def _leaves_time(seen: Observation, other: VehicleState) -> bool:
         if time_to(found[1].start - other.station, other.speed, EAGER, seen.speed_limit) < leave + MARGIN:
             return False
     return True
+
+
+def _comes_first(seen: Observation, mine: tuple[int, int], other: VehicleState) -> bool:
+    """Return whether `other`, with the same right to go, is nearer to the junction: two left turns may cross each other.
+
+    Both see the same, so exactly one of them waits.
+    """
+    me = seen.me
+    if other.zone is not Zone.APPROACH and other.zone is not Zone.ENTRANCE:
+        return False
+    if (me.entrance, other.entrance) not in seen.junction.opposite or other.turn is not me.turn:
+        return False
+    if (other.station, me.entrance) <= (me.station, other.entrance):
+        return False
+    paths = movements(seen.junction, other.entrance, other.turn)
+    crosses = any(conflict(seen.junction, mine, (m.entrance, m.exit)) is not None for m in paths)
+    return crosses and not _leaves_time(seen, other)
 
 
 def _runs_red(seen: Observation, mine: tuple[int, int], other: VehicleState) -> bool:

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from pytest_rvads.autopilots.follower import Follower
 from pytest_rvads.autopilots.light import Light
-from pytest_rvads.autopilots.spacing import Stopping, behind_leader, clear_of_bodies
+from pytest_rvads.autopilots.spacing import Stopping, behind_leader, clear_of_bodies, clear_of_crossing
 from pytest_rvads.autopilots.stop_sign import StopSign
 from pytest_rvads.maps.junction import JunctionControl
 from pytest_rvads.semantics.states import Control, Observation, Zone
@@ -59,4 +59,6 @@ class Reference(Follower):
                 wanted = min(wanted, self._stopping.acceleration(seen))
         if seen.others and wanted > -math.inf:
             wanted = min(wanted, behind_leader(seen), clear_of_bodies(seen, self.track(seen)))
+            if zone is Zone.JUNCTION:
+                wanted = min(wanted, clear_of_crossing(seen))
         return self.drive(seen, wanted)

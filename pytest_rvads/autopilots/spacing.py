@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from pytest_rvads.autopilots.conflicts import movements
+from pytest_rvads.autopilots.conflicts import conflict, movements
 from pytest_rvads.autopilots.track import Track
 from pytest_rvads.semantics.states import Observation, VehicleState, Zone
 
-__all__ = ["COMFORT", "FIRM", "LAST_STOP", "STAND_OFF", "Stopping", "behind_leader", "can_stop", "clear_of_bodies", "time_to"]
+__all__ = ["COMFORT", "FIRM", "LAST_STOP", "STAND_OFF", "Stopping", "behind_leader", "can_stop", "clear_of_bodies", "clear_of_crossing", "time_to"]
 
 STAND_OFF = 0.35
 """Where to stop before the stopping line [m]: well inside the entrance zone."""
@@ -24,6 +24,8 @@ REACTION = 0.5
 """Time in which a speed error is corrected when following [s]."""
 FOLLOW = 3.0
 """Deceleration counted on when following [m/s^2]."""
+BEFORE = 0.5
+"""Where to let a crossing vehicle pass, before the place where the movements meet [m]."""
 SIDE = 0.35
 """Room to the side of the own body that must be free [m]."""
 
@@ -81,6 +83,30 @@ def behind_leader(seen: Observation) -> float:
     return least
 
 
+def clear_of_crossing(seen: Observation) -> float:
+    """Return the acceleration [m/s^2] that lets a crossing vehicle pass which is first at the place; inf if none is.
+
+    Both in the junction already: whoever comes to the common place later stops before it. Who drives into the same exit is
+    followed instead.
+    """
+    me, itinerary = seen.me, seen.itinerary
+    least = math.inf
+    for other in seen.others:
+        if other.zone is not Zone.JUNCTION:
+            continue
+        for movement in movements(seen.junction, other.entrance, other.turn):
+            if movement.exit == itinerary.exit:
+                continue
+            found = conflict(seen.junction, (itinerary.entrance, itinerary.exit), (movement.entrance, movement.exit))
+            if found is None or me.station >= found[0].start or other.station - other.length >= found[1].end:
+                continue
+            mine = (found[0].start - me.station) / max(me.speed, 1.0)
+            theirs = max(found[1].start - other.station, 0.0) / max(other.speed, 1.0)
+            if (theirs, other.entrance) < (mine, me.entrance):
+                least = min(least, _stop_before(me.speed, found[0].start - BEFORE - me.station))
+    return least
+
+
 def clear_of_bodies(seen: Observation, track: Track) -> float:
     """Return the acceleration [m/s^2] that stops before a body that is in the way on `track`; inf if none is."""
     me = seen.me
@@ -108,6 +134,14 @@ def time_to(distance: float, speed: float, acceleration: float, limit: float) ->
     if distance <= ramp:
         return (math.sqrt(speed * speed + 2.0 * acceleration * distance) - speed) / acceleration
     return (limit - speed) / acceleration + (distance - ramp) / limit
+
+
+def _stop_before(speed: float, distance: float) -> float:
+    """Return the acceleration of an even stop after `distance` [m]; inf while it is too early to brake."""
+    if distance < 0.1 and speed < 0.3:
+        return -math.inf
+    needed = speed * speed / (2.0 * max(distance, 0.1))
+    return -needed if needed > COMFORT / 2.0 else math.inf
 
 
 def _follow(speed: float, gap: float, leader: float) -> float:

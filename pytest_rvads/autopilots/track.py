@@ -27,10 +27,12 @@ class Track:
     def __init__(self, itinerary: Itinerary, axle: float) -> None:
         self._first = max(-itinerary.origin, -_BEFORE)
         count = max(math.ceil(itinerary.end - self._first), 1)
-        poses = [itinerary.pose(self._first + k) for k in range(-2, count + 3)]
-        self._places = [(x, y) for x, y, _ in poses[2:-2]]
-        # Curvature over four metres, so that the corners of a polyline do not count as bends of their own.
-        changes = [(b.heading - a.heading + math.pi) % (2 * math.pi) - math.pi for a, b in zip(poses, poses[4:], strict=False)]
+        poses = [itinerary.pose(self._first + k) for k in range(-3, count + 4)]
+        self._places = [(x, y) for x, y, _ in poses[3:-3]]
+        # Chords of two metres, four metres apart: neither the corners of a polyline nor a joint where one lane begins a
+        # little before the other ends counts as a bend.
+        headings = [math.atan2(b.y - a.y, b.x - a.x) for a, b in zip(poses, poses[2:], strict=False)]
+        changes = [(b - a + math.pi) % (2 * math.pi) - math.pi for a, b in zip(headings, headings[4:], strict=False)]
         raw = [math.sqrt(BEND * 4.0 / abs(change)) if abs(change) > 1e-3 else math.inf for change in changes]
         trail = math.ceil(axle)
         limits = [min(raw[max(k - trail, 0) : k + 1]) for k in range(len(raw))]

@@ -15,11 +15,15 @@ from pytest_rvads.semantics.vehicle import Vehicle
 __all__ = ["MAX_OFFSET", "MAX_SPEED", "Body", "OffRoute", "start"]
 
 MAX_OFFSET = 3.0
-"""A vehicle this far to the side of its itinerary is off its route [m]: nearly a lane width."""
+"""A vehicle whose front and rear axle are this far to the side of its itinerary is off its route [m]: nearly a lane width."""
 MAX_SPEED = 70.0
 """No vehicle here gets this fast by itself; one that does was thrown away [m/s]."""
-_WINDOW = 0.5
-"""How far around the last station the next one is looked for [m]; MAX_SPEED times the step is more than covered."""
+_WINDOW = 0.75
+"""How far around the last station the next one is looked for [m]: more than MAX_SPEED times the step."""
+_AXLE_WINDOW = 5.0
+"""Likewise around the place where the rear axle should be [m]."""
+_ROLLING_BACK = 0.01
+"""A vehicle faster than this backwards really moves backwards, as after a collision [m/s]."""
 
 
 class OffRoute(Halt):
@@ -46,6 +50,7 @@ class Body:
         self._path, self._origin = itinerary.path, itinerary.origin
         self._along = station + itinerary.origin
         self._ahead = vehicle.gravity_offset
+        self._axle = vehicle.rear_axle_offset
         self._length, self._width = vehicle.length, vehicle.width
         self._speed = math.nan
 
@@ -64,7 +69,10 @@ class Body:
         speed = vx * cos + vy * sin
         # Comparisons with NaN are false, so this also catches a motion that is not finite.
         if not (-MAX_OFFSET <= offset <= MAX_OFFSET and vx * vx + vy * vy < MAX_SPEED * MAX_SPEED):
-            raise OffRoute(self.agent.name, self._complaint(motion, offset))
+            self._check(motion, offset)
+        if along < self._along and speed > -_ROLLING_BACK:
+            # Where lanes overlap at a joint, the nearest point may jump back; a vehicle that moves on does not.
+            along = self._along
         self._along = along
         change = (speed - self._speed) / DT
         self._speed = speed
@@ -85,13 +93,21 @@ class Body:
             self._width,
         )
 
-    def _complaint(self, motion: Motion, offset: float) -> str:
+    def _check(self, motion: Motion, offset: float) -> None:
+        """Say what is wrong with a motion; a front that swings out of a narrow bend is not, if the rear axle follows."""
         name = self.agent.name
         if not all(map(math.isfinite, motion)):
-            return f"the motion of {name} is no longer finite: {tuple(motion)}"
-        if abs(offset) > MAX_OFFSET:
-            return f"{name} is off its route: {abs(offset):.1f} m beside its itinerary, at most {MAX_OFFSET:g} m are allowed"
-        return f"{name} was thrown away: it moves at {math.hypot(motion.vx, motion.vy):.0f} m/s"
+            raise OffRoute(name, f"the motion of {name} is no longer finite: {tuple(motion)}")
+        speed = math.hypot(motion.vx, motion.vy)
+        if speed >= MAX_SPEED:
+            raise OffRoute(name, f"{name} was thrown away: it moves at {speed:.0f} m/s")
+        behind = self._axle - self._ahead
+        x, y = motion.x - behind * self.cos, motion.y - behind * self.sin
+        _, axle = self._path.project(x, y, self._along - self._axle, _AXLE_WINDOW)
+        if abs(axle) > MAX_OFFSET:
+            raise OffRoute(
+                name, f"{name} is off its route: {abs(offset):.1f} m beside its itinerary, at most {MAX_OFFSET:g} m are allowed"
+            )
 
 
 def start(itinerary: Itinerary, station: float, speed: float, vehicle: Vehicle) -> Motion:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from itertools import pairwise
 
 from pytest_rvads.errors import RunError, ScenarioError
 from pytest_rvads.physics.dynamics import Dynamics
@@ -123,7 +124,7 @@ def _vmax(distance: float, aggression: int, vehicle: Vehicle) -> float | None:
 
     found = greatest_safe(safe, SPEED_LIMIT)
     speeds = sorted(tried)
-    for slow, fast in zip(speeds, speeds[1:], strict=False):
+    for slow, fast in pairwise(speeds):
         if tried[slow] > tried[fast]:
             raise RunError(
                 f"v(d)max can't be bisected at aggression {aggression}: the vehicle needs {tried[slow]:.3f} m to stop from "
