@@ -151,7 +151,9 @@ class _Attacher:
         def meant(edge: Edge) -> bool:
             if not ranges:
                 return True
-            return any(i == section and any(low <= lane <= high for low, high in ranges) for i, lane in edge.lanes)
+            # A lane that forks off after the signal has no number beside it; there the number at its end counts.
+            here = [lane for i, lane in edge.lanes if i == section] or [edge.lanes[-1][1]]
+            return any(low <= here[0] <= high for low, high in ranges)
 
         if road.junction is not None and road.junction in self.document.junctions:
             return [(road.junction, id) for edge in self.by_road[road.id] if meant(edge) for id in self._upstream(edge)]

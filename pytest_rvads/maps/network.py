@@ -1,9 +1,9 @@
 """The lanes of a map as a directed graph: one edge per lane and road, linked where traffic can go on.
 
-Travel is along the reference line iff (lane id < 0) xor left-hand traffic. Links come from lane links inside a
-road, from road links between roads, and for junctions from the connection table united with the links of the
-connecting roads themselves, because each alone lists only half of the movements in some writers' files. A link
-whose lane drives out through the contact point is dropped.
+Travel is along the reference line iff (lane id < 0) xor left-hand traffic (xor a reversed lane, since 1.8).
+Links come from lane links inside a road, from road links between roads, and for junctions from the connection
+table united with the links of the connecting roads themselves, because each alone lists only half of the
+movements in some writers' files. A link whose lane drives out through the contact point is dropped.
 """
 
 from __future__ import annotations
@@ -204,16 +204,16 @@ class _Builder:
                 (a, b) for b in lines[i + 1] for a in two[b].predecessors
             ]
             for a, b in pairs:
-                if a in lines[i] and b in lines[i + 1] and self._forward(road.id, a) == self._forward(road.id, b):
-                    found[((i, a), (i + 1, b)) if self._forward(road.id, a) else ((i + 1, b), (i, a))] = None
+                if a in lines[i] and b in lines[i + 1] and self._forward(road, i, a) == self._forward(road, i + 1, b):
+                    found[((i, a), (i + 1, b)) if self._forward(road, i, a) else ((i + 1, b), (i, a))] = None
         return list(found)
 
-    def _forward(self, road: str, lane: int) -> bool:
-        return (lane < 0) != self.left_hand[road]
+    def _forward(self, road: Road, section: int, lane: int) -> bool:
+        return ((lane < 0) != self.left_hand[road.id]) != road.sections[section].lanes[lane].reversed
 
     def _edge(self, road: Road, chain: list[tuple[int, int]], lines: list[dict[int, LaneLine]]) -> Edge | None:
         parts = [lines[i][lane] for i, lane in chain]
-        forward = self._forward(road.id, chain[0][1])
+        forward = self._forward(road, *chain[0])
         step = 1 if forward else -1
         points = np.vstack([part.points[::step] for part in parts])
         s = np.concatenate([part.s[::step] for part in parts])

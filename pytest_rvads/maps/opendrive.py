@@ -6,7 +6,7 @@ Follows ASAM OpenDRIVE 1.4 to 1.8. Ids are strings, elements may stand in any or
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
@@ -29,7 +29,7 @@ __all__ = [
     "read",
 ]
 
-DRIVABLE = frozenset({"driving", "entry", "exit", "onramp", "offramp", "connectingramp"})
+DRIVABLE = frozenset({"driving", "entry", "exit", "onramp", "offramp", "connectingramp", "sliplane"})
 """Lane types (in lower case) that vehicles drive on."""
 _STOP_LINE = ("stopline", "stop_line", "stop line", "haltlinie", "holdingline")
 _SHAPES = ("line", "arc", "spiral", "poly3", "paramPoly3")
@@ -73,6 +73,8 @@ class Lane(NamedTuple):
     """Outer border relative to the reference line, used where there are no widths."""
     predecessors: tuple[int, ...]
     successors: tuple[int, ...]
+    reversed: bool = False
+    """True where traffic runs against the usual direction of the lane (OpenDRIVE 1.8)."""
 
     @property
     def drivable(self) -> bool:
@@ -199,8 +201,20 @@ def read(path: str | os.PathLike[str]) -> Document:
         element.get("id", ""): tuple(control.get("signalId", "") for control in element.findall("control"))
         for element in root.findall("controller")
     }
+    _adopt(roads, junctions, warnings)
     _header(root.find("header"), warnings)
     return Document(str(path), roads, junctions, controllers, tuple(warnings))
+
+
+def _adopt(roads: dict[str, Road], junctions: dict[str, JunctionRecord], warnings: list[MapWarning]) -> None:
+    """Put connecting roads into their junction where the road itself says it lies outside of any."""
+    for junction in junctions.values():
+        for row in junction.connections if junction.type in ("default", "") else ():
+            road = roads.get(row.connecting)
+            if road is not None and road.junction is None:
+                roads[road.id] = replace(road, junction=junction.id)
+                message = f"road {road.id!r} connects roads in junction {junction.id!r} but does not say that it lies in it"
+                warnings.append(MapWarning(Doubt.TABLE, message, road.id, junction.id))
 
 
 def _header(header: Element | None, warnings: list[MapWarning]) -> None:
@@ -286,10 +300,10 @@ def _sections(lanes: Element, place: str) -> tuple[Section, ...]:
             for lane in element.iterfind(f"{side}/lane"):
                 id = integer(lane, "id", place)
                 link = lane.find("link")
-                ends = [
+                before, after = (
                     () if link is None else tuple(integer(e, "id", place) for e in link.iterfind(tag))
                     for tag in ("predecessor", "successor")
-                ]
+                )
                 if id in table:
                     raise MapError(f"{place}: a lane section has two lanes with id {id}")
                 table[id] = Lane(
@@ -297,7 +311,9 @@ def _sections(lanes: Element, place: str) -> tuple[Section, ...]:
                     lane.get("type", "none").lower(),
                     _cubics(lane, "width", "sOffset", place),
                     _cubics(lane, "border", "sOffset", place),
-                    *ends,
+                    before,
+                    after,
+                    reversed=lane.get("direction") == "reversed",
                 )
         found.append(Section(number(element, "s", place), table))
     found.sort(key=lambda section: section.s)

@@ -211,7 +211,7 @@ def _describe(report: JunctionReport) -> dict[str, Any]:
         "ways": report.ways,
         "control": report.control.value,
         "usable": report.usable,
-        "reason": report.reason,
+        "reason": None if report.reason is None else f"{report.reason[0].upper()}{report.reason[1:]}.",
         "entrances": [f"e{i}" for i in entrances],
         "movements": [
             {"entrance": way.entrance, "exit": way.exit, "turn": way.turn.value, "length": round(way.length, 4)}

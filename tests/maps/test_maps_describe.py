@@ -1,6 +1,7 @@
 """The JSON object of ``rvads map FILE --json``."""
 
 import json
+from xml.etree import ElementTree
 
 from pytest_rvads.maps.builtin import path_of
 from pytest_rvads.maps.road_map import describe, read_map
@@ -51,7 +52,7 @@ def test_unusable_junctions_keep_ways_and_control(read) -> None:
     (junction,) = describe(road_map)["junctions"]
     assert (junction["ways"], junction["control"], junction["usable"]) == (4, "stop", False)
     assert (
-        junction["reason"] == "arm 0 (road '0') is one-way and has no exit lane, expected one entrance and one exit lane per arm"
+        junction["reason"] == "Arm 0 (road '0') is one-way and has no exit lane, expected one entrance and one exit lane per arm."
     )
     assert {(m["entrance"], m["exit"]) for m in junction["movements"]} == {(i, k) for i in range(4) for k in (1, 2, 3) if i != k}
 
@@ -63,3 +64,43 @@ def test_connecting_roads_complete_the_table(read, tree) -> None:
         junction.remove(row)
     (found,) = read(root).junctions
     assert found.usable
+
+
+def test_connecting_roads_that_do_not_name_their_junction(read) -> None:
+    road_map = read(opendrive(Layout()).replace('junction="1" rule', 'junction="-1" rule'))
+    (found,) = road_map.junctions
+    assert found.usable
+    assert {warning.kind for warning in road_map.warnings} == {"table"}
+
+
+def test_reversed_lanes(read, tree) -> None:
+    """A one-way road whose two lanes both lead away: the arm has no entrance left."""
+    root = tree()
+    lane = root.find("road/lanes/laneSection/left/lane")
+    lane.set("direction", "reversed")
+    (found,) = read(root).junctions
+    assert found.reason is not None
+    assert "arm 0 (road '0') is one-way and has no entrance lane" in found.reason
+
+
+def test_dual_carriageways_are_one_arm(read, tree) -> None:
+    """An arm of two one-way roads side by side is one arm, with entrance and exit (the paper's entex)."""
+    root = tree(lane_offset=4.6)
+    arm = root.find("road")
+    twin = ElementTree.fromstring(ElementTree.tostring(arm))
+    twin.set("id", "50")
+    for road, side in ((arm, "right"), (twin, "left")):
+        for section in road.iter("laneSection"):
+            section.remove(section.find(side))
+    twin.remove(twin.find("objects"))
+    twin.remove(twin.find("signals"))
+    root.insert(1, twin)
+    # Movements to exit 0 now end on the twin.
+    for road in root.iter("road"):
+        link = road.find("link/successor")
+        if link is not None and link.get("elementType") == "road" and link.get("elementId") == "0":
+            link.set("elementId", "50")
+    (found,) = read(root).junctions
+    assert found.usable, found.reason
+    assert found.arms[0].ends == (("0", "start"), ("50", "start"))
+    assert found.right_of == read(tree(lane_offset=4.6)).junctions[0].right_of
