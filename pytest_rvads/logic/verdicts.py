@@ -1,0 +1,149 @@
+"""Verdicts: what a rule says about a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from pytest_rvads.errors import RunError
+
+__all__ = ["InstanceVerdict", "NearMiss", "Status", "Verdict"]
+
+
+class Status(StrEnum):
+    """The outcome of judging a run by a rule."""
+
+    PASS = "PASS"
+    """Triggered, and every obligation discharged."""
+    FAIL = "FAIL"
+    """Violated, whatever would have followed."""
+    OPEN = "OPEN"
+    """An obligation was still open when the run ended."""
+    NA = "NA"
+    """The rule is about something else, or was never triggered."""
+    ERROR = "ERROR"
+    """The run can't be judged: it is empty, damaged, or ended by a fault."""
+
+
+@dataclass(frozen=True, slots=True)
+class InstanceVerdict:
+    """What one instance of a rule says; symmetric instances are one."""
+
+    binding: tuple[tuple[str, str], ...]
+    """Variables of the rule and the names they stand for."""
+    status: Status
+    responsible: tuple[str, ...] = ()
+    """The vehicles bound to act, when violated or open."""
+    trigger: int | None = None
+    """Tick since which the obligation exists that was violated, is open, or was discharged first."""
+    failed: int | None = None
+    """Tick at which no continuation could repair it any more."""
+    broken: tuple[str, ...] = ()
+    """What was not as it had to be, in that tick."""
+    margin: float | None = None
+    """How long before it was allowed the bound vehicle acted, negative when it waited; seconds of overlap where two
+    must never be together [s]. None where one of the two events is missing."""
+
+    def record(self, dt: float) -> dict[str, Any]:
+        """Return builtins, with times [s] instead of ticks."""
+        return {
+            "binding": dict(self.binding),
+            "status": self.status.value,
+            "responsible": list(self.responsible),
+            "trigger": None if self.trigger is None else round(self.trigger * dt, 9),
+            "failed": None if self.failed is None else round(self.failed * dt, 9),
+            "broken": list(self.broken),
+            "margin": self.margin,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class NearMiss:
+    """The step in which a rule that never applied came closest to applying."""
+
+    binding: tuple[tuple[str, str], ...]
+    tick: int
+    missing: tuple[str, ...]
+    """Conjuncts of the premise that were false then."""
+    steps: int
+    """How many steps were as close as this one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The verdict of one rule on one run.
+
+    Its truth value is that of "the run satisfies the rule"; an NA verdict has none and refuses.
+    """
+
+    rule: str
+    status: Status
+    message: str
+    """One line: rule, time, what happened."""
+    reason: str = ""
+    """Of NA and ERROR, the same words for the same cause."""
+    final: bool = False
+    """True when no continuation of the run could change the status."""
+    time: float | None = None
+    """Of the earliest violation, or since when the obligation is open [s]."""
+    counts: Mapping[str, int] = field(default_factory=dict)
+    """Instances by outcome: fail, open, pass, "not triggered"."""
+    collapsed: int = 0
+    """Instances that what is static makes true; they are in no count."""
+    instances: tuple[InstanceVerdict, ...] = ()
+    """The worst first, the earliest of them first."""
+    near: NearMiss | None = None
+    cause: str = ""
+    """What was violated, the same words for the same violation among other vehicles: groups failures."""
+    notes: tuple[str, ...] = ()
+    """What else should be known: that no run could pass, that a tie window decides."""
+    explanation: str = ""
+    """A block of text: the rule, the instance, the states before and after, who had to act and since when."""
+    requirement: str | None = None
+    dt: float = 0.01
+    """Time between two states [s]."""
+
+    def __bool__(self) -> bool:
+        if self.status is Status.NA:
+            raise RunError(
+                f"the verdict of {self.rule} is NA ({self.reason}), neither true nor false: "
+                "ask for verdict.status, or choose a scenario to which the rule applies"
+            )
+        if self.status is Status.ERROR:
+            raise RunError(
+                f"the run could not be judged by {self.rule} ({self.reason}), so the verdict is neither true nor false"
+            )
+        return self.status is Status.PASS
+
+    @property
+    def responsible(self) -> tuple[str, ...]:
+        """The vehicles responsible for violated or open instances, the earliest first, each once."""
+        worst = [i for i in self.instances if i.status is self.status and self.status in (Status.FAIL, Status.OPEN)]
+        return tuple(dict.fromkeys(name for i in worst for name in i.responsible))
+
+    def record(self) -> dict[str, Any]:
+        """Return the verdict as builtins."""
+        return {
+            "rule": self.rule,
+            "status": self.status.value,
+            "message": self.message,
+            "reason": self.reason,
+            "final": self.final,
+            "time": self.time,
+            "counts": dict(self.counts),
+            "collapsed": self.collapsed,
+            "responsible": list(self.responsible),
+            "instances": [i.record(self.dt) for i in self.instances],
+            "near": self.near
+            and {
+                "binding": dict(self.near.binding),
+                "time": round(self.near.tick * self.dt, 9),
+                "missing": list(self.near.missing),
+                "steps": self.near.steps,
+            },
+            "cause": self.cause,
+            "notes": list(self.notes),
+            "requirement": self.requirement,
+        }
