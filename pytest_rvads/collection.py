@@ -187,7 +187,10 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
         aggression=ask["aggression"],
         wait=ask["wait"],
     )
-    rules: Sequence[Rule | None] = rules_for(ask["rules"], junction.control) if "rule" in metafunc.fixturenames else [None]
+    rules: Sequence[Rule | None] = [None]
+    if "rule" in metafunc.fixturenames:
+        # Where a rulebook has nothing to say about this kind of junction, its rules run and give NA with their reason.
+        rules = rules_for(ask["rules"], junction.control) or rules_for(ask["rules"])
     rows, points = selection.count(), len(selection.configurations)
     if rows * points * len(rules) > options.max_items:
         raise ScenarioError(

@@ -74,6 +74,10 @@ class OpenObligation(RuleViolation):
     """An obligation of the rule was still open when the run ended (status OPEN)."""
 
 
+for _public in (RuleViolation, OpenObligation):
+    _public.__module__ = "pytest_rvads"  # where users find them, and what pytest shows
+
+
 def suggest(word: str, choices: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the choice nearest to `word`, or an empty string."""
     near = difflib.get_close_matches(word, list(choices), n=1, cutoff=0.5)

@@ -4,7 +4,13 @@ from pathlib import Path
 
 import pytest
 
+import pytest_rvads
+
 pytest_plugins = ["pytester"]
+
+# Inner sessions of pytester forget the modules they load, and modules in C can be loaded only once per process.
+for _name in pytest_rvads.__all__:
+    getattr(pytest_rvads, _name)
 
 
 @pytest.fixture(scope="session")

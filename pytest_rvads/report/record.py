@@ -12,16 +12,17 @@ Record = dict[str, Any]
 _WORST = ("ERROR", "FAIL", "OPEN", "PASS", "NA")
 
 
-def cell_record(nodeid: str, test: str, keys: dict[str, str | int], ways: int) -> Record:
+def cell_record(nodeid: str, line: int, test: str, keys: dict[str, str | int], ways: int) -> Record:
     """Start the record of an item.
 
     Args:
         nodeid: of the item.
+        line: of the test function in its file.
         test: name of the test function.
         keys: what selects the cell: junction, cls, scenario, cfg, rotation, and seat, rule where there is one.
         ways: number of entrances of the junction.
     """
-    return {"nodeid": nodeid, "test": test, "ways": ways, "seat": None, "rule": None, **keys}
+    return {"nodeid": nodeid, "line": line, "test": test, "ways": ways, "seat": None, "rule": None, **keys}
 
 
 def conclude(record: Record, verdicts: Sequence[Record], when: str, outcome: str, known: str | None, text: str) -> None:

@@ -31,20 +31,21 @@ def summary(records: Sequence[Record], totals: dict[int, tuple[int, int]], *, co
     out = io.StringIO()
     console = Console(file=out, force_terminal=colour, no_color=not colour, width=width, highlight=False, legacy_windows=False)
     for matrix in matrices(records):
-        console.print(_table(matrix, unicode))
+        console.print(Text(matrix.title, style="bold"), soft_wrap=True)
+        console.print(_table(matrix, unicode), "")
     groups = causes(records)
     if groups:
         console.print("causes of failures")
         for cause in groups:
-            console.print(Text(f"  {cause.count:4d} x {cause.rule}: {cause.text}"))
+            console.print(Text(f"  {cause.count:4d} x {cause.rule}: {cause.text}"), soft_wrap=True)
             console.print(Text(f'         first: pytest "{cause.example}"'), soft_wrap=True)
     for line in coverage(records, totals):
-        console.print(Text(line))
+        console.print(Text(line), soft_wrap=True)
     return out.getvalue()
 
 
 def _table(matrix: Matrix, unicode: bool) -> Table:
-    table = Table(title=matrix.title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD if unicode else box.ASCII2)
+    table = Table(box=box.SIMPLE_HEAD if unicode else box.ASCII2, show_edge=False)
     table.add_column("class")
     previous = None
     for configuration, rule in matrix.columns:

@@ -44,7 +44,7 @@ class Fault:
     """One sentence naming autopilot or plant and what went wrong."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run:
     """A run of the system: states every `dt` seconds, as arrays with one row per state.
 
@@ -74,6 +74,9 @@ class Run:
     fault: Fault | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
     """Where the run comes from, as builtins: the scenario's fields, autopilot, versions."""
+
+    def __repr__(self) -> str:
+        return f"<Run {self.label}: {len(self.agents)} vehicles, {self.duration:.2f} s>"
 
     @property
     def steps(self) -> int:

@@ -10,6 +10,7 @@ def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing of the developer's environment reaches the inner session."""
     for name in ("RVADS_MAP", "PYTEST_ADDOPTS", "GITHUB_STEP_SUMMARY"):
         monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("COLUMNS", "200")
 
 
 @pytest.fixture

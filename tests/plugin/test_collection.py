@@ -118,7 +118,7 @@ def test_marks_stack_and_the_nearest_level_counts(pytester: pytest.Pytester, ids
             "test_module[stop3-class01-as111-cfgC]",
             "TestClass::test_class[stop4-class02-as1112-cfgC]",
             *(
-                f"TestClass::test_function[{x}-{scenario}]"
+                f"TestClass::test_function[{scenario}-{x}]"
                 for x in "ab"
                 for scenario in ("light3-class04-as222-cfgH", "light4-class03-as1113-cfgH")
             ),

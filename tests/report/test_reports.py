@@ -19,7 +19,7 @@ def record(
     cls: int, cfg: str, rule: str, status: str, *, known: str | None = None, scenario: str = "1111", cause: str = "both in"
 ) -> Any:
     keys = {"junction": "stop4", "cls": cls, "scenario": scenario, "cfg": cfg, "rotation": 0, "rule": rule}
-    made = cell_record(f"t.py::test[{cls}-{scenario}-{cfg}-{rule}]", "test", keys, 4)
+    made = cell_record(f"t.py::test[{cls}-{scenario}-{cfg}-{rule}]", 3, "test", keys, 4)
     outcome = "skipped" if status == "NA" or known else "passed" if status == "PASS" else "failed"
     conclude(made, [{"status": status, "cause": cause}], "call", outcome, known, f"{rule} at t=1.00 s")
     return made
@@ -60,7 +60,7 @@ def test_coverage_counts_what_was_exercised() -> None:
 
 def test_an_item_that_never_ran_is_an_error_or_not_run() -> None:
     keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0}
-    broken, skipped = cell_record("a", "t", keys, 4), cell_record("b", "t", keys, 4)
+    broken, skipped = cell_record("a", 1, "t", keys, 4), cell_record("b", 2, "t", keys, 4)
     conclude(broken, [], "setup", "failed", None, "autopilot raised")
     conclude(skipped, [], "setup", "skipped", None, "")
     assert (broken["status"], skipped["status"]) == ("ERROR", "NOT RUN")
