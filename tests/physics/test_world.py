@@ -1,0 +1,114 @@
+"""The world: free bodies move exactly, collisions are seen in time and keep momentum, worlds do not meet."""
+
+import subprocess
+import sys
+
+import pytest
+
+from pytest_rvads.errors import RunError
+from pytest_rvads.physics.world import BulletWorld, Motion
+from pytest_rvads.semantics.run import DT
+from pytest_rvads.semantics.vehicle import Vehicle
+
+CAR = Vehicle()
+
+
+def at(x: float, y: float = 0.0, vx: float = 0.0, yaw: float = 0.0) -> Motion:
+    return Motion(x, y, yaw, vx, 0.0, 0.0)
+
+
+def test_free_bodies_neither_slow_down_nor_fall() -> None:
+    world = BulletWorld(CAR, [at(0, 0, 10.0), at(0, 50, 3.0, yaw=1.0)])
+    for _ in range(1000):
+        world.step([0.0] * 6)
+    one, two = world.motions()
+    world.close()
+    assert one == pytest.approx((100.0, 0.0, 0.0, 10.0, 0.0, 0.0), abs=1e-9)
+    assert two == pytest.approx((30.0, 50.0, 1.0, 3.0, 0.0, 0.0), abs=1e-9)
+
+
+def test_forces_accelerate_by_mass_and_moments_by_inertia() -> None:
+    world = BulletWorld(CAR, [at(0, 0), at(0, 50)])
+    for _ in range(100):
+        world.step([0.0, CAR.mass, 0.0, 0.0, 0.0, CAR.yaw_inertia])
+    pushed, turned = world.motions()
+    world.close()
+    # After n steps of semi-implicit integration x = a dt^2 n (n + 1) / 2.
+    assert (pushed.vy, pushed.y) == pytest.approx((1.0, 0.505), rel=1e-6)
+    assert (turned.yaw_rate, turned.yaw) == pytest.approx((1.0, 0.505), rel=1e-6)
+    assert (turned.x, turned.y) == (0.0, 50.0)
+
+
+def test_a_rear_end_hit_is_seen_when_it_happens_and_keeps_momentum() -> None:
+    gap = 7.03
+    world = BulletWorld(CAR, [at(0, 0, 10.0), at(gap + CAR.length)])
+    step, touched = 0, []
+    while not touched:
+        before = world.motions()
+        world.step([0.0] * 6)
+        touched = world.contacts()
+        step += 1
+    one, two = world.motions()
+    world.close()
+    assert touched == [(0, 1)]
+    assert gap / 10.0 <= (step - 1) * DT < gap / 10.0 + DT, "in the first state in which the bodies overlap"
+    assert (before[0].vx, before[1].vx) == (10.0, 0.0), "reported in the step in which it begins"
+    assert one.vx + two.vx == pytest.approx(10.0, rel=1e-6)
+
+
+def test_the_body_reaches_from_the_front_bumper_backwards() -> None:
+    reach = CAR.gravity_offset
+    for gap, expected in ((0.01, []), (-0.01, [(0, 1)])):
+        # Nose to nose: the reference points are `gap` apart.
+        world = BulletWorld(CAR, [at(-reach), Motion(gap + reach, 0.0, 3.141592653589793, 0.0, 0.0, 0.0)])
+        assert world.contacts() == expected
+        world.close()
+    back = CAR.length - reach
+    for gap, expected in ((0.01, []), (-0.01, [(0, 1)])):
+        world = BulletWorld(CAR, [at(back), Motion(-gap - back, 0.0, 3.141592653589793, 0.0, 0.0, 0.0)])
+        assert world.contacts() == expected
+        world.close()
+
+
+def test_a_removed_body_touches_nothing_and_stands() -> None:
+    world = BulletWorld(CAR, [at(0, 0, 10.0), at(10)])
+    world.remove(1)
+    for _ in range(200):
+        world.step([0.0] * 6)
+        assert world.contacts() == []
+    one, two = world.motions()
+    world.close()
+    assert one.x == pytest.approx(20.0)
+    assert two.x == 10.0
+
+
+def test_worlds_may_be_open_side_by_side() -> None:
+    one = BulletWorld(CAR, [at(0, 0, 1.0)])
+    two = BulletWorld(CAR, [at(0, 0, 2.0)])
+    for _ in range(100):
+        one.step([0.0] * 3)
+        two.step([0.0] * 3)
+    assert (one.motions()[0].x, two.motions()[0].x) == pytest.approx((1.0, 2.0))
+    one.close()
+    two.close()
+
+
+def test_a_closed_world_says_so() -> None:
+    world = BulletWorld(CAR, [at(0)])
+    world.close()
+    with pytest.raises(RunError, match="closed"):
+        world.motions()
+
+
+def test_pybullet_is_imported_late_and_in_silence() -> None:
+    code = (
+        "import sys, pytest_rvads.physics.simulation\n"
+        "from pytest_rvads.physics.world import BulletWorld, Motion\n"
+        "from pytest_rvads.semantics.vehicle import Vehicle\n"
+        "print('pybullet' in sys.modules)\n"
+        "BulletWorld(Vehicle(), [Motion(0, 0, 0, 0, 0, 0)]).close()\n"
+        "print('after', file=sys.stderr)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+    assert done.stderr == "after\n"
