@@ -1,6 +1,7 @@
 """The plant: closed forms of straight driving, braking and cornering, and exact stand-still."""
 
 import math
+from itertools import pairwise
 
 import pytest
 from hypothesis import given, settings
@@ -86,7 +87,7 @@ def test_steady_circle_has_the_yaw_rate_of_the_linear_single_track_model(speed: 
 def test_tyres_never_give_more_than_friction() -> None:
     vehicle = Vehicle(drag=1e-9)
     motions = drive(vehicle, 20.0, 3.0, brake=0.6, steering=0.5)
-    for one, two in zip(motions, motions[1:], strict=False):
+    for one, two in pairwise(motions):
         pull = math.hypot(two.vx - one.vx, two.vy - one.vy) / DT
         assert pull <= vehicle.friction * GRAVITY * (1 + 1e-9)
 

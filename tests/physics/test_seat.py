@@ -1,0 +1,214 @@
+"""Autopilots at the edge: faults become faults of the run, periods are held, subjects and traffic have seats."""
+
+import functools
+import math
+
+import numpy as np
+import pytest
+
+from pytest_rvads.errors import AutopilotError, ScenarioError
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.semantics.states import Agent, Control, Observation, TrafficSystem
+
+SCENARIO = Scenario("stop4", "1231", distance=20, duration=0.1)
+
+
+def answering(answer, after: float = 0.03, who: str = "a1"):
+    class Odd:
+        def control(self, seen: Observation):
+            return answer if seen.me.name == who and seen.time > after else Control(brake=1.0)
+
+    return Odd
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (None, "returned None of type NoneType, expected a Control"),
+        ((0.0, 0.0, 0.0), "of type tuple, expected a Control"),
+        (Control(math.nan), "returned throttle nan, expected a finite number"),
+        (Control(0.0, math.inf), "returned brake inf, expected a finite number"),
+        (Control(0.0, 0.0, "left"), "returned steering 'left' of type str, expected a number"),
+        (Control(1.2), "returned throttle 1.2, expected 0..1"),
+        (Control(0.0, -0.1), "returned brake -0.1, expected 0..1"),
+        (Control(0.0, 0.0, 30.0), "returned steering 30, expected radians"),
+    ],
+)
+def test_an_answer_that_is_no_control_ends_the_run(answer, words: str) -> None:
+    run = simulate(SCENARIO, answering(answer))
+    assert run.fault is not None
+    assert run.fault.agent == "a1"
+    assert run.fault.time == pytest.approx(0.04)
+    assert run.fault.reason.startswith(f"{answering(answer).__qualname__} driving a1 at 0.04 s ")
+    assert words in run.fault.reason
+    assert run.steps == 5, "the states up to there are kept"
+    assert run.meta["end"] == "fault"
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        Control(1, 0, 0),
+        Control(np.float32(0.5), np.float64(0.0), np.int64(0)),
+        Control(1.0 + 1e-9, -1e-9, 1.5),
+        Control(0.0, True),
+    ],
+)
+def test_numbers_of_any_kind_are_fine(answer: Control) -> None:
+    run = simulate(SCENARIO, answering(answer))
+    assert run.fault is None
+    assert ((run.controls[..., :2] >= 0) & (run.controls[..., :2] <= 1)).all()
+
+
+def test_an_exception_becomes_a_fault_that_says_where() -> None:
+    class Broken:
+        def control(self, seen: Observation) -> Control:
+            if seen.me.name == "a2" and seen.time > 0.015:
+                raise ZeroDivisionError("no\nway")
+            return Control()
+
+    run = simulate(SCENARIO, Broken)
+    assert run.fault.agent == "a2"
+    assert run.fault.time == pytest.approx(0.02)
+    assert f"{Broken.__qualname__} driving a2 raised ZeroDivisionError: no way ({__file__}:" in run.fault.reason
+    assert run.fault.reason.endswith("at 0.02 s")
+
+
+def test_interrupts_pass() -> None:
+    class Interrupted:
+        def control(self, seen: Observation) -> Control:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate(SCENARIO, Interrupted)
+    assert simulate(SCENARIO, answering(Control())).fault is None, "the next run is not disturbed"
+
+
+def test_what_can_not_be_made_or_can_not_drive_is_a_fault_at_the_start() -> None:
+    def broken():
+        raise OSError("no such model")
+
+    for factory, words in ((broken, "raised OSError: no such model"), (object, "needs a method control")):
+        run = simulate(SCENARIO, factory)
+        assert run.fault.time == 0.0
+        assert run.fault.agent == "a0"
+        assert words in run.fault.reason
+        assert run.steps == 1
+
+
+def test_an_instance_is_refused() -> None:
+    with pytest.raises(AutopilotError, match="pass the class, not an instance"):
+        simulate(SCENARIO, answering(Control())())
+
+
+def test_autopilots_are_made_once_per_vehicle_in_creation_order() -> None:
+    made = []
+
+    class Counted:
+        def __init__(self, label: str) -> None:
+            self.number = len(made)
+            made.append((label, self))
+
+        def control(self, seen: Observation) -> Control:
+            assert made[self.number][1] is self
+            order.setdefault(seen.me.name, self.number)
+            return Control(brake=1.0)
+
+    order: dict[str, int] = {}
+    run = simulate(Scenario("stop4", "1231", rotation=1, duration=0.05), functools.partial(Counted, "x"))
+    assert order == {"a1": 0, "a2": 1, "a3": 2, "a0": 3}
+    assert run.meta["autopilot"].endswith("Counted")
+
+
+def test_a_period_holds_the_last_answer() -> None:
+    class Slow:
+        period = 0.03
+
+        def __init__(self) -> None:
+            self.calls = 0
+
+        def control(self, seen: Observation) -> Control:
+            self.calls += 1
+            return Control(self.calls / 100)
+
+    run = simulate(SCENARIO, Slow)
+    assert run.controls[:10, 0, 0] == pytest.approx([0.01, 0.01, 0.01, 0.02, 0.02, 0.02, 0.03, 0.03, 0.03, 0.04])
+
+
+@pytest.mark.parametrize("period", [0.0, 0.015, -0.01, math.nan, "0.1", True])
+def test_a_period_that_does_not_fit_is_a_fault(period) -> None:
+    slow = type("Slow", (), {"period": period, "control": lambda self, seen: Control()})
+    run = simulate(SCENARIO, slow)
+    assert "its period must be a whole multiple of 0.01 s" in run.fault.reason
+
+
+def test_a_traffic_system_is_made_once_and_coordinates_all() -> None:
+    systems = []
+
+    class Convoy(TrafficSystem):
+        def __init__(self) -> None:
+            systems.append(self)
+            self.asked: list[str] = []
+
+        def autopilots(self, agents):
+            self.agents = [a.name for a in agents]
+            convoy = self
+
+            class Member:
+                def control(self, seen: Observation) -> Control:
+                    convoy.asked.append(seen.me.name)
+                    return Control()
+
+            return [Member() for _ in agents]
+
+    run = simulate(Scenario("stop4", "1231", rotation=3, duration=0.02), Convoy)
+    assert run.fault is None
+    assert len(systems) == 1
+    assert systems[0].agents == ["a3", "a0", "a1", "a2"]
+    assert systems[0].asked == systems[0].agents * 2
+
+
+def test_a_traffic_system_that_forgets_somebody_is_a_fault() -> None:
+    class Forgetful:
+        def autopilots(self, agents: list[Agent]):
+            return []
+
+    run = simulate(SCENARIO, Forgetful)
+    assert "returned 0 autopilots, expected one for each of 4 agents" in run.fault.reason
+
+
+def test_the_subject_gets_the_autopilot_and_the_others_the_traffic() -> None:
+    seats: dict[str, str] = {}
+
+    class Mine:
+        def control(self, seen: Observation) -> Control:
+            seats[seen.me.name] = type(self).__name__
+            return Control()
+
+    class Theirs(Mine):
+        pass
+
+    run = simulate(Scenario("stop4", "1231", subject=2, duration=0.02), Mine, traffic=Theirs)
+    assert seats == {"a0": "Theirs", "a1": "Theirs", "a2": "Mine", "a3": "Theirs"}
+    assert run.meta["autopilot"].endswith("Mine")
+    assert run.meta["traffic"].endswith("Theirs")
+
+
+def test_subject_and_traffic_belong_together() -> None:
+    drive = answering(Control())
+    with pytest.raises(ScenarioError, match="pass it as traffic="):
+        simulate(Scenario("stop4", "1231", subject=2), drive)
+    with pytest.raises(ScenarioError, match="give the scenario a subject"):
+        simulate(SCENARIO, drive, traffic=drive)
+
+
+def test_a_vehicle_off_its_route_is_a_fault() -> None:
+    class Lost:
+        def control(self, seen: Observation) -> Control:
+            return Control(1.0, 0.0, 0.3)
+
+    run = simulate(Scenario("stop4", "2000", distance=60, speed=8), Lost)
+    assert run.fault.agent == "a0"
+    assert "a0 is off its route: 3." in run.fault.reason
+    assert run.steps > 50
