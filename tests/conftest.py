@@ -1,5 +1,6 @@
 """Fixtures shared by the tests of all packages."""
 
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -8,9 +9,11 @@ import pytest_rvads
 
 pytest_plugins = ["pytester"]
 
-# Inner sessions of pytester forget the modules they load, and modules in C can be loaded only once per process.
+# Inner sessions of pytester forget the modules they load: that costs a second each, and modules in C can't be loaded twice.
 for _name in pytest_rvads.__all__:
     getattr(pytest_rvads, _name)
+for _name in ("hypothesis", "pytest_rvads.draw.picture", "pytest_rvads.draw.replay", "pytest_rvads.report.terminal"):
+    import_module(_name)
 
 
 @pytest.fixture(scope="session")
