@@ -123,17 +123,24 @@ def _explore(
         return sum(1 << p for p in node.parts) if node.kind is Kind.AND else 1 << n
 
     def both(ones: list[_Move], twos: list[_Move]) -> list[_Move]:
-        budget.spend(len(ones) * len(twos))
+        budget.spend(1 + len(ones) * len(twos) // 4)
         return prune([(a & d, b | e, c | g) for a, b, c in ones for d, e, g in twos if a & d])
 
     def prune(moves: list[_Move]) -> list[_Move]:
-        """Drop moves that another one does as well with fewer letters lost, fewer obligations, less put off."""
-        moves = list(dict.fromkeys(moves))
-        budget.spend(len(moves) * len(moves) // 4)
+        """Take from every move the letters on which another one leads to fewer obligations and puts off less."""
+        merged: dict[tuple[int, int], int] = {}
+        for letters, target, off in moves:
+            merged[target, off] = merged.get((target, off), 0) | letters
         kept: list[_Move] = []
-        for m in sorted(moves, key=lambda m: (m[1].bit_count() + m[2].bit_count(), -m[0].bit_count(), m)):
-            if not any(m[0] & ~k[0] == 0 and k[1] & ~m[1] == 0 and k[2] & ~m[2] == 0 for k in kept):
-                kept.append(m)
+        for (target, off), letters in sorted(merged.items(), key=lambda m: (m[0][0].bit_count() + m[0][1].bit_count(), m[0])):
+            budget.spend(1 + len(kept) // 8)
+            for other, k_target, k_off in kept:
+                if k_target & ~target == 0 and k_off & ~off == 0:
+                    letters &= ~other
+                    if not letters:
+                        break
+            if letters:
+                kept.append((letters, target, off))
         return kept
 
     start = obligations(root)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pytest_rvads.logic import formula as f
 from pytest_rvads.logic.boolean import evaluate
 
-__all__ = ["settle"]
+__all__ = ["settle", "settle_empty"]
 
 Truths = NDArray[np.bool_]
 
@@ -72,3 +72,21 @@ def _next(values: Truths) -> NDArray[np.int64]:
     steps = len(values)
     found = np.where(values, np.arange(steps), steps)
     return np.minimum.accumulate(found[::-1])[::-1]
+
+
+def settle_empty(formula: f.Formula) -> bool:
+    """Return the truth value on the empty trace: no atom holds, strong operators are false, weak ones true."""
+    match formula:
+        case f.Const(value):
+            return value
+        case f.Not(body):
+            return not settle_empty(body)
+        case f.And(parts):
+            return all(settle_empty(p) for p in parts)
+        case f.Or(parts):
+            return any(settle_empty(p) for p in parts)
+        case f.Implies(left, right):
+            return not settle_empty(left) or settle_empty(right)
+        case f.Iff(left, right):
+            return settle_empty(left) == settle_empty(right)
+    return isinstance(formula, f.Always | f.WeakUntil | f.Release)

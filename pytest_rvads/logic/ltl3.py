@@ -22,8 +22,8 @@ from pytest_rvads.logic.normal import Pool
 
 __all__ = ["WORK_LIMIT", "Machine", "Truth", "synthesize"]
 
-WORK_LIMIT = 400_000
-"""Most elementary steps that one synthesis may take; about half a second."""
+WORK_LIMIT = 700_000
+"""Most elementary steps that one synthesis may take; a fraction of a second."""
 
 
 class Truth(IntEnum):

@@ -1,0 +1,74 @@
+"""What the command line asks of the logic: judging files, listing rules, showing a monitor."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+
+from pytest_rvads.errors import RunError
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.export import describe
+from pytest_rvads.logic.ltl3 import synthesize
+from pytest_rvads.logic.parser import parse_ltl
+from pytest_rvads.logic.rules import Rule, rulebook, rules_for, user_rules
+from pytest_rvads.logic.verdicts import Verdict
+from pytest_rvads.semantics.recorded import read_recorded
+from pytest_rvads.semantics.run import Run
+
+__all__ = ["check_runs", "list_rules", "read_runs", "show_monitor"]
+
+
+def read_runs(path: str | Path) -> list[Run]:
+    """Read the runs of a file, recorded elsewhere (``.json``) or kept by this library (``.npz``).
+
+    Raises:
+        RunError: another kind of file, or a damaged one.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".json":
+        return read_recorded(path)
+    raise RunError(f"{path}: expected recorded runs (.json), got a file ending in {suffix or 'nothing'!r}")
+
+
+def check_runs(runs: Sequence[Run], spec: str | Rule | Sequence[str | Rule] = "paper") -> dict[str, dict[str, Verdict]]:
+    """Judge runs by rules; the result is by the label of the run and the name of the rule.
+
+    Raises:
+        FormulaError: an unknown rule.
+    """
+    rules = rules_for(spec)
+    return {run.label: {rule.name: check(run, rule) for rule in rules} for run in runs}
+
+
+def show_monitor(text: str) -> str:
+    """Return the monitor of a propositional formula in words.
+
+    Raises:
+        FormulaError: the text is not a formula, or its monitor would be too large.
+    """
+    return describe(synthesize(parse_ltl(text)))
+
+
+def list_rules() -> str:
+    """Return all rules by rulebook: meaning, formula, source, who is responsible."""
+    blocks = []
+    for book in ("paper", "variants", "road"):
+        blocks.append(f"rulebook {book}")
+        blocks += [_entry(r) for r in rulebook(book)]
+    if user_rules():
+        blocks += ["your own", *(_entry(r) for r in user_rules())]
+    return "\n".join(blocks)
+
+
+def _entry(rule: Rule) -> str:
+    kind = f" [{rule.about}]" if rule.about else ""
+    lines = [f"  {rule.name}  {rule.title}{kind}", f"      {rule.meaning}" if rule.meaning else ""]
+    lines += [f"      {line}" for line in textwrap.wrap(rule.text, 110, break_on_hyphens=False)]
+    facts = [
+        f"responsible: {rule.responsible}" if rule.responsible else "",
+        f"tie window: {rule.tie:g} s" if rule.tie else "",
+        f"source: {rule.source}" if rule.source else "",
+        f"requirement: {rule.requirement}" if rule.requirement else "",
+    ]
+    return "\n".join(filter(None, [*lines, *(f"      {fact}" for fact in facts if fact)]))
