@@ -107,9 +107,11 @@ def analyse(
     left_hand = any(network.left_hand[end[0]] for arm in arms for end in arm.ends)
     turns = {(way.entrance, way.exit): way.turn for way in reversed(ways)}
     controlled = [{item.kind for item in objects if item.edge in arm.entrances} for arm in arms if arm.entrances]
-    opposite = opposite_pairs(turns)
+    # With more arms than the model has room for there may be thousands, and their priorities mean nothing.
+    ranked = turns if len(arms) <= MOST else {}
+    opposite = opposite_pairs(ranked)
     reason = _reason(document, network, id, arms, ways, pairs)
-    right_of = right_of_pairs(turns, left_hand=left_hand)
+    right_of = right_of_pairs(ranked, left_hand=left_hand)
     control = control_of(controlled)
     if reason is None:
         _doubts(id, arms, ways, right_of, control, controlled, warnings)
@@ -212,6 +214,8 @@ def _reason(
                 return f"road {edge.road!r}, which leads into or out of it, is itself part of junction {edge.junction!r}"
     if not FEWEST <= len(arms) <= MOST:
         return f"it has {len(arms)} arms, and only junctions of {FEWEST} to {MOST} can be used"
+    if len({network.left_hand[end[0]] for arm in arms for end in arm.ends}) > 1:
+        return "traffic keeps right on some of its roads and left on others"
     for i, arm in enumerate(arms):
         roads = " and ".join(f"road {end[0]!r}" for end in arm.ends)
         for lanes, what in ((arm.entrances, "entrance"), (arm.exits, "exit")):

@@ -13,10 +13,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from pytest_rvads.errors import MapError
 from pytest_rvads.maps.network import Edge, Network
 from pytest_rvads.maps.segment import Turn
 
-__all__ = ["FIRST", "STRAIGHT", "Arm", "Path", "arms_of", "paths_of", "turn_type", "turns_in_order", "walk"]
+__all__ = ["FIRST", "STRAIGHT", "Arm", "Path", "arms_of", "paths_of", "sort_arms", "turn_type", "turns_in_order", "walk"]
 
 FIRST = math.radians(-112.5)
 """Direction from which arms are counted [rad]."""
@@ -25,6 +26,8 @@ STRAIGHT = math.radians(45.0)
 _FACING = math.radians(70.0)
 _BESIDE = 30.0
 _PER_DEGREE = 0.05
+_MOST_STEPS = 300_000
+_MOST_PAIRS = 10_000
 
 RoadEnd = tuple[str, str]
 
@@ -67,10 +70,15 @@ def turn_type(turning: float) -> Turn:
 
 
 def paths_of(network: Network, junction: str) -> list[Path]:
-    """Return the shortest path from every entrance edge to every exit edge of `junction`."""
+    """Return the shortest path from every entrance edge to every exit edge of `junction`.
+
+    Raises:
+        MapError: so many branches in a junction that no intersection can be meant.
+    """
     inside = {id: network.edges[id] for id in network.inside.get(junction, ())}
     starts = dict.fromkeys(before for edge in inside.values() for before in edge.before if before not in inside)
     found: list[Path] = []
+    steps = 0
     for start in starts:
         done: set[str] = set()
         queue: list[tuple[float, float, tuple[str, ...]]] = [
@@ -83,6 +91,11 @@ def paths_of(network: Network, junction: str) -> list[Path]:
             if edge.id in done:
                 continue
             done.add(edge.id)
+            steps += 1
+            if steps > _MOST_STEPS:
+                raise MapError(
+                    f"the lanes of junction {junction!r} branch too often, {len(starts)} entrances lead to {len(inside)} lanes"
+                )
             length, turning = length + edge.length, turning + edge.turning
             for id in edge.after:
                 if id in inside:
@@ -113,7 +126,7 @@ def arms_of(network: Network, pairs: Sequence[tuple[str, str]]) -> tuple[Arm, ..
     only_out = [end for end in leaving if end not in entering]
     costs = sorted(
         (cost, one, two)
-        for one in only_in
+        for one in (only_in if len(only_in) * len(only_out) <= _MOST_PAIRS else ())
         for two in only_out
         if (cost := _beside(entering[one][0], leaving[two][0], network.left_hand[one[0]])) is not None
     )

@@ -110,11 +110,8 @@ class _Attacher:
             for signal in road.signals:
                 home = self.homes.get(signal.id) if signal.reference else signal
                 if home is None:
-                    self.warnings.append(
-                        MapWarning(
-                            Doubt.SIGNAL, f"road {road.id!r} refers to signal {signal.id!r}, which does not exist", road.id
-                        )
-                    )
+                    message = f"road {road.id!r} refers to signal {signal.id!r}, which does not exist"
+                    self.warnings.append(MapWarning(Doubt.SIGNAL, message, road.id))
                     continue
                 kind = kind_of(home)
                 if kind is ObjectKind.LINE:
@@ -124,14 +121,14 @@ class _Attacher:
                     (referred if signal.reference else at_home).extend((signal, kind, j, e) for j, e in places)
         far = {(signal.id, junction) for signal, _, junction, _ in referred}
         kept = [entry for entry in at_home if (entry[0].id, entry[2]) not in far] + referred
-        found: dict[tuple[str, str, str], MapObject] = {}
+        found: dict[tuple[ObjectKind, str, str, str], MapObject] = {}
         for signal, kind, junction, edge in kept:
-            found[signal.id, junction, edge] = self._object(self.homes[signal.id], kind, junction, self.network.edges[edge])
+            home = self.homes[signal.id] if signal.reference else signal
+            found[kind, signal.id, junction, edge] = self._object(home, kind, junction, self.network.edges[edge])
         for signal in lines:
             for junction, edge in self._lines(signal):
-                found[f"line {signal.id}@{signal.road}:{signal.s}", junction, edge] = self._object(
-                    signal, ObjectKind.LINE, junction, self.network.edges[edge]
-                )
+                key = ObjectKind.LINE, f"{signal.id}@{signal.road}:{signal.s}", junction, edge
+                found[key] = self._object(signal, ObjectKind.LINE, junction, self.network.edges[edge])
         for junction, ids in self.inverted.items():
             names = ", ".join(sorted(set(ids))[:5])
             count = len(set(ids))

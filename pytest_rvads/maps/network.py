@@ -131,6 +131,10 @@ class _Builder:
         self.departing: dict[End, str] = {}
         self.direct: dict[str, list[tuple[str, str]]] = defaultdict(list)
         self.left_hand = self._sides()
+        self.listed: dict[str, set[tuple[str, str]]] = defaultdict(set)
+        """Per junction, the links into it that its connection table has."""
+        self.linked: dict[str, set[tuple[str, str]]] = defaultdict(set)
+        """Per junction, the links into it that its connecting roads have."""
 
     def build(self) -> Network:
         for road in self.document.roads.values():
@@ -258,7 +262,9 @@ class _Builder:
                 continue
             for lane in road.sections[section].lanes.values():
                 for target in lane.predecessors if contact == "start" else lane.successors:
-                    self._link((road.id, contact, lane.id), (other.id, link.contact, target))
+                    pair = self._link((road.id, contact, lane.id), (other.id, link.contact, target))
+                    if pair and road.junction is not None and self.edges[pair[1]].road == road.id:
+                        self.linked[road.junction].add(pair)
 
     def _table(self, id: str) -> None:
         """Add the links of the connection table of junction `id`."""
@@ -287,8 +293,18 @@ class _Builder:
                 one, two = (incoming.id, end, link.source), (connecting.id, row.contact, link.target)
                 if junction.type == "direct":
                     self._direct(id, one, two)
-                elif not self._link(one, two) and one[:2] != two[:2]:
+                elif pair := self._link(one, two):
+                    if self.edges[pair[1]].road == connecting.id:
+                        self.listed[id].add(pair)
+                elif one[:2] != two[:2]:
                     self._check_table(id, one, two)
+        only_listed, only_linked = len(self.listed[id] - self.linked[id]), len(self.linked[id] - self.listed[id])
+        if only_listed or only_linked:
+            message = (
+                f"{only_listed} links into junction {id!r} are only in its table and {only_linked} only in its roads; "
+                "all were taken"
+            )
+            self.warnings.append(MapWarning(Doubt.TABLE, message, None, id))
 
     def _check_table(self, id: str, one: End, two: End) -> None:
         roads = self.document.roads
@@ -321,13 +337,13 @@ class _Builder:
             return back.contact
         return ends[0] if ends else None
 
-    def _link(self, one: End, two: End) -> bool:
-        """Link two lane ends in the direction in which traffic passes; False where none does."""
+    def _link(self, one: End, two: End) -> tuple[str, str] | None:
+        """Link two lane ends in the direction in which traffic passes; return the edges, None where none passes."""
         for source, target in ((one, two), (two, one)):
             if source in self.arriving and target in self.departing:
                 self._join(self.arriving[source], self.departing[target])
-                return True
-        return False
+                return self.arriving[source], self.departing[target]
+        return None
 
     def _direct(self, id: str, one: End, two: End) -> None:
         for source, target in ((one, two), (two, one)):
@@ -341,7 +357,7 @@ class _Builder:
             self.edges[target].before.append(source)
 
     def _complete(self) -> None:
-        """Link lanes of connecting roads that end without a lane link where just one lane of the linked road takes over."""
+        """Link lanes of connecting roads that have a link at one end only, where just one lane meets them at the other."""
         reach: dict[tuple[str, str], list[str]] = defaultdict(list)
         leave: dict[tuple[str, str], list[str]] = defaultdict(list)
         for table, ends in ((self.arriving, reach), (self.departing, leave)):
@@ -354,10 +370,10 @@ class _Builder:
                 if link is None or link.junction:
                     continue
                 for id in reach[road.id, contact]:
-                    if not self.edges[id].after:
+                    if self.edges[id].before and not self.edges[id].after:
                         self._adopt(road, [(id, other) for other in leave[link.element, link.contact]])
                 for id in leave[road.id, contact]:
-                    if not self.edges[id].before:
+                    if self.edges[id].after and not self.edges[id].before:
                         self._adopt(road, [(other, id) for other in reach[link.element, link.contact]])
 
     def _adopt(self, road: Road, pairs: list[tuple[str, str]]) -> None:

@@ -3,6 +3,8 @@
 import json
 from xml.etree import ElementTree
 
+import pytest
+
 from pytest_rvads.maps.builtin import path_of
 from pytest_rvads.maps.road_map import describe, read_map
 from pytest_rvads.maps.writer import Layout, opendrive
@@ -104,3 +106,48 @@ def test_dual_carriageways_are_one_arm(read, tree) -> None:
     assert found.usable, found.reason
     assert found.arms[0].ends == (("0", "start"), ("50", "start"))
     assert found.right_of == read(tree(lane_offset=4.6)).junctions[0].right_of
+
+
+def test_table_and_links_are_compared(read, tree) -> None:
+    root = tree()
+    junction = root.find("junction")
+    junction.remove(junction.find("connection"))
+    lane = root.findall("road")[-1].find("lanes/laneSection/right/lane")
+    lane.find("link").remove(lane.find("link/predecessor"))
+    road_map = read(root)
+    assert road_map.report("1").usable
+    (warning,) = road_map.warnings
+    assert warning.kind == "table"
+    assert "1 links into junction '1' are only in its table and 1 only in its roads" in warning.message
+
+
+def test_a_lane_without_its_last_link_is_completed(read, tree) -> None:
+    root = tree()
+    lane = root.findall("road")[-1].find("lanes/laneSection/right/lane")
+    lane.find("link").remove(lane.find("link/successor"))
+    road_map = read(root)
+    assert road_map.report("1").usable
+    assert [warning.kind for warning in road_map.warnings] == ["link"]
+
+
+def test_both_sides_at_once_are_refused(read, tree) -> None:
+    root = tree()
+    arm, *_, movement = root.findall("road")
+    assert movement.get("junction") == "1"
+    for name, left in (("left", 1), ("right", -1)):
+        lane = arm.find(f"lanes/laneSection/{name}/lane")
+        lane.set("direction", "reversed")
+        assert lane.get("id") == str(left)
+    arm.set("rule", "LHT")
+    (found,) = read(root).junctions
+    assert found.reason == "traffic keeps right on some of its roads and left on others"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"), [('type="default"', None), ('type="virtual"', 'type "virtual"'), ('type="crossing"', 'type "crossing"')]
+)
+def test_types_of_junctions(read, change: str, words: str | None) -> None:
+    (found,) = read(opendrive(Layout()).replace('<junction id="1"', f'<junction {change} id="1"')).junctions
+    assert found.ways == 4
+    assert (found.reason or "").count(words or "x" * 99) == (words is not None)
+    assert found.usable == (words is None)
