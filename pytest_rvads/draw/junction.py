@@ -12,7 +12,7 @@ from pytest_rvads.draw.svg import document, polyline, text, wrap
 from pytest_rvads.maps.analysis import JunctionReport
 from pytest_rvads.maps.arms import walk
 from pytest_rvads.maps.control import ObjectKind
-from pytest_rvads.maps.network import Edge
+from pytest_rvads.maps.edges import Edge
 from pytest_rvads.maps.road_map import RoadMap
 from pytest_rvads.maps.segment import Turn
 

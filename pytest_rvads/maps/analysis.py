@@ -11,9 +11,9 @@ from typing import NamedTuple
 from pytest_rvads.maps.arms import Arm, Path, arms_of, paths_of, sort_arms, turn_type, turns_in_order, walk
 from pytest_rvads.maps.control import MapObject, ObjectKind, setback_of
 from pytest_rvads.maps.doubts import Doubt, MapWarning
+from pytest_rvads.maps.edges import Network
 from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.maps.network import Network
-from pytest_rvads.maps.opendrive import Document
+from pytest_rvads.maps.records import Document
 from pytest_rvads.maps.segment import GAP_LIMIT, Turn
 
 __all__ = ["JunctionReport", "Way", "analyse", "control_of", "opposite_pairs", "phase_groups", "right_of_pairs"]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.maps.network import Edge, Network
+from pytest_rvads.maps.edges import Edge, Network
 from pytest_rvads.maps.segment import Turn
 
 __all__ = ["FIRST", "STRAIGHT", "Arm", "Path", "arms_of", "paths_of", "sort_arms", "turn_type", "turns_in_order", "walk"]

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from pytest_rvads.maps.doubts import Doubt, MapWarning
-from pytest_rvads.maps.network import Edge, Network
-from pytest_rvads.maps.opendrive import Document, Road, Signal
+from pytest_rvads.maps.edges import Edge, Network
+from pytest_rvads.maps.records import Document, Road, Signal
 
 __all__ = ["LINE_RANGE", "MapObject", "ObjectKind", "attach", "kind_of"]
 

@@ -15,7 +15,7 @@ import networkx as nx
 
 from pytest_rvads.errors import MapError
 from pytest_rvads.maps.arms import turn_type
-from pytest_rvads.maps.network import Network
+from pytest_rvads.maps.edges import Network
 from pytest_rvads.maps.segment import Segment, Turn, join
 
 __all__ = ["MetricGraph", "Position", "Ride", "Road"]

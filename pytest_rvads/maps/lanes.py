@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
 from pytest_rvads.maps.doubts import Doubt, MapWarning
-from pytest_rvads.maps.opendrive import Cubic, Lane, Road, Section, Shape
+from pytest_rvads.maps.records import Cubic, Lane, Road, Section, Shape
 from pytest_rvads.maps.reference import Line, evaluate
 
 __all__ = ["SPACING", "LaneLine", "lane_lines", "sample_count"]

@@ -1,4 +1,4 @@
-"""The parts of an OpenDRIVE file that the metric graph needs, as plain records.
+"""Reading the records of an OpenDRIVE file.
 
 Follows ASAM OpenDRIVE 1.4 to 1.8. Ids are strings, elements may stand in any order, stations are sorted here.
 """
@@ -6,170 +6,30 @@ Follows ASAM OpenDRIVE 1.4 to 1.8. Ids are strings, elements may stand in any or
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 from pytest_rvads.errors import MapError
 from pytest_rvads.maps.document import integer, load, number
 from pytest_rvads.maps.doubts import Doubt, MapWarning
+from pytest_rvads.maps.records import (
+    Connection,
+    Cubic,
+    Document,
+    JunctionRecord,
+    Lane,
+    LaneLink,
+    Road,
+    RoadLink,
+    Section,
+    Shape,
+    Signal,
+)
 
-__all__ = [
-    "DRIVABLE",
-    "Connection",
-    "Document",
-    "JunctionRecord",
-    "Lane",
-    "LaneLinks",
-    "Road",
-    "RoadLink",
-    "Section",
-    "Shape",
-    "Signal",
-    "read",
-]
+__all__ = ["read"]
 
-DRIVABLE = frozenset({"driving", "entry", "exit", "onramp", "offramp", "connectingramp", "sliplane"})
-"""Lane types (in lower case) that vehicles drive on."""
 _STOP_LINE = ("stopline", "stop_line", "stop line", "haltlinie", "holdingline")
 _SHAPES = ("line", "arc", "spiral", "poly3", "paramPoly3")
-
-
-class Cubic(NamedTuple):
-    """``a + b ds + c ds^2 + d ds^3`` from station `s` on [m]."""
-
-    s: float
-    a: float
-    b: float
-    c: float
-    d: float
-
-
-class Shape(NamedTuple):
-    """One piece of a reference line."""
-
-    s: float
-    x: float
-    y: float
-    heading: float
-    length: float
-    kind: str
-    """line, arc, spiral, poly3 or paramPoly3."""
-    values: tuple[float, ...]
-    """Curvatures [1/m] or polynomial coefficients."""
-    normalized: bool
-    """True where the parameter of a paramPoly3 runs from 0 to 1 instead of 0 to `length`."""
-
-
-class Lane(NamedTuple):
-    """One lane of a lane section."""
-
-    id: int
-    type: str
-    """In lower case."""
-    widths: tuple[Cubic, ...]
-    """Stations from the start of the section."""
-    borders: tuple[Cubic, ...]
-    """Outer border relative to the reference line, used where there are no widths."""
-    predecessors: tuple[int, ...]
-    successors: tuple[int, ...]
-    reversed: bool = False
-    """True where traffic runs against the usual direction of the lane (OpenDRIVE 1.8)."""
-
-    @property
-    def drivable(self) -> bool:
-        """Lane 0 is never a lane, though some writers type it driving."""
-        return self.id != 0 and self.type in DRIVABLE
-
-
-class Section(NamedTuple):
-    """A lane section."""
-
-    s: float
-    lanes: dict[int, Lane]
-
-
-class RoadLink(NamedTuple):
-    """What a road continues into at one of its ends."""
-
-    junction: bool
-    element: str
-    contact: str
-    """start or end of the other road; empty for a junction."""
-
-
-class Signal(NamedTuple):
-    """A sign, light, stop line, or a reference to one."""
-
-    id: str
-    road: str
-    s: float
-    t: float
-    orientation: str
-    reference: bool
-    type: str
-    """In lower case; empty for a reference."""
-    subtype: str
-    dynamic: bool
-    lanes: tuple[tuple[int, int], ...]
-    """Ranges of lane ids it is valid for; empty where the file gives none."""
-    line: bool
-    """True for a stop line."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Road:
-    """A road."""
-
-    id: str
-    length: float
-    junction: str | None
-    """Id of the junction it lies in, None for a road outside."""
-    rule: str | None
-    """RHT, LHT, or None where the file does not say."""
-    shapes: tuple[Shape, ...]
-    offsets: tuple[Cubic, ...]
-    sections: tuple[Section, ...]
-    predecessor: RoadLink | None
-    successor: RoadLink | None
-    signals: tuple[Signal, ...]
-
-
-class LaneLinks(NamedTuple):
-    """One lane link of a connection."""
-
-    source: int
-    target: int
-
-
-class Connection(NamedTuple):
-    """One row of the connection table of a junction."""
-
-    incoming: str
-    connecting: str
-    """Connecting road; the linked road in a direct junction."""
-    contact: str
-    links: tuple[LaneLinks, ...]
-
-
-class JunctionRecord(NamedTuple):
-    """A ``<junction>`` as the file has it."""
-
-    id: str
-    type: str
-    connections: tuple[Connection, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Document:
-    """All records of one file."""
-
-    path: str
-    roads: dict[str, Road]
-    junctions: dict[str, JunctionRecord]
-    controllers: dict[str, tuple[str, ...]]
-    """Signal ids per controller id."""
-    warnings: tuple[MapWarning, ...]
 
 
 def read(path: str | os.PathLike[str]) -> Document:
@@ -375,7 +235,7 @@ def _junction(element: Element, place: str) -> JunctionRecord:
         raise MapError(f"{place}: <junction> has no id")
     rows = []
     for row in element.iterfind("connection"):
-        links = tuple(LaneLinks(integer(e, "from", place), integer(e, "to", place)) for e in row.iterfind("laneLink"))
+        links = tuple(LaneLink(integer(e, "from", place), integer(e, "to", place)) for e in row.iterfind("laneLink"))
         connecting = row.get("connectingRoad") or row.get("linkedRoad") or ""
         rows.append(Connection(row.get("incomingRoad", ""), connecting, row.get("contactPoint", ""), links))
     return JunctionRecord(id, element.get("type", "default").lower(), tuple(rows))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.maps.opendrive import Shape
+from pytest_rvads.maps.records import Shape
 
 __all__ = ["Line", "evaluate"]
 

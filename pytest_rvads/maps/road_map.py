@@ -13,9 +13,11 @@ from pytest_rvads.maps.analysis import JunctionReport, analyse
 from pytest_rvads.maps.arms import paths_of, walk
 from pytest_rvads.maps.control import MapObject, attach
 from pytest_rvads.maps.doubts import MapWarning
+from pytest_rvads.maps.edges import Network
 from pytest_rvads.maps.junction import Geometry, Junction, Movement
-from pytest_rvads.maps.network import Network, build
-from pytest_rvads.maps.opendrive import Document, read
+from pytest_rvads.maps.network import build
+from pytest_rvads.maps.opendrive import read
+from pytest_rvads.maps.records import Document
 from pytest_rvads.maps.segment import Segment, join
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.maps.lanes import lane_lines
-from pytest_rvads.maps.opendrive import Cubic, Lane, Road, Section, Shape
+from pytest_rvads.maps.records import Cubic, Lane, Road, Section, Shape
 from pytest_rvads.maps.reference import evaluate
 
 ALONG = np.linspace(0.0, 40.0, 81)

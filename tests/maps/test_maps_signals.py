@@ -6,7 +6,7 @@ import pytest
 
 from pytest_rvads.maps.control import ObjectKind, kind_of
 from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.maps.opendrive import Signal
+from pytest_rvads.maps.records import Signal
 
 
 def signal(type: str, subtype: str = "-1", *, dynamic: bool = False) -> Signal:
