@@ -1,6 +1,6 @@
-"""Your own map: the junctions come from the OpenDRIVE file of the ini option ``rvads_map``, of the variable RVADS_MAP,
-or of ``--rvads-map``; without one, from the built-in maps.
+"""Your own map: its file is named by the ini option ``rvads_map``, the variable RVADS_MAP, or ``--rvads-map``.
 
+Without one, the junctions come from the built-in maps.
 A junction is asked for by its type, so that the same test runs on every map that has one::
 
     RVADS_MAP=town.xodr pytest examples/test_5_your_own_map.py

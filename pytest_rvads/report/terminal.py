@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from itertools import groupby
 
 from rich import box
 from rich.console import Console
@@ -15,6 +16,10 @@ from pytest_rvads.report.record import Record
 
 __all__ = ["summary"]
 
+_LONG = 8
+"""A configuration with a longer label is numbered in the table and spelled out below it."""
+_MOST = 10
+"""Causes listed; the rest is counted."""
 _STYLES = {"pass": "green", "NA": "dim", "FAIL": "bold red", "fail": "red", "OPEN": "yellow", "ERROR": "bold magenta"}
 
 
@@ -32,27 +37,57 @@ def summary(records: Sequence[Record], totals: dict[int, tuple[int, int]], *, co
     console = Console(file=out, force_terminal=colour, no_color=not colour, width=width, highlight=False, legacy_windows=False)
     for matrix in matrices(records):
         console.print(Text(matrix.title, style="bold"), soft_wrap=True)
-        console.print(_table(matrix, unicode), "")
+        long = [c for c in dict.fromkeys(cfg for cfg, _ in matrix.columns) if len(c) > _LONG]
+        short = {c: f"#{n}" for n, c in enumerate(long, start=1)}
+        for columns in _pages(matrix, short, width):
+            console.print(_table(matrix, columns, short, unicode))
+        for label in long:
+            console.print(Text(f" {short[label]} = {label}"), soft_wrap=True)
+        console.print()
     groups = causes(records)
     if groups:
         console.print("causes of failures")
-        for cause in groups:
+        for cause in groups[:_MOST]:
             console.print(Text(f"  {cause.count:4d} x {cause.rule}: {cause.text}"), soft_wrap=True)
             console.print(Text(f'         first: pytest "{cause.example}"'), soft_wrap=True)
+    if len(groups) > _MOST:
+        console.print(f"  ... and {len(groups) - _MOST} more: --rvads-report=FILE.md lists them all")
     for line in coverage(records, totals):
         console.print(Text(line), soft_wrap=True)
     return out.getvalue()
 
 
-def _table(matrix: Matrix, unicode: bool) -> Table:
+def _pages(matrix: Matrix, short: dict[str, str], width: int) -> list[list[int]]:
+    """Split the columns so that no table is wider than the terminal; a configuration stays together where it can."""
+    room = width - 3 - max((len(label) for label, _ in matrix.rows), default=5)
+    pages: list[list[int]] = [[]]
+    used = 0
+    for _, group in groupby(range(len(matrix.columns)), lambda i: matrix.columns[i][0]):
+        columns = list(group)
+        need = sum(_wide(matrix, i, short) for i in columns)
+        if pages[-1] and used + need > room:
+            pages.append([])
+            used = 0
+        pages[-1] += columns
+        used += need
+    return pages
+
+
+def _wide(matrix: Matrix, column: int, short: dict[str, str]) -> int:
+    configuration, rule = matrix.columns[column]
+    return 3 + max(len(short.get(configuration, configuration)), len(rule), *(len(cells[column]) for _, cells in matrix.rows))
+
+
+def _table(matrix: Matrix, columns: list[int], short: dict[str, str], unicode: bool) -> Table:
     table = Table(box=box.SIMPLE_HEAD if unicode else box.ASCII2, show_edge=False)
     table.add_column("class")
     previous = None
-    for configuration, rule in matrix.columns:
-        table.add_column(f"{configuration if configuration != previous else ''}\n{rule}")
+    for configuration, rule in (matrix.columns[i] for i in columns):
+        head = short.get(configuration, configuration) if configuration != previous else ""
+        table.add_column(f"{head}\n{rule}", no_wrap=True)
         previous = configuration
     for label, cells in matrix.rows:
-        table.add_row(label, *(Text(cell, style=_style(cell)) for cell in cells))
+        table.add_row(label, *(Text(cells[i], style=_style(cells[i])) for i in columns))
     return table
 
 
