@@ -27,6 +27,15 @@ def test_examples_of_tests_pass_or_fail_as_said(pytester: pytest.Pytester, code:
     assert outcomes.get("passed", 0) + outcomes.get("failed", 0) > 0
 
 
+def test_the_failure_shown_is_the_one_printed(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    pytester.makepyfile(test_readme=next(code for code in PYTHON if "# fails" in code))
+    printed = [line.rstrip() for line in pytester.runpytest("--tb=short").outlines]
+    (shown,) = [block for block in re.findall(r"^```text\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL) if "rerun" in block]
+    for line in shown.splitlines():
+        assert line in printed or line.startswith("---"), line
+
+
 @pytest.mark.parametrize("code", [code for code in PYTHON if "def test_" not in code])
 def test_scripts_run(tmp_path: Path, code: str) -> None:
     """A comment behind a line that prints says what it prints."""

@@ -59,7 +59,7 @@ def summary(records: Sequence[Record], totals: dict[int, tuple[int, int]], *, co
 
 def _pages(matrix: Matrix, short: dict[str, str], width: int) -> list[list[int]]:
     """Split the columns so that no table is wider than the terminal; a configuration stays together where it can."""
-    room = width - 3 - max((len(label) for label, _ in matrix.rows), default=5)
+    room = width - 3 - max(len("class"), *(len(label) for label, _ in matrix.rows))
     pages: list[list[int]] = [[]]
     used = 0
     for _, group in groupby(range(len(matrix.columns)), lambda i: matrix.columns[i][0]):
