@@ -22,6 +22,8 @@ from pytest_rvads.semantics.run import Run
 
 __all__ = ["check", "extract", "ground", "simplify", "unfold"]
 
+NOT_RECORDED = "not recorded"
+"""Begins the reason of a verdict on what a run does not hold."""
 _KINDS = {
     JunctionControl.STOP: "stop signs at all entrances",
     JunctionControl.LIGHTS: "lights at all entrances",
@@ -67,7 +69,7 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
     try:
         found = judge(prepared.templates, values)
     except RunError as error:
-        return tell(Story(rule, run, Status.NA, reason=f"not recorded: {error}", collapsed=prepared.collapsed))
+        return tell(Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=prepared.collapsed))
     status = _overall(found)
     story = Story(rule, run, status, tuple(found), values, collapsed=prepared.collapsed, tie=window)
     if status is Status.NA:

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import FormulaError
+from pytest_rvads.errors import FormulaError, RunError
 from pytest_rvads.logic import formula as f
 from pytest_rvads.logic.signature import user_predicates
 from pytest_rvads.logic.sorts import Sort
+from pytest_rvads.semantics.conduct import blocks, collide, speeding, stopped
 from pytest_rvads.semantics.predicates import at_entrance, colour, in_junction, on_approach, on_exit, speed, ticks
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Colour
@@ -26,6 +27,12 @@ _OPERATORS: Mapping[str, Callable[[Any, Any], Any]] = {
     "<=": operator.le,
     ">": operator.gt,
     ">=": operator.ge,
+}
+_CONDUCT: Mapping[str, Callable[..., NDArray[np.bool_]]] = {
+    "stopped": stopped,
+    "blocks": blocks,
+    "speeding": speeding,
+    "collide": collide,
 }
 
 
@@ -77,10 +84,15 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
             case name, (left, right) if name in _OPERATORS:
                 found: NDArray[np.bool_] = _OPERATORS[name](self._number(left), self._number(right))
                 return found
+        columns = [t.index for t in atom.terms if isinstance(t, f.Element)]
+        if atom.name in _CONDUCT:
+            return _CONDUCT[atom.name](run, *columns)
+        if atom.name == "conflict":  # decided before, wherever the geometry is known
+            raise RunError("the run holds no geometry of its junction")
         predicate = user_predicates().get(atom.name)
         if predicate is None:
             raise FormulaError(f"nothing tells the value of {atom} on a run: register the predicate {atom.name!r}")
-        return predicate(run, *(t.index for t in atom.terms if isinstance(t, f.Element)))
+        return predicate(run, *columns)
 
     def _waits(self, name: str, difference: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Compare waiting times up to the tie window, given how much longer the first is [ticks]."""

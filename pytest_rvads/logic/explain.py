@@ -158,13 +158,14 @@ def _message(story: Story, worst: Judgement | None) -> str:
 def _what(j: Judgement, name: Naming = element_name) -> str:
     """Say what happened in the failing tick."""
     shape, broken = j.template.shape, dict(j.broken)
-    if shape.goes is not None and isinstance(shape.waits, f.Atom) and broken.get(shape.waits) is False:
-        match shape.waits.name, shape.waits.terms:
-            case "@", (f.Element() as agent, f.Element() as entrance):
-                goes = say(shape.goes, name, "was")
-                if j.together:
-                    return f"{name(agent)} left {name(entrance)} in the first step in which {goes}, not after it"
-                return f"{name(agent)} left {name(entrance)} before {goes}"
+    match shape.waits:
+        case f.Atom("@", (f.Element() as agent, f.Element() as entrance)) if shape.goes and broken.get(shape.waits) is False:
+            goes = say(shape.goes, name, "was")
+            if j.together:
+                return f"{name(agent)} left {name(entrance)} in the first step in which {goes}, not after it"
+            return f"{name(agent)} left {name(entrance)} before {goes}"
+        case f.Not(f.Atom("@", (f.Element() as agent, _)) as entered) if shape.goes and broken.get(entered) is True:
+            return f"{name(agent)} entered the junction before {say(shape.goes, name, 'was')}"
     parts = j.template.atoms
     inside = [
         a.terms[0] for a in parts if a.name == "@" and isinstance(a.terms[1], f.Element) and a.terms[1].sort is Sort.JUNCTION

@@ -230,6 +230,11 @@ def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
                 return here
             inside = f.Atom("@", (agent, f.Element(Sort.JUNCTION, 0, "j")))
             return f.And((here, f.Until(here, inside)))
+        case "conflict", (f.Element(_, i), f.Element(_, k)) if static.conflicts is not None:
+            one, two = static.agents[i], static.agents[k]
+            truth = ((one.entrance, one.exit), (two.entrance, two.exit)) in static.conflicts
+        case "collide", (f.Element(_, i) as first, f.Element(_, k) as second) if i > k:
+            return f.Atom("collide", (second, first))  # symmetric: both orders are one atom
         case (("right-of" | "opposite"), (f.Element(a, i), f.Element(b, k))):
             pairs = static.right_of if atom.name == "right-of" else static.opposite
             truth = a is b is Sort.ENTRANCE and (i, k) in pairs

@@ -15,6 +15,14 @@ __all__ = ["Naming", "clock", "colour_at", "element_name", "literal", "place", "
 Naming = Callable[[f.Element], str]
 """How to call an element: by its own name, or by the variable it stands for."""
 
+_CONDUCT = {
+    "stopped": ("has stopped at the line", "has not stopped at the line"),
+    "blocks": ("blocks the junction", "does not block the junction"),
+    "speeding": ("is over the speed limit", "is within the speed limit"),
+    "collide": ("collide", "do not collide"),
+    "conflict": ("are on conflicting movements", "are not on conflicting movements"),
+}
+
 
 def clock(run: Run, tick: int) -> str:
     """Return the time of a tick, with as many digits as the step needs and at least two."""
@@ -53,6 +61,10 @@ def literal(atom: f.Atom, value: bool, name: Naming = element_name, be: str = "i
             return f"{name(one)} and {name(two)} {'arrived' if value else 'did not arrive'} at the same time"
         case "<", (f.Attr(f.Element() as one, "wt"), f.Attr(f.Element() as two, "wt")):
             return f"{name(one)} {'arrived' if value else 'did not arrive'} after {name(two)}"
+        case word, (f.Element() as agent, *others) if word in _CONDUCT:
+            them = " and ".join(name(e) for e in (agent, *others) if isinstance(e, f.Element))
+            what = _CONDUCT[word][0 if value else 1]
+            return f"{them} {what.replace('has', 'had', 1) if be == 'was' else what}"
         case other, (one, two) if not other.isidentifier():
             return f"{no.lstrip()} {_term(one, name)} {other} {_term(two, name)}".lstrip()
     inner = ", ".join(_term(t, name) for t in atom.terms)
@@ -66,7 +78,7 @@ def _term(term: f.Term, name: Naming) -> str:
 
 
 def say(formula: f.Formula, name: Naming = element_name, be: str = "is") -> str:
-    """Return a formula in words where it is a literal or a conjunction of literals, else as formulas print."""
+    """Return a formula in words where it consists of literals joined by and, or; else as formulas print."""
     match formula:
         case f.Atom():
             return literal(formula, True, name, be)
@@ -74,6 +86,8 @@ def say(formula: f.Formula, name: Naming = element_name, be: str = "is") -> str:
             return literal(atom, False, name, be)
         case f.And(parts):
             return " and ".join(say(p, name, be) for p in parts)
+        case f.Or(parts):
+            return " or ".join(say(p, name, be) for p in parts)
     return str(formula)
 
 

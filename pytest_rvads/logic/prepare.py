@@ -11,7 +11,7 @@ from pytest_rvads.logic.boolean import holds
 from pytest_rvads.logic.ground import Binding, Instance, ground
 from pytest_rvads.logic.ltl3 import Machine, synthesize
 from pytest_rvads.logic.rewrite import rebuild
-from pytest_rvads.logic.shape import Kind, Shape, shape_of
+from pytest_rvads.logic.shape import Kind, Shape, shape_of, split
 from pytest_rvads.semantics.predicates import Static
 
 __all__ = ["Prepared", "Template", "prepare", "template"]
@@ -66,7 +66,8 @@ def prepare(formula: f.Formula, static: Static, *, itinerary: bool = True) -> Pr
     grounding = ground(formula, static, itinerary=itinerary)
     groups: dict[object, list[Instance]] = {}
     for instance in grounding.instances:
-        groups.setdefault(_key(instance.formula), []).append(instance)
+        for part in split(instance.formula):
+            groups.setdefault(_key(part), []).append(Instance(instance.binding, part))
     found = []
     for first, *others in groups.values():
         shape = shape_of(first.formula)

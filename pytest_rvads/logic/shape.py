@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from pytest_rvads.logic import formula as f
+from pytest_rvads.logic.boolean import conj
 from pytest_rvads.logic.sorts import Sort
 
-__all__ = ["Kind", "Shape", "agents_of", "conjuncts", "shape_of"]
+__all__ = ["Kind", "Shape", "agents_of", "conjuncts", "shape_of", "split"]
 
 
 class Kind(StrEnum):
@@ -17,7 +18,7 @@ class Kind(StrEnum):
     YIELD = "yield"
     """``G(t -> (N w) U g)``: w must still hold in the step in which g comes."""
     HOLD = "hold"
-    """``G(t -> w U g)``: w may end in the very step in which g comes."""
+    """``G(t -> w U g)`` or ``G(t -> w W g)``: w may end in the very step in which g comes."""
     STATE = "state"
     """``G c`` or ``G(t -> c)`` with no temporal operator inside."""
     OTHER = "other"
@@ -49,9 +50,22 @@ def shape_of(formula: f.Formula) -> Shape:
     match obligation:
         case f.Until(f.Next(waits), goes) if f.is_boolean(waits) and f.is_boolean(goes):
             return Shape(Kind.YIELD, premise, obligation, waits, goes)
-        case f.Until(waits, goes) if f.is_boolean(waits) and f.is_boolean(goes):
+        case f.Until(waits, goes) | f.WeakUntil(waits, goes) if f.is_boolean(waits) and f.is_boolean(goes):
             return Shape(Kind.HOLD, premise, obligation, waits, goes)
     return Shape(Kind.STATE if f.is_boolean(formula.body) else Kind.OTHER, premise, obligation)
+
+
+def split(formula: f.Formula) -> tuple[f.Formula, ...]:
+    """Write ``G(t -> (p & (q -> r)))`` as ``G(t -> p)`` and ``G(t & q -> r)``: what happened is then told part by part."""
+    if not (isinstance(formula, f.Always) and isinstance(formula.body, f.Implies)):
+        return (formula,)
+    premise, obligation = formula.body.left, formula.body.right
+    if isinstance(obligation, f.And):
+        parts = obligation.parts
+        return tuple(g for part in parts for g in split(f.Always(f.Implies(premise, part))))
+    if isinstance(obligation, f.Implies):
+        return split(f.Always(f.Implies(conj((premise, obligation.left)), obligation.right)))
+    return (formula,)
 
 
 def conjuncts(formula: f.Formula) -> tuple[f.Formula, ...]:

@@ -23,7 +23,15 @@ _ATTRIBUTES = {"wt": (Sort.AGENT, "number"), "sp": (Sort.AGENT, "number"), "cl":
 _PLACES = {Sort.JUNCTION, Sort.ENTRANCE, Sort.EXIT, Sort.ROAD, Sort.VERTEX}
 _PLACED = {Sort.AGENT, Sort.LIGHT, Sort.OBJECT}
 _VERTICES = {Sort.ENTRANCE, Sort.EXIT, Sort.VERTEX}
-_BUILT_IN: Mapping[str, tuple[str, ...]] = {"turn": ("agent", "direction"), "take": ("agent", "entrance", "direction")}
+_BUILT_IN: Mapping[str, tuple[str, ...]] = {
+    "turn": ("agent", "direction"),
+    "take": ("agent", "entrance", "direction"),
+    "conflict": ("agent", "agent"),
+    "collide": ("agent", "agent"),
+    "stopped": ("agent",),
+    "blocks": ("agent",),
+    "speeding": ("agent",),
+}
 _RELATIONS = {
     "right-of": (Sort.ENTRANCE, Sort.ENTRANCE),
     "opposite": (Sort.ENTRANCE, Sort.ENTRANCE),

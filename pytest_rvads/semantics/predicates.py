@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.errors import RunError
 from pytest_rvads.maps.junction import JunctionControl
+from pytest_rvads.semantics.conduct import conflicts
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Agent, Colour, Zone
 
@@ -33,6 +34,8 @@ class Static:
     signs: tuple[int, ...]
     """Entrances with a stop sign."""
     agents: tuple[Agent, ...]
+    conflicts: frozenset[tuple[tuple[int, int], tuple[int, int]]] | None = None
+    """Pairs of movements that get in each other's way; None where the geometry is not known."""
 
     def __str__(self) -> str:
         pairs = ", ".join(f"{a} right-of {b}" for a, b in sorted(self.right_of))
@@ -55,6 +58,7 @@ def extract(run: Run) -> Static:
         everywhere if junction.control is JunctionControl.LIGHTS else lights,
         everywhere if junction.control is JunctionControl.STOP else (),
         run.agents,
+        conflicts(junction),
     )
 
 

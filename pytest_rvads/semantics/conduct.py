@@ -1,0 +1,136 @@
+"""What road users are held to beyond the paper's predicates: stopping, blocking, colliding, getting in each other's way.
+
+Every function takes a run and the columns of agents and returns one truth value per state, shape ``(steps,)``. What a run
+does not record makes them raise, so that nothing is guessed. The numbers are parameters of the road rulebook.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.errors import RunError
+from pytest_rvads.maps.junction import Junction
+from pytest_rvads.maps.segment import Segment
+from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.states import Zone
+from pytest_rvads.semantics.vehicle import Vehicle
+
+__all__ = [
+    "BLOCKING_TIME",
+    "CONFLICT_WIDTH",
+    "LINE_TOLERANCE",
+    "SPEED_LIMIT",
+    "SPEED_TOLERANCE",
+    "STANDSTILL",
+    "blocks",
+    "collide",
+    "conflicts",
+    "speeding",
+    "stopped",
+    "vehicle_size",
+]
+
+STANDSTILL = 0.1
+"""A vehicle at most this fast stands still [m/s]; wheel-speed sensors resolve about as much."""
+LINE_TOLERANCE = 0.1
+"""How far over the stopping line a bumper may stand and still have stopped before it [m]."""
+BLOCKING_TIME = 3.0
+"""A vehicle that stands in the junction for longer than this blocks it [s]."""
+SPEED_LIMIT = 11.176
+"""Of the paper's city map, where the run does not name another [m/s]."""
+SPEED_TOLERANCE = 0.5
+"""How much faster than the limit is still within what a speed control holds [m/s]."""
+CONFLICT_WIDTH = 2.6
+"""Two movements whose centre lines come nearer than this are in conflict [m]: the width of a car and what its body sweeps
+in a bend."""
+_SPACING = 0.5
+
+
+def vehicle_size(run: Run) -> tuple[float, float]:
+    """Return length and width of the vehicles of a run [m]; those of a passenger car where the run does not tell."""
+    recorded = run.meta.get("vehicle") or {}
+    default = Vehicle()
+    return float(recorded.get("length", default.length)), float(recorded.get("width", default.width))
+
+
+def _speed(run: Run, agent: int) -> NDArray[np.float64]:
+    if run.speed is None:
+        raise RunError("the run holds no speeds")
+    return run.speed[:, agent]
+
+
+def _station(run: Run, agent: int) -> NDArray[np.float64]:
+    if run.station is None:
+        raise RunError("the run holds no positions")
+    return run.station[:, agent]
+
+
+def stopped(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The agent is at its entrance and has stood still there, before the stopping line, in the present approach."""
+    here = run.zone[:, agent] == Zone.ENTRANCE
+    line = -run.junction.setbacks[run.agents[agent].entrance] + LINE_TOLERANCE
+    still = here & (_speed(run, agent) <= STANDSTILL) & (_station(run, agent) <= line)
+    tick = np.arange(run.steps)
+    last_still = np.maximum.accumulate(np.where(still, tick, -1))
+    last_away = np.maximum.accumulate(np.where(here, -1, tick))
+    found: NDArray[np.bool_] = here & (last_still > last_away)
+    return found
+
+
+def blocks(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The agent has been standing for longer than `BLOCKING_TIME` with part of its body in the junction."""
+    who = run.agents[agent]
+    length, _ = vehicle_size(run)
+    station = _station(run, agent)
+    inside = (station > 0.0) & (station - length < run.junction.movements[who.entrance, who.exit].length)
+    standing = inside & (run.zone[:, agent] != Zone.GONE) & (_speed(run, agent) <= STANDSTILL)
+    tick = np.arange(run.steps)
+    since = np.maximum.accumulate(np.where(standing, -1, tick))
+    found: NDArray[np.bool_] = (tick - since) * run.dt > BLOCKING_TIME
+    return found
+
+
+def speeding(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The agent drives faster than the limit and the tolerance."""
+    limit = float(run.meta.get("speed_limit", SPEED_LIMIT))
+    found: NDArray[np.bool_] = _speed(run, agent) > limit + SPEED_TOLERANCE
+    return found
+
+
+def collide(run: Run, one: int, two: int) -> NDArray[np.bool_]:
+    """The bodies of two agents touch for the first time."""
+    if run.pose is None and not run.collisions:
+        raise RunError("the run holds neither positions nor collisions")
+    pair = {run.agents[one].name, run.agents[two].name}
+    found = np.zeros(run.steps, dtype=np.bool_)
+    for collision in run.collisions:
+        if set(collision.agents) == pair:
+            found[min(max(round(collision.time / run.dt), 0), run.steps - 1)] = True
+    return found
+
+
+@lru_cache(maxsize=64)
+def conflicts(junction: Junction) -> frozenset[tuple[tuple[int, int], tuple[int, int]]] | None:
+    """Return all pairs of movements (entrance, exit) that two vehicles can't make at the same time, in both orders.
+
+    Movements from one entrance don't count: there one vehicle follows the other. None without geometry.
+    """
+    if junction.geometry is None:
+        return None
+    lines = {way: _sample(segment) for way, segment in junction.geometry.movements.items()}
+    found = set()
+    for one, first in lines.items():
+        for two, second in lines.items():
+            if one[0] < two[0]:
+                gap = np.hypot(first[:, None, 0] - second[None, :, 0], first[:, None, 1] - second[None, :, 1]).min()
+                if gap < CONFLICT_WIDTH:
+                    found |= {(one, two), (two, one)}
+    return frozenset(found)
+
+
+def _sample(segment: Segment) -> NDArray[np.float64]:
+    stations = np.append(np.arange(0.0, segment.length, _SPACING), segment.length)
+    return np.array([segment.pose(float(s))[:2] for s in stations])
