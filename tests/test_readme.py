@@ -15,9 +15,7 @@ PYTHON = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 CONSOLE = re.findall(r"^\$ (rvads .*)\n((?:(?!\$ |```).*\n)*)", TEXT, re.MULTILINE)
 
 
-@pytest.mark.parametrize(
-    "code", [code for code in PYTHON if "def test_" in code], ids=lambda code: re.search(r"def (test_\w+)", code)[1]
-)  # type: ignore[index]
+@pytest.mark.parametrize("code", [pytest.param(c, id=f"block{n}") for n, c in enumerate(PYTHON) if "def test_" in c])
 def test_examples_of_tests_pass_or_fail_as_said(pytester: pytest.Pytester, code: str) -> None:
     pytester.makepyfile(code)
     result = pytester.runpytest()
@@ -36,7 +34,7 @@ def test_the_failure_shown_is_the_one_printed(pytester: pytest.Pytester, monkeyp
         assert line in printed or line.startswith("---"), line
 
 
-@pytest.mark.parametrize("code", [code for code in PYTHON if "def test_" not in code])
+@pytest.mark.parametrize("code", [pytest.param(c, id=f"block{n}") for n, c in enumerate(PYTHON) if "def test_" not in c])
 def test_scripts_run(tmp_path: Path, code: str) -> None:
     """A comment behind a line that prints says what it prints."""
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
