@@ -37,16 +37,14 @@ def conflict(junction: Junction, mine: tuple[int, int], other: tuple[int, int]) 
     """
     if junction.geometry is None:
         return None
-    one, two = _sample(junction.geometry.movements[mine]), _sample(junction.geometry.movements[other])
+    one_at, one = _sample(junction.geometry.movements[mine])
+    two_at, two = _sample(junction.geometry.movements[other])
     distance = np.hypot(one[:, None, 0] - two[None, :, 0], one[:, None, 1] - two[None, :, 1])
     near = distance < CLEARANCE
     if not near.any():
         return None
     along, across = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
-    return (
-        Stretch(float(along[0]) * _SPACING, float(along[-1]) * _SPACING),
-        Stretch(float(across[0]) * _SPACING, float(across[-1]) * _SPACING),
-    )
+    return _stretch(along, one_at), _stretch(across, two_at)
 
 
 @lru_cache(maxsize=4096)
@@ -85,6 +83,11 @@ def exit_blocked(seen: Observation) -> bool:
     return False
 
 
-def _sample(segment: Segment) -> NDArray[np.float64]:
-    stations = np.arange(0.0, segment.length + _SPACING / 2, _SPACING)
-    return np.array([segment.pose(float(s))[:2] for s in stations])
+def _stretch(near: NDArray[np.int_], stations: NDArray[np.float64]) -> Stretch:
+    return Stretch(float(stations[near[0]]), float(stations[near[-1]]))
+
+
+def _sample(segment: Segment) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return stations [m] along a movement, ends included, and the places (x, y) there [m]."""
+    stations = np.minimum(np.arange(0.0, segment.length + _SPACING, _SPACING), segment.length)
+    return stations, np.array([segment.pose(float(s))[:2] for s in stations])

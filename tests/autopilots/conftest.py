@@ -1,11 +1,16 @@
-"""The paper's rules p1..p6 on finished runs, evaluated by definition: no automata, no formulas of the package."""
+"""What a run must fulfil, worked out apart from the logic package.
 
+The paper's rules p1..p6 are evaluated on finished runs by definition: no automata, no formulas of the package.
+"""
+
+from collections.abc import Callable
 from itertools import permutations
 
 import numpy as np
+import pytest
 
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.run import DT, Run
 from pytest_rvads.semantics.states import Colour, Zone
 
 
@@ -23,7 +28,7 @@ def _until(trigger: np.ndarray, wait: np.ndarray, go: np.ndarray, strict: bool) 
                 return "FAIL"
             k += 1
             if k == steps:
-                return "OPEN" if status != "FAIL" else status
+                return "OPEN"
             if strict and not wait[k]:
                 return "FAIL"
     return status
@@ -33,7 +38,7 @@ def _worst(statuses: list[str]) -> str:
     return next((s for s in ("FAIL", "OPEN", "PASS") if s in statuses), "NA")
 
 
-def verdicts(run: Run) -> dict[str, str]:
+def judge(run: Run) -> dict[str, str]:
     """Status of every rule that is about this kind of junction."""
     zone, wt = run.zone, run.wt
     at = zone == Zone.ENTRANCE
@@ -62,3 +67,35 @@ def verdicts(run: Run) -> dict[str, str]:
             if turn[a] is Turn.LEFT and turn[b] is not Turn.LEFT and (entrance[a], entrance[b]) in run.junction.opposite:
                 found["p6"].append(_until(at[:, a] & at[:, b], at[:, a], inside[:, b], True))
     return {rule: _worst(statuses) for rule, statuses in found.items()}
+
+
+def complaints(run: Run) -> list[str]:
+    """What the reference autopilot did wrong in a run; p2 is excused where four arrive in the same tick."""
+    status = judge(run)
+    found = [f"{rule} {s}" for rule, s in status.items() if s in ("FAIL", "OPEN")]
+    arrival = np.where((run.zone >= Zone.ENTRANCE).any(axis=0), (run.zone >= Zone.ENTRANCE).argmax(axis=0), -1)
+    if len(run.agents) == 4 and len(set(np.maximum(arrival, 1))) == 1 and status.get("p2") == "FAIL":
+        found.remove("p2 FAIL")
+    if run.fault:
+        found.append(run.fault.reason)
+    if run.collisions:
+        found.append(f"collision {run.collisions}")
+    if run.meta["end"] != "left":
+        found.append(f"not everybody left: {run.meta['end']}")
+    # Approach to the line: harder than 3.4 m/s^2 is no comfortable stop (people, at stop signs).
+    braking = -np.where(run.zone[:-1] <= Zone.ENTRANCE, np.diff(run.speed, axis=0), 0.0).min() / DT
+    if braking > 3.4:
+        found.append(f"braked with {braking:.2f} m/s^2")
+    return found
+
+
+@pytest.fixture(scope="session")
+def verdicts() -> Callable[[Run], dict[str, str]]:
+    """Judge a run by definition."""
+    return judge
+
+
+@pytest.fixture(scope="session")
+def wrongs() -> Callable[[Run], list[str]]:
+    """List what a reference vehicle must not do."""
+    return complaints

@@ -1,0 +1,68 @@
+"""Cost of simulating: four vehicles for 20 simulated seconds, control and sampling included, and the bare steps of the engine.
+
+Run with ``pytest benchmarks/bench_physics.py``.
+"""
+
+import resource
+
+import pytest
+
+from pytest_rvads.autopilots import Reference
+from pytest_rvads.physics.braking import _vmax, stopping_distance, vmax
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.physics.world import BulletWorld, Motion
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.semantics.vehicle import Vehicle
+
+BUDGET = 0.15
+"""Longest time for 20 simulated seconds on the machine of CI [s]."""
+CASES = [Scenario("stop4", "3333", distance=20, duration=20), Scenario("light4", "3232", distance=20, duration=20)]
+
+
+def bare_steps() -> None:
+    """2000 steps of the same world without forces, control or sampling."""
+    world = BulletWorld(Vehicle(), [Motion(20.0 * k, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(4)])
+    bullet, client = world._bullet, world._client
+    for _ in range(2000):
+        bullet.stepSimulation(physicsClientId=client)
+    world.close()
+
+
+def test_bare_steps(benchmark) -> None:
+    benchmark.pedantic(bare_steps, rounds=10, warmup_rounds=2)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.junction)
+def test_four_vehicles_for_twenty_seconds(benchmark, case: Scenario) -> None:
+    import time
+
+    run = benchmark.pedantic(simulate, args=(case, Reference), rounds=10, warmup_rounds=2)
+    assert (run.duration, len(run.agents)) == (20.0, 4)
+    bare = []
+    for _ in range(5):
+        start = time.perf_counter()
+        bare_steps()
+        bare.append(time.perf_counter() - start)
+    ratio = benchmark.stats["min"] / min(bare)
+    benchmark.extra_info["total over bare steps"] = round(ratio, 1)
+    print(f"\n{case.junction}: {benchmark.stats['min']:.3f} s, {ratio:.1f} times the bare steps ({min(bare):.4f} s)")  # noqa: T201
+    assert benchmark.stats["min"] <= BUDGET
+
+
+def test_braking_envelope(benchmark) -> None:
+    def table() -> list[float | None]:
+        _vmax.cache_clear()
+        stopping_distance.cache_clear()
+        return [vmax(d, level) for level in (1, 2, 3) for d in (0.3, 1.0, 3.0, 5.0, 10.0, 15.0, 20.0)]
+
+    assert None not in benchmark.pedantic(table, rounds=3)
+
+
+def test_memory_of_a_thousand_runs() -> None:
+    case = Scenario("stop4", "3333", distance=0.3, duration=0.5)
+    for _ in range(200):
+        simulate(case, Reference)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(1000):
+        simulate(case, Reference)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 4096, "kilobytes"

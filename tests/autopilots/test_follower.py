@@ -1,0 +1,103 @@
+"""The helper that follows an itinerary: on its way, at its speed, to a stop where it should."""
+
+import numpy as np
+import pytest
+
+from pytest_rvads.autopilots import Follower
+from pytest_rvads.autopilots.track import BEND, Track
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.semantics.run import DT, Run
+from pytest_rvads.semantics.states import Observation
+
+
+class Steady(Follower):
+    def target_speed(self, seen: Observation) -> float:
+        return 8.0
+
+
+def rear_axle_errors(run: Run, case: Scenario) -> np.ndarray:
+    """Distance of the rear axle from the itinerary in every state [m]."""
+    (itinerary,) = case.itineraries()
+    errors = []
+    for (x, y, yaw), station in zip(run.pose[:, 0], run.station[:, 0], strict=True):
+        back = 3.65
+        _, offset = itinerary.project(x - back * np.cos(yaw), y - back * np.sin(yaw), float(station) - back)
+        errors.append(abs(offset))
+    return np.array(errors)
+
+
+@pytest.mark.parametrize(
+    ("junction", "direction"),
+    [(name, d) for name in ("stop4", "stop3", "paper_stop4") for d in (1, 2, 3) if "3" not in name or d < 3],
+)
+def test_the_rear_axle_stays_on_the_itinerary(junction: str, direction: int) -> None:
+    ways = 3 if junction == "stop3" else 4
+    case = Scenario(junction, [direction] + [0] * (ways - 1), distance=40, speed=8)
+    run = simulate(case, Steady)
+    assert run.meta["end"] == "left"
+    # Pure pursuit cuts and overshoots by 0.13 to 0.19 m on turns of radius 6 to 19 m.
+    assert rear_axle_errors(run, case).max() < 0.35
+
+
+def test_it_holds_its_speed_on_the_straight_and_slows_down_in_bends() -> None:
+    straight = simulate(Scenario("stop4", "2000", distance=60, speed=2), Steady)
+    turning = simulate(Scenario("stop4", "1000", distance=60, speed=2), Steady)
+    assert straight.speed[-300:, 0] == pytest.approx(8.0, abs=0.05)
+    middle = int(np.argmin(np.abs(turning.station[:, 0] - 10.0)))
+    v = turning.speed[middle, 0]
+    # A right turn of an X with stop lines at 15 m and lanes at 1.75 m has a radius of 13.25 m.
+    assert v**2 / 13.25 == pytest.approx(BEND, rel=0.1)
+
+
+@pytest.mark.parametrize("distance", [10.0, 25.0, 60.0])
+def test_a_target_of_zero_stops_where_the_helper_says(distance: float) -> None:
+    class Stopper(Follower):
+        def target_speed(self, seen: Observation) -> float:
+            return min(8.0, self.stopping_speed(seen.itinerary.line - 0.5 - seen.me.station))
+
+    run = simulate(Scenario("stop4", "2000", distance=distance, speed=5, duration=25), Stopper)
+    assert abs(run.speed[-1, 0]) < 1e-6
+    assert -1.0 < run.station[-1, 0] <= 0.0
+    assert (run.station[-500:] == run.station[-1]).all()
+
+
+def test_a_new_target_is_reached_with_the_vehicles_means() -> None:
+    class Sudden(Follower):
+        def target_speed(self, seen: Observation) -> float:
+            return 0.0 if seen.time >= 3.0 else 12.0
+
+    run = simulate(Scenario("stop4", "2000", distance=110, speed=5, duration=8), Sudden)
+    change = np.diff(run.speed[:, 0]) / DT
+    assert change.max() <= 3.0
+    assert -change.min() <= 4.0 + 0.2
+    assert run.speed[-1, 0] == pytest.approx(0.0, abs=1e-6)
+    assert ((run.controls[..., :2] >= 0) & (run.controls[..., :2] <= 1)).all()
+    assert (run.controls[..., 0] * run.controls[..., 1] == 0).all(), "never throttle and brake together"
+
+
+def test_the_docstring_example_stops_and_the_class_needs_no_constructor() -> None:
+    class Ten(Follower):
+        def target_speed(self, seen: Observation) -> float:
+            line = seen.itinerary.line - seen.me.station
+            return self.stopping_speed(line - 0.5) if line > 0 else 5.0
+
+    run = simulate(Scenario("stop4", "2000", distance=20, speed=5, duration=20), Ten)
+    assert abs(run.speed[-1, 0]) < 1e-6
+    assert run.zone[-1, 0] == 1
+
+
+def test_a_track_knows_bends_before_they_come() -> None:
+    (straight,) = Scenario("stop4", "2000").itineraries()
+    (right,) = Scenario("stop4", "1000").itineraries()
+    assert Track(straight, 3.65).speed(5.0) > 100
+    track = Track(right, 3.65)
+    limit = (BEND * 13.25) ** 0.5
+    assert track.speed(10.0) == pytest.approx(limit, rel=0.03)
+    assert track.speed(right.length + 2.0) == pytest.approx(limit, rel=0.03), "the rear axle is still in the bend"
+    speeds = np.array([track.speed(s) for s in range(-60, 10)])
+    assert (np.diff(speeds**2) / 2 >= -2.0 - 1e-9).all(), "within easy braking"
+    assert track.speed(-40.0) > track.speed(-10.0) > limit
+    places = track.places(3.2, 6.0)
+    assert len(places) == 6
+    assert places[0] == pytest.approx(right.pose(4.0)[:2])

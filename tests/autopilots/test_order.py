@@ -1,0 +1,117 @@
+"""Whose turn it is, and which movements conflict."""
+
+from itertools import permutations, product
+
+import pytest
+
+from pytest_rvads.autopilots.conflicts import conflict, movements
+from pytest_rvads.autopilots.order import Queue
+from pytest_rvads.maps.finder import find
+from pytest_rvads.maps.segment import Turn
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.semantics.states import Observation, VehicleState, Zone
+from pytest_rvads.semantics.vehicle import Vehicle
+
+JUNCTION = find("stop4")
+ITINERARY = Scenario("stop4", "2000").itineraries()[0]
+
+
+def view(zones: dict[int, tuple[Zone, float]], tick: int, me: int = 0) -> Observation:
+    """What the driver at entrance `me` sees; zone and speed per entrance."""
+    states = {
+        e: VehicleState(f"a{e}", e, Turn.STRAIGHT, zone, -0.5, 0.0, 0.0, 0.0, speed, 0.0, 4.6, 1.86)
+        for e, (zone, speed) in zones.items()
+    }
+    others = tuple(s for e, s in states.items() if e != me)
+    return Observation(tick * 0.01, states[me], others, (), ITINERARY, JUNCTION, Vehicle(), 11.176)
+
+
+def who(arrivals: dict[int, int], me: int = 0) -> tuple[set[int], bool]:
+    """Who goes first when the vehicle of each entrance arrives in the given tick."""
+    queue = Queue()
+    for tick in range(max(arrivals.values()) + 1):
+        seen = view({e: (Zone.ENTRANCE if tick >= t else Zone.APPROACH, 0.0) for e, t in arrivals.items()}, tick, me)
+        queue.watch(seen)
+    first, decided = queue.first(seen)
+    return {s.entrance for s in first}, decided
+
+
+def test_first_come_first_served() -> None:
+    for order in permutations(range(4)):
+        assert who({e: 5 + 3 * place for place, e in enumerate(order)}) == ({order[0]}, True)
+
+
+@pytest.mark.parametrize("entrance", range(4))
+def test_right_before_left_on_a_tie(entrance: int) -> None:
+    right = (entrance + 1) % 4
+    assert (right, entrance) in JUNCTION.right_of
+    for me in (entrance, right):
+        assert who({entrance: 7, right: 7}, me) == ({right}, True)
+
+
+def test_one_tick_decides() -> None:
+    assert who({0: 7, 1: 8}) == ({0}, True)
+
+
+def test_who_is_there_in_state_0_ties_with_who_comes_in_state_1() -> None:
+    # Waiting time is 0 in state 0 whatever the place, and 1 in the first state after a state elsewhere.
+    assert who({0: 0, 1: 1}) == ({1}, True)
+    assert who({0: 0, 1: 2}) == ({0}, True)
+
+
+def test_four_at_once_are_a_cycle_and_three_are_not() -> None:
+    assert who({0: 3, 1: 3, 2: 3, 3: 3}) == ({0, 1, 2, 3}, False)
+    for gone in range(4):
+        left = {e: 3 for e in range(4) if e != gone}
+        # The first in the chain has the empty entrance to its right.
+        assert who(left, me=min(left)) == ({(gone + 3) % 4}, True)
+
+
+def test_everybody_agrees_on_who_goes() -> None:
+    for ticks in product((3, 4), repeat=4):
+        answers = [who(dict(enumerate(ticks)), me) for me in range(4)]
+        assert all(a == answers[0] for a in answers)
+
+
+def test_setting_off_is_moving_after_having_stood() -> None:
+    queue = Queue()
+    for tick, (zone, speed) in enumerate([(Zone.APPROACH, 3.0), (Zone.ENTRANCE, 1.0)]):
+        seen = view({0: (Zone.ENTRANCE, 0.0), 1: (zone, speed)}, tick)
+        queue.watch(seen)
+        assert not queue.setting_off(seen.others), "it is still arriving"
+    for tick, (speed, sets_off) in enumerate([(0.0, False), (0.1, False), (0.5, True)], start=2):
+        seen = view({0: (Zone.ENTRANCE, 0.0), 1: (Zone.ENTRANCE, speed)}, tick)
+        queue.watch(seen)
+        assert queue.setting_off(seen.others) is sets_off
+
+
+PASS_EACH_OTHER = [((0, 2), (2, 0)), ((0, 1), (2, 3)), ((0, 1), (1, 2)), ((0, 3), (2, 1)), ((0, 1), (2, 0))]
+MEET = [((0, 2), (1, 3)), ((0, 2), (2, 1)), ((0, 1), (3, 1)), ((0, 3), (1, 3)), ((0, 3), (1, 0))]
+
+
+@pytest.mark.parametrize(("one", "two"), PASS_EACH_OTHER)
+def test_movements_that_pass_each_other(one: tuple[int, int], two: tuple[int, int]) -> None:
+    assert conflict(JUNCTION, one, two) is None
+
+
+@pytest.mark.parametrize(("one", "two"), MEET)
+def test_movements_that_meet_and_where(one: tuple[int, int], two: tuple[int, int]) -> None:
+    found = conflict(JUNCTION, one, two)
+    assert found is not None
+    assert conflict(JUNCTION, two, one) == (found[1], found[0])
+    for stretch, movement in zip(found, (one, two), strict=True):
+        assert 0.0 <= stretch.start <= stretch.end <= JUNCTION.movements[movement].length
+    if one[1] == two[1]:
+        assert found[0].end == pytest.approx(JUNCTION.movements[one].length, abs=0.5), "to the common exit"
+
+
+def test_straight_ways_cross_where_the_lanes_do() -> None:
+    # Lanes at 1.75 m from the centre cross 15 + 1.75 and 15 - 1.75 m after the vertices.
+    found = conflict(JUNCTION, (0, 2), (1, 3))
+    assert (found[0].start + found[0].end) / 2 in (pytest.approx(16.75, abs=0.5), pytest.approx(13.25, abs=0.5))
+    assert found[0].end - found[0].start == pytest.approx(2 * 2.6, abs=1.0)
+
+
+def test_an_indicator_tells_the_movement() -> None:
+    assert [m.exit for m in movements(JUNCTION, 1, Turn.LEFT)] == [0]
+    assert [m.exit for m in movements(JUNCTION, 1, Turn.RIGHT)] == [2]
