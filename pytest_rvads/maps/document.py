@@ -14,12 +14,16 @@ from xml.etree.ElementTree import Element
 
 from pytest_rvads.errors import MapError
 
-__all__ = ["MAX_BYTES", "MAX_DEPTH", "integer", "load", "number"]
+__all__ = ["MAX_BYTES", "MAX_DEPTH", "MAX_ELEMENTS", "MAX_TAG", "integer", "load", "number"]
 
 MAX_BYTES = 128 * 2**20
 """Largest file that is read [bytes]; whole towns have 1 to 20 MB."""
 MAX_DEPTH = 40
 """Deepest nesting that is read; OpenDRIVE needs 10."""
+MAX_ELEMENTS = 2_000_000
+"""Most elements that are kept; a town has 30,000."""
+MAX_TAG = 2**21
+"""Longest tag or comment [bytes]."""
 _CHUNK = 2**18
 _SKIPPED = frozenset(
     {"userData", "roadMark", "elevationProfile", "lateralProfile", "surface", "railroad", "crossSectionSurface", "outlines"}
@@ -35,6 +39,8 @@ class _Builder:
         self.root: Element | None = None
         self.stack: list[Element] = []
         self.skipping = 0
+        self.kept = 0
+        self.events = 0
 
     def doctype(self, *_: object) -> None:
         raise MapError(
@@ -42,6 +48,7 @@ class _Builder:
         )
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
+        self.events += 1
         if len(self.stack) + self.skipping >= MAX_DEPTH:
             raise MapError(f"{self.name} nests elements deeper than {MAX_DEPTH} levels, which no OpenDRIVE file does")
         if "}" in tag:
@@ -49,6 +56,9 @@ class _Builder:
         if self.skipping or tag in _SKIPPED:
             self.skipping += 1
             return
+        self.kept += 1
+        if self.kept > MAX_ELEMENTS:
+            raise MapError(f"{self.name} has more than {MAX_ELEMENTS:,} elements; cut the map into pieces")
         element = Element(tag, attributes)
         if self.stack:
             self.stack[-1].append(element)
@@ -59,6 +69,7 @@ class _Builder:
         self.stack.append(element)
 
     def data(self, text: str) -> None:
+        self.events += 1
         if self.stack and self.stack[-1].tag == "geoReference" and not self.skipping:
             self.stack[-1].text = (self.stack[-1].text or "") + text
 
@@ -94,13 +105,19 @@ def load(path: str | os.PathLike[str]) -> Element:
 
 
 def _parse(file: Path) -> Element:
-    parser = ElementTree.XMLParser(target=_Builder(f"map file {file}"))
+    builder = _Builder(f"map file {file}")
+    parser = ElementTree.XMLParser(target=builder)
+    events = silent = 0
     ended = begins_like_xml = False
     try:
         with file.open("rb") as stream:
             while chunk := stream.read(_CHUNK):
                 begins_like_xml = begins_like_xml or chunk.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<")
                 parser.feed(chunk)
+                silent = 0 if builder.events > events else silent + len(chunk)
+                events = builder.events
+                if silent > MAX_TAG:
+                    raise MapError(f"map file {file} has a tag or comment of more than {MAX_TAG // 2**20} MB")
         ended = True
         root: Element | None = parser.close()
     except ElementTree.ParseError as error:

@@ -27,6 +27,7 @@ SPACING = 0.5
 JOINT = 0.1
 """Gap between two pieces of a reference line from which on a warning is given [m]."""
 _STRAIGHT_SPACING = 50.0
+_LOOKS_PER_SAMPLE = 20
 _BEND = 0.06
 """Change of heading from sample to sample from which on curves are sampled finer: chords stay within 5 mm [rad]."""
 _FINEST = 8
@@ -60,7 +61,10 @@ def sample_count(road: Road) -> int:
     lanes = max((sum(lane.drivable for lane in section.lanes.values()) for section in road.sections), default=0)
     straight = not curved and all(shape.kind == "line" for shape in road.shapes)
     spacing = _STRAIGHT_SPACING if straight else SPACING
-    return int(road.length / spacing * max(1, lanes, again)) + (len(road.shapes) + sum(map(len, tables))) * max(1, lanes)
+    records = len(road.shapes) + sum(map(len, tables))
+    # Every lane section looks at all pieces and offsets of its road.
+    looks = len(road.sections) * (len(road.shapes) + len(road.offsets)) // _LOOKS_PER_SAMPLE
+    return int(road.length / spacing * max(1, lanes, again)) + records * max(1, lanes) + looks
 
 
 def lane_lines(road: Road, warnings: list[MapWarning]) -> list[dict[int, LaneLine]]:

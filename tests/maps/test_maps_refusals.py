@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.errors import MapError
+from pytest_rvads.maps import document
 from pytest_rvads.maps.document import MAX_BYTES
 from pytest_rvads.maps.road_map import read_map
 from pytest_rvads.maps.writer import Layout, opendrive
@@ -123,3 +124,23 @@ def test_truncated_real_files(shared: Path, read, share: float) -> None:
     for stem in ("sumo_t3", "cubetown", "Town01"):
         data = (shared / "maps" / f"{stem}.xodr").read_bytes()
         assert "is cut off" in refusal(read, data[: int(len(data) * share)])
+
+
+def test_more_elements_than_a_town_can_have(read, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(document, "MAX_ELEMENTS", 1000)
+    assert "more than 1,000 elements" in refusal(read, "<OpenDRIVE>" + "<x/>" * 1000 + "</OpenDRIVE>")
+
+
+def test_endless_tags_and_comments(read) -> None:
+    assert "tag or comment of more than 2 MB" in refusal(read, "<OpenDRIVE><!--" + "-x" * 3_000_000)
+    assert "tag or comment of more than 2 MB" in refusal(
+        read, "<OpenDRIVE><road " + " ".join(f'a{i}="1"' for i in range(500_000)) + "/>"
+    )
+
+
+def test_work_is_bounded_before_it_is_done(read) -> None:
+    lane = '<right><lane id="-1" type="driving"><width sOffset="0" a="3" b="0" c="0" d="0"/></lane></right>'
+    sections = "".join(f'<laneSection s="{k / 1000}">{lane}</laneSection>' for k in range(8_000))
+    pieces = "".join(f'<geometry s="{k / 1000}" x="0" y="0" hdg="0" length="1"><line/></geometry>' for k in range(8_000))
+    road = f'<road id="1" length="100" junction="-1"><planView>{pieces}</planView><lanes>{sections}</lanes></road>'
+    assert "samples, more than 1,500,000" in refusal(read, f'<OpenDRIVE>{road}<junction id="1"/></OpenDRIVE>')
