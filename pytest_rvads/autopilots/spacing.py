@@ -8,7 +8,18 @@ from pytest_rvads.autopilots.conflicts import conflict, movements
 from pytest_rvads.autopilots.track import Track
 from pytest_rvads.semantics.states import Observation, VehicleState, Zone
 
-__all__ = ["COMFORT", "FIRM", "LAST_STOP", "STAND_OFF", "Stopping", "behind_leader", "can_stop", "clear_of_bodies", "clear_of_crossing", "time_to"]
+__all__ = [
+    "COMFORT",
+    "FIRM",
+    "LAST_STOP",
+    "STAND_OFF",
+    "Stopping",
+    "behind_leader",
+    "can_stop",
+    "clear_of_bodies",
+    "clear_of_crossing",
+    "time_to",
+]
 
 STAND_OFF = 0.35
 """Where to stop before the stopping line [m]: well inside the entrance zone."""

@@ -54,7 +54,8 @@ class Body:
         self._ahead = vehicle.gravity_offset
         self._axle = vehicle.rear_axle_offset
         self._length, self._width = vehicle.length, vehicle.width
-        self._speed = math.nan
+        self._motion: Motion | None = None
+        self._state: VehicleState | None = None
 
     def sample(self, motion: Motion) -> VehicleState:
         """Return what the semantic model says of `motion`, the next state after the last one sampled.
@@ -62,6 +63,12 @@ class Body:
         Raises:
             OffRoute: it is not finite, or the vehicle has left its route or was thrown away.
         """
+        if motion == self._motion and self._state is not None:
+            # At rest, as vehicles that wait are most of the time.
+            if self._state.acceleration:
+                self._state = self._state._replace(acceleration=0.0)
+            return self._state
+        self._motion = motion
         x, y, yaw, vx, vy, _ = motion
         cos = self.cos = math.cos(yaw)
         sin = self.sin = math.sin(yaw)
@@ -76,11 +83,10 @@ class Body:
             # Where lanes overlap at a joint, the nearest point may jump back; a vehicle that moves on does not.
             along = self._along
         self._along = along
-        change = (speed - self._speed) / DT
-        self._speed = speed
+        last = self._state
         station = along - self._origin
         agent = self.agent
-        return VehicleState(
+        self._state = VehicleState(
             agent.name,
             agent.entrance,
             agent.turn,
@@ -90,10 +96,11 @@ class Body:
             y,
             yaw,
             speed,
-            change if change == change else 0.0,  # there is no step before the first state
+            (speed - last.speed) / DT if last is not None else 0.0,
             self._length,
             self._width,
         )
+        return self._state
 
     def _check(self, motion: Motion, offset: float) -> None:
         """Say what is wrong with a motion; a front that swings out of a narrow bend is not, if the rear axle follows."""

@@ -18,6 +18,8 @@ GRAVITY = 9.81
 """[m/s^2]."""
 _LATERAL_CAP = 0.5
 """Share of an axle's lateral motion that its tyres may undo in one step."""
+_REST = 1e-9
+"""A vehicle slower than this is at rest [m/s, rad/s]."""
 
 
 class Dynamics:
@@ -45,7 +47,7 @@ class Dynamics:
         self._friction = v.friction
         self._rolling = v.rolling * self._weight
         self._drag = v.drag
-        self._stop = v.mass / DT
+        self._stop, self._turn_stop = v.mass / DT, v.yaw_inertia / DT
         self.drive = 0.0
         """Drive acceleration that the lag has let through [m/s^2]."""
         self.brake = 0.0
@@ -82,10 +84,15 @@ class Dynamics:
         forward = vx * cos + vy * sin
         left = vy * cos - vx * sin
 
-        # Along the vehicle: brake and rolling resistance may stop the vehicle within the step, not turn it round.
         push = self._mass * self.drive
-        free = forward + push / self._stop
         resistance = self._mass * self.brake + self._rolling
+        if push <= resistance and -_REST < forward < _REST and -_REST < left < _REST and -_REST < yaw_rate < _REST:
+            # At rest the tyres stick; what rounding has left of the motion is taken away.
+            self._pull = 0.0
+            return -self._stop * vx, -self._stop * vy, -self._turn_stop * yaw_rate
+
+        # Along the vehicle: brake and rolling resistance may stop the vehicle within the step, not turn it round.
+        free = forward + push / self._stop
         enough = self._stop * (free if free > 0.0 else -free)
         resistance = resistance if resistance < enough else enough
         if free < 0.0:
