@@ -34,9 +34,9 @@ class Follower:
         ...         return self.stopping_speed(line - 0.5) if line > 0 else 5.0
     """
 
-    def __init__(self) -> None:
-        self._steering = 0.0
-        self._track: Track | None = None
+    # Defaults of the class, so that a subclass with a constructor of its own need not call this one.
+    _steering = 0.0
+    _track: Track | None = None
 
     def target_speed(self, seen: Observation) -> float:
         """Return how fast to drive where the road is straight [m/s]; 0 stops and holds the vehicle."""

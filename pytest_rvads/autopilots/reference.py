@@ -38,7 +38,6 @@ class Reference(Follower):
     """
 
     def __init__(self) -> None:
-        super().__init__()
         self._stopping = Stopping()
         self._gate: Gate | None = None
 

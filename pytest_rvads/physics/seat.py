@@ -55,8 +55,7 @@ class Seat:
         if not callable(getattr(autopilot, "control", None)):
             raise Halt(
                 agent.name,
-                f"{self.name} can't drive {agent.name}: an autopilot needs a method control(seen: Observation) -> Control, "
-                f"got {autopilot!r}",
+                f"{self.name} can't drive {agent.name}: an autopilot needs a method control(seen: Observation) -> Control",
             )
         self._ask = autopilot.control
         self._every = self._steps(getattr(autopilot, "period", DT))
@@ -99,12 +98,11 @@ class Seat:
     def _checked(self, answer: Any, time: float) -> Control:
         where = f"{self.name} driving {self.agent.name} at {time:.2f} s"
         if not isinstance(answer, Control):
-            raise Halt(self.agent.name, f"{where} returned {answer!r} of type {type(answer).__name__}, expected a Control")
+            # No repr: it may hold an address, and the reason is part of the run's hash.
+            raise Halt(self.agent.name, f"{where} returned an object of type {type(answer).__name__}, expected a Control")
         for name, value in zip(Control._fields, answer, strict=True):
             if not isinstance(value, Real):
-                raise Halt(
-                    self.agent.name, f"{where} returned {name} {value!r} of type {type(value).__name__}, expected a number"
-                )
+                raise Halt(self.agent.name, f"{where} returned a {name} of type {type(value).__name__}, expected a number")
             if not math.isfinite(value):
                 raise Halt(self.agent.name, f"{where} returned {name} {float(value)}, expected a finite number")
         throttle, brake, steering = (float(value) for value in answer)

@@ -76,8 +76,11 @@ def test_a_new_target_is_reached_with_the_vehicles_means() -> None:
     assert (run.controls[..., 0] * run.controls[..., 1] == 0).all(), "never throttle and brake together"
 
 
-def test_the_docstring_example_stops_and_the_class_needs_no_constructor() -> None:
+def test_the_docstring_example_stops_and_a_constructor_need_not_call_the_helpers() -> None:
     class Ten(Follower):
+        def __init__(self) -> None:
+            self.own = 1
+
         def target_speed(self, seen: Observation) -> float:
             line = seen.itinerary.line - seen.me.station
             return self.stopping_speed(line - 0.5) if line > 0 else 5.0

@@ -25,11 +25,11 @@ def answering(answer, after: float = 0.03, who: str = "a1"):
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
-        (None, "returned None of type NoneType, expected a Control"),
+        (None, "of type NoneType, expected a Control"),
         ((0.0, 0.0, 0.0), "of type tuple, expected a Control"),
         (Control(math.nan), "returned throttle nan, expected a finite number"),
         (Control(0.0, math.inf), "returned brake inf, expected a finite number"),
-        (Control(0.0, 0.0, "left"), "returned steering 'left' of type str, expected a number"),
+        (Control(0.0, 0.0, "left"), "returned a steering of type str, expected a number"),
         (Control(1.2), "returned throttle 1.2, expected 0..1"),
         (Control(0.0, -0.1), "returned brake -0.1, expected 0..1"),
         (Control(0.0, 0.0, 30.0), "returned steering 30, expected radians"),
