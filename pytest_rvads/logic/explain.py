@@ -264,8 +264,9 @@ def _arrival(run: Run, e: f.Element, tick: int) -> str:
     text = f"{e.name} @ entrance {agent.entrance}, {agent.turn}"
     if len(here):
         last = int(here[-1])
-        wt = int(run.wt[last, e.index])
-        text += f"   arrived {clock(run, last - wt if wt < last else 0)} s, waited {wt * run.dt:.2f} s"
+        away = np.flatnonzero(run.zone[:last, e.index] != Zone.ENTRANCE)
+        arrived = int(away[-1]) + 1 if len(away) else 0
+        text += f"   arrived {clock(run, arrived)} s, waited {int(run.wt[last, e.index]) * run.dt:.2f} s"
     return text
 
 

@@ -242,6 +242,8 @@ def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
             truth = a is Sort.ENTRANCE and b is Sort.EXIT and i == k
         case (("=" | "!="), _) if len(elements) == 2:
             truth = (elements[0] == elements[1]) is (atom.name == "=")
+        case (("=" | "!="), (f.Attr(f.Element(_, i)) as one, f.Attr(f.Element(_, k)) as two)) if i > k:
+            return f.Atom(atom.name, (two, one))  # symmetric as well
         case (("=" | "<=" | ">="), (f.Attr(f.Element()) as one, two)) if one == two:
             truth = True
         case (("!=" | "<" | ">"), (f.Attr(f.Element()) as one, two)) if one == two:

@@ -1,0 +1,157 @@
+"""The language of rules: spellings, printing, sorts, errors with a caret and the nearest valid word."""
+
+import pytest
+
+from pytest_rvads.errors import FormulaError
+from pytest_rvads.logic import formula as f
+from pytest_rvads.logic.parser import DEPTH_LIMIT, LENGTH_LIMIT, parse_ltl, parse_rule
+from pytest_rvads.logic.rules import rulebook
+from pytest_rvads.logic.signature import parse
+from pytest_rvads.logic.sorts import Sort, sort_of
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("[] (p -> <> q)", "G (p -> F q)"),
+        ("□ (p → ◇ q)", "G (p => F q)"),
+        ("p && q || r", "(p & q) | r"),
+        ("p /\\ !q \\/ r", "(p ∧ ¬q) ∨ r"),
+        ("X p", "N p"),
+        ("○ p", "N p"),
+        ("p <=> q", "p <-> q"),
+        ("p ^ q", "!(p <-> q)"),
+        ("~p", "!p"),
+        ("1 & 0", "true & false"),
+        ("⊤ U ⊥", "true U false"),
+        ("!p U q & r", "((!p) U q) & r"),
+        ("p U q U r", "p U (q U r)"),
+        ("p W q R r", "p W (q R r)"),
+        ("p -> q -> r", "p -> (q -> r)"),
+        ("p <-> q <-> r", "(p <-> q) <-> r"),
+        ("p | q & r -> s", "(p | (q & r)) -> s"),
+        ("a & (b & c)", "(a & b) & c"),
+        ("p # a comment\n & q", "p & q"),
+        ("[p & q]", "p & q"),
+    ],
+)
+def test_spellings_of_other_tools(one: str, other: str) -> None:
+    assert parse_ltl(one) == parse_ltl(other)
+
+
+def test_any_identifier_is_a_proposition() -> None:
+    names = ("t", "f", "r", "tt", "ff", "Gp", "Fx", "Xp", "U2", "not", "and", "forall", "right", "true1", "a.b", "x'", "_")
+    for name in names:
+        assert parse_ltl(f"!{name}") == f.Not(f.Atom(name))
+        assert parse_ltl(f"{name} U {name}") == f.Until(f.Atom(name), f.Atom(name))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "forall a, a'. G(a@j & a != a' -> !a'@j)",
+        "∀a. ∀a'. □[[a@j ∧ a ≠ a'] → ¬a'@j]",
+        "forall x: agent, y: entrance. x@y U x@j",
+        "exists a. forall lt. G(lt.cl = red -> !(a.sp >= 0.5))",
+        "forall j.en, j.en2, v. j.en right-of j.en2 | j.en opposite j.en2 | v = j.en",
+        "forall a, j.ex. F a@j.ex & (exists a'. a'@j)",
+        "forall a. (exists a'. a != a' & a'.wt <= a.wt) -> N N a.wt < 3",
+        "forall o, j.en, a, r. o@j.en W a@r",
+        "near(a, a') := a.sp < a'.sp; forall a, a'. G near(a, a')",
+        "# a comment\nforall a.\n  F a@j  # another",
+    ],
+)
+def test_printing_and_parsing_of_rules_are_inverse(text: str) -> None:
+    formula = parse(text)
+    assert parse(str(formula)) == formula
+
+
+def test_shipped_rules_print_as_they_are_written() -> None:
+    for name in ("paper", "variants", "road"):
+        for rule in rulebook(name):
+            assert parse(str(rule.formula)) == rule.formula
+    p2 = "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt = a'.wt & j.en right-of j.en' -> N a'@j.en' U a@j)"
+    assert str(rulebook("paper")[1].formula) == p2
+
+
+@pytest.mark.parametrize(
+    ("name", "sort"),
+    [
+        ("a", Sort.AGENT),
+        ("a''", Sort.AGENT),
+        ("a17", Sort.AGENT),
+        ("lt'", Sort.LIGHT),
+        ("o", Sort.OBJECT),
+        ("r2", Sort.ROAD),
+        ("j", Sort.JUNCTION),
+        ("v", Sort.VERTEX),
+        ("j.en'", Sort.ENTRANCE),
+        ("j'.ex", Sort.EXIT),
+        ("r.en", Sort.VERTEX),
+        ("b", None),
+        ("a.en", None),
+        ("light", None),
+    ],
+)
+def test_letters_tell_the_sort(name: str, sort: Sort | None) -> None:
+    assert sort_of(name) is sort
+
+
+def test_definitions_do_not_capture_variables() -> None:
+    text = "meets(a) := exists a'. a != a' & a'@j; forall a, a'. G meets(a')"
+    assert parse_rule(text) == parse_rule("forall a, a'. G(exists a''. a' != a'' & a''@j)")
+    nested = "one(a) := a@j; two(a, a') := one(a) & one(a'); forall a, a'. G !two(a, a')"
+    assert parse_rule(nested) == parse_rule("forall a, a'. G !(a@j & a'@j)")
+
+
+ERRORS = [
+    ("forall a. G(a@j", "unexpected the end, expected a closing bracket or an operator", 15),
+    ("foral a. G a@j", "unexpected 'foral'; did you mean 'forall'?", 0),
+    ("forall a. G a@j)", "unexpected ')', expected an operator or the end", 15),
+    ("forall a. G & a@j", "unexpected '&', expected a formula", 12),
+    ("forall a. G $", "unexpected '$'", 12),
+    ("forall b. F b@j", "the letters of b tell no sort: declare one, such as `forall b: agent.`", 7),
+    ("forall x: agnt. F x@j", "unknown sort agnt; did you mean 'agent'?", 10),
+    ("forall a. G a'@j", "unbound variable a'; did you mean 'a'?", 12),
+    ("forall j.en. F a@j.en", "unbound variable a", 15),
+    ("forall a. G foo(a)", "unknown predicate 'foo'", 12),
+    ("forall a. G trun(a, left)", "unknown predicate 'trun'; did you mean 'turn'?", 12),
+    ("forall a. turn(a)", "turn takes 2 arguments (agent, direction), got 1", 10),
+    ("forall a, j.en. j.en@a", "expected agent or light or object, got j.en, of sort entrance", 20),
+    ("forall a. turn(a, red)", "expected direction, got red, of sort colour", 10),
+    ("forall a, lt. a.wt = lt.cl", "can't compare number with colour, both sides must have the same sort", 19),
+    ("forall a. a.cl = red", "cl belongs to lights, a is of sort agent", 10),
+    ("forall a, a'. a.wt < a'.sp", "can't compare sp with wt", 19),
+    ("forall a, a'. a < a'", "can't compare agent with agent, only numbers have an order", 16),
+    ("forall a, a'. a.wt = a.wt'", "unknown attribute \"wt'\"; did you mean 'wt'?", 21),
+    ("forall a. p", "'p' is neither a formula nor a known predicate", 10),
+    ("d(a) := a@j; forall a. d(a, a)", "d takes 1 arguments, got 2", 23),
+]
+
+
+@pytest.mark.parametrize(("text", "message", "column"), ERRORS, ids=[e[0] for e in ERRORS])
+def test_errors_name_the_place_and_the_nearest_word(text: str, message: str, column: int) -> None:
+    with pytest.raises(FormulaError) as caught:
+        parse(text)
+    first, line, mark = str(caught.value).split("\n")
+    assert message in first
+    assert line == "  " + text
+    assert mark == "  " + " " * column + "^"
+
+
+def test_errors_show_only_the_line_and_a_window_of_it() -> None:
+    with pytest.raises(FormulaError, match=r"in line 2\n  F \(a@\)\n {7}\^$"):
+        parse("forall a.\nF (a@)\n& a@j")
+    with pytest.raises(FormulaError) as caught:
+        parse_ltl("p & " * 500 + "& q")
+    assert max(map(len, str(caught.value).splitlines())) < 120
+
+
+def test_a_formula_without_limits_is_refused() -> None:
+    with pytest.raises(FormulaError, match=rf"1,000,000 characters, at most {LENGTH_LIMIT:,} are read"):
+        parse_ltl("p" * 1_000_000)
+    with pytest.raises(FormulaError, match=rf"nests 5001 operators, at most {DEPTH_LIMIT}"):
+        parse_ltl("!" * 5000 + "p")
+    assert f.size(parse_ltl("(" * 5000 + "p" + ")" * 5000)) == 1, "brackets alone do no harm"
+    with pytest.raises(FormulaError, match="binds a variable twice"):
+        parse("forall a, a. G a@j")

@@ -1,0 +1,193 @@
+"""The six rules of the paper, each on runs that keep it, break it alone, leave it open, or never ask for it.
+
+Ticks below are the story of each vehicle: when it arrives at its entrance, enters the junction, leaves it.
+Directions in an X: 1 right, 2 straight, 3 left.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from pytest_rvads.errors import RunError
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.verdicts import Status
+from pytest_rvads.semantics.run import Fault, Run
+from pytest_rvads.semantics.states import Colour
+
+G, R = Colour.GREEN, Colour.RED
+Make = Callable[..., Run]
+CROSS = {0: [(0, G), (500, R)], 2: [(0, G), (500, R)], 1: [(0, R), (500, G)], 3: [(0, R), (500, G)]}
+
+STORIES: list[tuple[str, str, dict[int, Any], dict[str, str]]] = [
+    ("one after the other", "stop4", {0: (2, 10, 50, 200), 1: (2, 30, 250, 400)}, {"p1": "PASS", "p2": "NA", "p3": "PASS"}),
+    ("both inside", "stop4", {0: (2, 10, 50, 200), 1: (2, 30, 199, 400)}, {"p1": "FAIL", "p2": "NA", "p3": "PASS"}),
+    ("the next enters as the first leaves", "stop4", {0: (2, 10, 50, 200), 1: (2, 30, 200, 400)}, {"p1": "PASS"}),
+    ("the later one first", "stop4", {0: (2, 10, 250, 300), 1: (2, 30, 50, 200)}, {"p1": "PASS", "p2": "NA", "p3": "FAIL"}),
+    ("entering in the same tick", "stop4", {0: (2, 10, 50, 200), 1: (2, 30, 50, 200)}, {"p1": "FAIL", "p3": "FAIL"}),
+    (
+        "a tie, the right one first",
+        "stop4",
+        {0: (2, 10, 250, 300), 1: (2, 10, 50, 200)},
+        {"p1": "PASS", "p2": "PASS", "p3": "NA"},
+    ),
+    ("a tie, the left one first", "stop4", {0: (2, 10, 50, 200), 1: (2, 10, 250, 300)}, {"p1": "PASS", "p2": "FAIL", "p3": "NA"}),
+    ("a tie, opposite", "stop4", {0: (2, 10, 50, 200), 2: (2, 10, 250, 300)}, {"p1": "PASS", "p2": "NA", "p3": "NA"}),
+    ("a tie, together", "stop4", {0: (2, 10, 50, 200), 1: (2, 10, 50, 200)}, {"p1": "FAIL", "p2": "FAIL", "p3": "NA"}),
+    ("a tie, nobody moves", "stop4", {0: (2, 10, None, None), 1: (2, 10, None, None)}, {"p1": "NA", "p2": "OPEN", "p3": "NA"}),
+    ("first in time, nobody moves", "stop4", {0: (2, 10, None, None), 1: (2, 20, None, None)}, {"p2": "NA", "p3": "OPEN"}),
+    ("alone", "stop4", {0: (2, 10, 50, 200)}, {"p1": "NA", "p2": "NA", "p3": "NA"}),
+    ("waits for green", "light4", {1: (2, 10, 501, 700)}, {"p4": "PASS", "p5": "NA", "p6": "NA"}),
+    ("leaves in the tick of green", "light4", {1: (2, 10, 500, 700)}, {"p4": "PASS"}),
+    ("leaves one tick early", "light4", {1: (2, 10, 499, 700)}, {"p4": "FAIL"}),
+    ("right on red", "light4", {1: (1, 10, 100, 300)}, {"p4": "NA", "p5": "NA"}),
+    ("still red at the end", "light4", {0: (2, 600, None, None)}, {"p4": "OPEN"}),
+    ("right on red after the left one", "light4", {1: (1, 10, 100, 300), 0: (2, 20, 60, 200)}, {"p4": "NA", "p5": "PASS"}),
+    ("right on red before the left one", "light4", {1: (1, 10, 100, 300), 0: (2, 20, 160, 300)}, {"p4": "NA", "p5": "FAIL"}),
+    ("left after opposite", "light4", {0: (3, 10, 100, 300), 2: (2, 20, 60, 200)}, {"p4": "NA", "p6": "PASS"}),
+    ("left before opposite", "light4", {0: (3, 10, 100, 300), 2: (2, 20, 160, 300)}, {"p4": "NA", "p6": "FAIL", "p6g": "FAIL"}),
+    ("left with opposite left", "light4", {0: (3, 10, 100, 300), 2: (3, 20, 160, 300)}, {"p6": "NA"}),
+    ("left in front of right", "light4", {0: (3, 10, 100, 300), 2: (1, 20, 160, 300)}, {"p6": "FAIL"}),
+    ("p6 asks for no green, p6g does", "light4", {1: (3, 10, 100, 300), 3: (2, 20, 160, 300)}, {"p6": "FAIL", "p6g": "NA"}),
+]
+
+
+@pytest.mark.parametrize(("junction", "vehicles", "wanted"), [s[1:] for s in STORIES], ids=[s[0] for s in STORIES])
+def test_stories(make: Make, junction: str, vehicles: dict[int, Any], wanted: dict[str, str]) -> None:
+    run = make(junction, vehicles, 800, CROSS if junction == "light4" else None)
+    assert {name: check(run, name).status for name in wanted} == wanted
+    assert {name: check(run, name, itinerary=False).status for name in wanted} == wanted, "take as the paper defines it"
+
+
+def test_the_message_is_one_line_and_names_who_when_and_what(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 30, 120, 400)}, 800)
+    assert check(run, "p1").message == "p1 at t=1.20 s: a0, a1 both in junction"
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 250, 300)}, 800)
+    assert check(run, "p2").message == "p2 at t=0.50 s: a0 left entrance 0 before a1 was in the junction"
+    run = make("light4", {1: (2, 10, 100, 300)}, 800, CROSS)
+    assert check(run, "p4").message == "p4 at t=1.00 s: a1 left entrance 1 before light 1 was green"
+    run = make("stop4", {0: (2, 10, None, None), 1: (2, 10, None, None)}, 301)
+    assert check(run, "p2").message == (
+        "p2 open: a0 is still at entrance 0 and waits until a1 is in the junction, since t=0.10 s when the run ended at 3.00 s: "
+        "deadlock, or too short a run"
+    )
+
+
+def test_the_explanation_shows_who_yields_since_when_and_the_states_around_the_break(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 250, 300)}, 800)
+    text = check(run, "p2").explanation.splitlines()
+    assert text[0].startswith("rule      p2  right-of-way:  forall j.en")
+    assert text[1] == "instance  j.en=entrance 1, j.en'=entrance 0, a=a1, a'=a0   (1 instance: 1 fail)"
+    assert text[2] == "yields    a0 @ entrance 0, straight   arrived 0.10 s, waited 0.40 s"
+    assert text[3] == "priority  a1 @ entrance 1, straight   arrived 0.10 s, waited 0.41 s   entrance 1 is right of 0"
+    assert text[4] == "obligation since 0.10 s: a0 stays at entrance 0 until a1 is in the junction"
+    assert text[5] == "broken at 0.50 s: a0 in the junction while a1 is still at entrance 1; 2.00 s too early"
+    assert [line.split()[0] for line in text[7:]] == ["0.10", "0.49", "0.50"]
+    assert text[-1].endswith("<- violated, no continuation can repair it")
+
+
+def test_instances_carry_binding_blame_ticks_and_margins(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 30, 120, 400), 2: (2, 60, 600, 700)}, 800)
+    p1, p3 = check(run, "p1"), check(run, "p3")
+    worst = p1.instances[0]
+    assert (dict(worst.binding), worst.responsible, worst.failed, worst.margin) == ({"a": "a0", "a'": "a1"}, ("a1",), 120, 0.8)
+    assert p1.counts == {"fail": 1, "pass": 2}
+    assert (p1.time, p1.final, p1.responsible) == (1.2, True, ("a1",))
+    # a1 left 0.7 s after a0 had entered, a2 after a1; a0 and a2 never met at the entrances.
+    assert p3.counts == {"pass": 2, "not triggered": 4}
+    kept = p3.instances[0]
+    assert (dict(kept.binding)["a"], dict(kept.binding)["a'"], kept.trigger, kept.margin) == ("a1", "a0", 30, -0.7)
+    both = make("stop4", {0: (2, 10, 50, 200), 1: (2, 30, 50, 400)}, 800)
+    assert check(both, "p1").responsible == ("a0", "a1"), "both, as they enter in the same tick"
+
+
+def test_the_earliest_violation_comes_first(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 100, 400), 1: (2, 20, 300, 500), 2: (2, 30, 200, 600)}, 800)
+    verdict = check(run, "p1")
+    assert verdict.message == "p1 at t=2.00 s: a0, a2 both in junction (the first of 3 instances)"
+    assert [i.failed for i in verdict.instances] == [200, 300, 300]
+
+
+def test_four_at_once_cannot_pass_and_the_text_says_why(make: Make) -> None:
+    moved = make("stop4", {e: (2, 10, 50 + 200 * e, 200 + 200 * e) for e in range(4)}, 900)
+    stuck = make("stop4", dict.fromkeys(range(4), (2, 10, None, None)), 900)
+    for run, status in ((moved, Status.FAIL), (stuck, Status.OPEN)):
+        verdict = check(run, "p2")
+        assert verdict.status is status
+        assert "right-of relation of the arrivals is a cycle" in verdict.message
+        assert "(a0 -> a1 -> a2 -> a3 -> a0)" in verdict.notes[0]
+        assert "cycle" in verdict.explanation
+    three = make("stop4", {e: (2, 10, 50 + 200 * e, 200 + 200 * e) for e in range(3)}, 900)
+    assert check(three, "p2").status is Status.FAIL
+    assert not check(three, "p2").notes, "three of four have an order"
+
+
+def test_a_tie_window_says_where_it_decides(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 40, 250, 300)}, 800)
+    assert (check(run, "p2").status, check(run, "p3").status) == ("NA", "PASS")
+    wide = check(run, "p2", tie=0.3)
+    assert wide.status is Status.FAIL
+    assert "the tie window of 0.3 s decides: without it the verdict would be NA" in wide.notes
+    assert check(run, "p3", tie=0.3).status is Status.NA
+    assert check(run, "p2", tie=0.29).status is Status.NA, "30 ticks apart is outside 29"
+
+
+def test_a_tie_window_can_be_unsatisfiable_in_a_triple(make: Make) -> None:
+    # 0 and 1 tie, 1 and 2 tie, but 2 came clearly after 0: 0 yields to 1, 1 yields to 2, 2 yields to 0.
+    run = make("stop4", {0: (2, 10, 500, 600), 1: (2, 50, 200, 300), 2: (2, 90, 350, 400)}, 800)
+    verdict = check(run, "right_first")
+    assert verdict.status is Status.FAIL
+    assert verdict.notes[0].startswith("the order of the arrivals is a cycle (a0 -> a1 -> a2 -> a0)")
+
+
+def test_reasons_of_na_are_constant_and_the_nearest_miss_is_told(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 30, 250, 400)}, 800)
+    other = check(run, "p4")
+    assert other.reason == "p4 is about junctions with lights at all entrances, this one has stop signs at all entrances"
+    never = check(run, "p2")
+    assert never.reason == "never triggered: the premise of no instance ever holds on the run"
+    assert never.near
+    assert (never.near.tick, never.near.missing, never.near.steps) == (30, ("a0 and a1 arrived at the same time",), 20)
+    assert "nearest   at 0.30 s" in never.explanation
+    lone = check(make("light4", {0: (2, 10, 50, 200)}, 800, CROSS), "p6")
+    assert lone.reason.startswith("no vehicle is in a position that the rule is about")
+    assert lone.collapsed == 4 * 4 * 1 * 1
+
+
+def test_na_and_error_have_no_truth_value(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200)}, 800)
+    with pytest.raises(RunError, match=r"NA .*ask for verdict\.status"):
+        bool(check(run, "p4"))
+    empty = make("stop4", {0: (2, 0, 0, 0)}, 800)
+    empty = Run("empty", empty.junction, empty.agents, empty.zone[:0], empty.lights[:0])
+    verdict = check(empty, "p1")
+    assert (verdict.status, verdict.reason) == (Status.ERROR, "the run is empty: it has no states")
+    with pytest.raises(RunError, match="could not be judged"):
+        bool(verdict)
+    broken = Run("fault", run.junction, run.agents, run.zone, run.lights, fault=Fault(1.0, "a0", "autopilot Mine raised"))
+    assert check(broken, "p1").message == "p1 ERROR: autopilot Mine raised"
+
+
+def test_records_are_builtins(make: Make) -> None:
+    def plain(value: Any) -> bool:
+        if isinstance(value, dict):
+            return all(type(k) is str and plain(v) for k, v in value.items())
+        if isinstance(value, list):
+            return all(map(plain, value))
+        return value is None or type(value) in (str, int, float, bool)
+
+    runs = (
+        make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 120, 400)}, 800),
+        make("stop4", {0: (2, 10, None, None), 1: (2, 10, None, None)}, 800),
+    )
+    for run in runs:
+        for name in ("p1", "p2", "p3", "p4"):
+            assert plain(check(run, name).record())
+
+
+def test_causes_are_the_same_for_all_rotations(make: Make) -> None:
+    causes = set()
+    for r in range(4):
+        run = make("stop4", {r: (2, 10, 50, 200), (r + 1) % 4: (1, 10, 250, 300)}, 800)
+        causes.add(check(run, "p2").cause)
+    assert causes == {"a' left j.en' before a was in the junction (a right from entrance +0, a' straight from entrance +3)"}

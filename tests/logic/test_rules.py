@@ -1,0 +1,179 @@
+"""Rules by name, rules and predicates of users, files of rules."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pytest_rvads.errors import FormulaError
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.rulefile import load_rules
+from pytest_rvads.logic.rules import Rule, get_rule, rule, rulebook, rules_for
+from pytest_rvads.logic.signature import predicate
+from pytest_rvads.maps.junction import JunctionControl
+from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.states import Colour
+
+Make = Callable[..., Run]
+
+
+def test_rulebooks_hold_the_rules_of_the_plan() -> None:
+    assert [r.name for r in rulebook("paper")] == ["p1", "p2", "p3", "p4", "p5", "p6"]
+    assert {r.name for r in rulebook("road")} == {
+        *("full_stop", "first_come", "right_first", "red", "right_on_red", "left_yields"),
+        *("no_collision", "no_conflict", "keep_clear", "speed_limit"),
+    }
+    assert {r.tie for r in rulebook("paper")} == {0.0}
+    assert {r.name: r.tie for r in rulebook("road") if r.tie} == {"first_come": 0.5, "right_first": 0.5}
+    for name in ("paper", "road", "variants"):
+        for r in rulebook(name):
+            assert r.title
+            assert r.meaning.endswith(".")
+            assert r.source
+            assert r.responsible
+
+
+def test_a_specification_is_a_rulebook_a_rule_or_a_mixture() -> None:
+    def names(*args: object) -> list[str]:
+        return [r.name for r in rules_for(*args)]  # type: ignore[arg-type]
+
+    assert names("paper", JunctionControl.STOP) == ["p1", "p2", "p3"]
+    assert names("paper", JunctionControl.LIGHTS) == ["p4", "p5", "p6"]
+    assert names("paper", JunctionControl.NONE) == []
+    assert names("road", JunctionControl.LIGHTS)[:3] == ["red", "right_on_red", "left_yields"]
+    assert names("p4", JunctionControl.STOP) == ["p4"], "named outright, it always runs"
+    assert names(["p3", "paper", "p3"], JunctionControl.STOP) == ["p3", "p1", "p2"]
+    assert names((get_rule("p6g"), "p1")) == ["p6g", "p1"]
+    assert len(names(["paper", "road"])) == 16
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: get_rule("p7"), "unknown rule 'p7', there are p1, p2, "),
+        (lambda: get_rule("no_colision"), "did you mean 'no_collision'"),
+        (lambda: rulebook("papers"), "unknown rulebook 'papers', there are paper, road, variants; did you mean 'paper'"),
+        (lambda: rule("p1", "forall a. G a@j"), "'p1' is a shipped rule or rulebook"),
+        (lambda: rule("road", "forall a. G a@j"), "'road' is a shipped rule or rulebook"),
+        (lambda: rule("a b", "forall a. G a@j"), "the name of a rule goes into test ids"),
+        (lambda: rule("mine", "forall a. G a@"), "rule 'mine': unexpected the end"),
+        (lambda: rule("mine", "forall a. G a@j", about="stopp"), "must be one of .*; did you mean 'stop'"),
+        (lambda: rule("mine", "forall a. G a@j", tie=float("nan")), "the tie window must be a number of seconds"),
+        (lambda: predicate("take", "agent"), "a predicate needs a free identifier"),
+        (lambda: predicate("x y", "agent"), "free identifier as its name, got 'x y'"),
+        (lambda: predicate("close", "agnet"), "unknown sort 'agnet'; did you mean 'agent'"),
+    ],
+)
+def test_wrong_use_is_told(call: Callable[[], object], message: str) -> None:
+    with pytest.raises(FormulaError, match=message):
+        call()
+
+
+def test_a_rule_of_ones_own(make: Make) -> None:
+    made = rule("gets_in", "forall a, j.en. G(a@j.en -> F a@j)", title="nobody waits forever", requirement="REQ-7")
+    assert get_rule("gets_in") is made
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, None, None)}, 300)
+    verdict = check(run, "gets_in")
+    assert (verdict.status, verdict.responsible) == ("OPEN", ("a1",))
+    assert verdict.record()["requirement"] == "REQ-7"
+    assert "traces to REQ-7" in verdict.explanation
+    assert "F a1@j" in verdict.message
+    assert check(make("stop4", {0: (2, 10, 50, 200)}, 300), made).status == "PASS"
+    assert check(make("stop4", {0: (2, None, None, None)}, 300), made).status == "NA"
+    assert rules_for("gets_in") == (made,)
+
+
+def test_rules_of_other_shapes_are_never_vacuous(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, None, None)}, 300)
+    some = Rule("some", "exists a. F a@j")
+    every = Rule("every", "forall a. F a@j")
+    static = Rule("static", "forall j.en, j.en'. j.en right-of j.en' -> !(j.en opposite j.en')")
+    assert check(run, some).status == "PASS"
+    assert check(run, every).status == "OPEN"
+    assert check(run, every).responsible == ("a1",)
+    assert check(run, static).status == "PASS"
+    assert check(run, Rule("none", "forall a. F (a@j & turn(a, left))")).status == "FAIL", "nobody turns left, ever"
+    assert check(run, Rule("roads", "forall a. exists r. a@r")).status == "PASS", "everybody starts on a road"
+    objects = Rule("objects", "forall j.en. exists o. o@j.en")
+    assert check(run, objects).status == "PASS", "a stop sign at every entrance"
+
+
+def test_places_and_colours(make: Make) -> None:
+    lights = {0: [(0, Colour.GREEN), (100, Colour.YELLOW)], 1: [(0, Colour.RED)], 2: [(0, Colour.GREEN)], 3: [(0, Colour.RED)]}
+    run = make("light4", {0: (2, 10, 50, 200)}, 300, lights)
+
+    def holds(text: str) -> str:
+        return str(check(run, Rule("x", text)).status)
+
+    assert holds("forall a, j.ex. F a@j.ex -> N N N !a@j") == "PASS"
+    assert holds("exists a, j.ex. F a@j.ex") == "PASS"
+    assert holds("exists a, j.ex. a@j U a@j.ex") == "FAIL"
+    assert holds("exists lt. F lt.cl = yellow") == "PASS"
+    assert holds("forall lt. lt.cl != yellow W lt.cl = yellow") == "PASS"
+    assert holds("exists lt, lt'. lt != lt' & G lt.cl = lt'.cl") == "PASS"
+    assert holds("forall lt, lt'. lt.cl != lt'.cl") == "FAIL"
+    assert holds("exists a. F a.wt >= 0.4") == "PASS", "40 ticks at the entrance"
+    assert holds("exists a. F a.wt > 0.4") == "OPEN"
+    assert holds("forall a. exists r. F(!a@r & N a@r)") == "PASS", "it comes to its exit road"
+    assert holds("forall a, r. F(!a@r & N a@r)") == "FAIL", "and to no other"
+    assert holds("exists j.en, j.ex. j.en entex j.ex") == "PASS"
+
+
+def test_a_predicate_of_ones_own(make: Make) -> None:
+    @predicate("crowded", "junction")
+    def crowded(run: Run, junction: int) -> np.ndarray:
+        return (run.zone == 2).sum(axis=1) >= 2
+
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, 150, 300)}, 300)
+    verdict = check(run, Rule("calm", "G !crowded(j)"))
+    assert (verdict.status, verdict.time) == ("FAIL", 1.5)
+
+    @predicate("wrong", "agent")
+    def wrong(run: Run, a: int) -> np.ndarray:
+        return np.zeros(3)
+
+    with pytest.raises(
+        FormulaError, match=r"'wrong' must return one bool per state, shape \(300,\), got float64 of shape \(3,\)"
+    ):
+        check(run, Rule("bad", "forall a. G wrong(a)"))
+
+
+def test_what_a_recording_does_not_hold_is_na(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, 150, 300)}, 300)
+    for name in ("full_stop", "speed_limit", "keep_clear", "no_collision"):
+        verdict = check(run, name)
+        assert (verdict.status, verdict.reason.partition(":")[0]) == ("NA", "not recorded")
+
+
+def test_a_file_of_rules(tmp_path: Path) -> None:
+    file = tmp_path / "own.rules"
+    file.write_text(
+        "# rules of the house\n[house_1]\ntext = forall a, j.en.\n  G(a@j.en -> F a@j)\ntitle = gets in\nabout = stop\ntie = 0.2\n"
+        "[house_2]\ntext = forall a. F a@j\nrequirement = R2\n"
+    )
+    one, two = load_rules(file)
+    assert (one.name, one.title, one.about, one.tie) == ("house_1", "gets in", JunctionControl.STOP, 0.2)
+    assert two.requirement == "R2"
+    assert get_rule("house_2") is two
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[x]\ntitle = t\n", "rule 'x' has no text"),
+        ("[x]\ntxt = forall a. F a@j\n", "unknown key 'txt'; did you mean 'text'"),
+        ("[x]\ntext = forall a. F a@k\n", "rule 'x': unbound variable k"),
+        ("[x]\ntext = forall a. F a@j\ntie = soon\n", "tie must be a number of seconds, got 'soon'"),
+        ("text = forall a. F a@j\n", "not a file of rules"),
+        ("[x]\n[x]\n", "not a file of rules"),
+    ],
+)
+def test_a_wrong_file_of_rules_is_told(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "own.rules"
+    file.write_text(text)
+    with pytest.raises(FormulaError, match=message) as caught:
+        load_rules(file)
+    assert str(file) in str(caught.value)
+    with pytest.raises(FormulaError, match="can't be read"):
+        load_rules(tmp_path / "absent.rules")

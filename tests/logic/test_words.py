@@ -1,0 +1,154 @@
+"""Questions about words, as ``rvads monitor --jsonl`` asks them, and monitors shown to people and tools."""
+
+import json
+import time
+
+import pytest
+
+from pytest_rvads.errors import FormulaError
+from pytest_rvads.logic.commands import list_rules, show_monitor
+from pytest_rvads.logic.export import to_dot, to_hoa
+from pytest_rvads.logic.ltl3 import synthesize
+from pytest_rvads.logic.parser import parse_ltl
+from pytest_rvads.logic.words import answer
+
+
+def ask(formula: str, *words: str, name: object = 1) -> dict[str, object]:
+    """Words are written like ``p,q | | q``: states between bars."""
+    given = [[[p for p in state.strip().split(",") if p] for state in word.split("|")] for word in words]
+    return answer(json.dumps({"id": name, "formula": formula, "words": given}))
+
+
+def test_an_answer_has_size_verdicts_and_finite_values() -> None:
+    assert ask("[](p -> q U r)", "p,q|q|r", "p,q|", "q,r|p,q", name="x7") == {
+        "id": "x7",
+        "states": 3,
+        "verdicts": [["?", "?", "?"], ["?", "F"], ["?", "?"]],
+        "finite": [True, False, False],
+    }
+
+
+@pytest.mark.parametrize(
+    ("formula", "word", "verdicts", "finite"),
+    [
+        ("p U q", "", "F", False),
+        ("p U q", "p|p", "??", False),
+        ("p W q", "p|p", "??", True),
+        ("q R p", "p|p", "??", True),
+        ("F p", "q|p|", "?TT", True),
+        ("G p", "p|p", "??", True),
+        ("X p", "q", "?", False),
+        ("!X p", "q", "?", True),
+        ("X true", "q", "T", False),
+        ("G F p", "p|p", "??", True),
+        ("p & !p", "p", "F", False),
+        ("t U f & r", "f,r", "T", True),
+    ],
+)
+def test_verdicts_and_finite_values_by_hand(formula: str, word: str, verdicts: str, finite: bool) -> None:
+    assert ask(formula, word) == {"id": 1, "states": synthesize(parse_ltl(formula)).states} | {
+        "verdicts": [list(verdicts)],
+        "finite": [finite],
+    }
+
+
+def test_an_empty_word_has_no_verdicts_and_weak_formulas_hold() -> None:
+    line = json.dumps({"id": 1, "formula": "G p", "words": [[]]})
+    assert answer(line) == {"id": 1, "states": 2, "verdicts": [[]], "finite": [True]}
+    assert answer(line.replace("G p", "F p | X p | p U p | p"))["finite"] == [False]
+
+
+@pytest.mark.parametrize(
+    ("line", "name", "message"),
+    [
+        ("nonsense", None, "not a JSON object"),
+        ("[1]", None, "expected an object"),
+        ('{"id": 4}', 4, "expected an object"),
+        ('{"id": 4, "formula": "p &", "words": []}', 4, "unexpected the end, expected a formula"),
+        ('{"id": 4, "formula": "p", "words": [["p"]]}', 4, '"words" must be a list of words'),
+        ('{"id": 4, "formula": "' + "&".join(f"F p{i}" for i in range(12)) + '", "words": []}', 4, "valuations"),
+        ("[" * 100_000, None, "not a JSON object"),
+    ],
+)
+def test_what_cannot_be_answered_says_why(line: str, name: object, message: str) -> None:
+    got = answer(line)
+    assert got.keys() == {"id", "error"}
+    assert got["id"] == name
+    assert message in got["error"]
+
+
+def test_a_blow_up_is_refused_with_the_size() -> None:
+    # The least monitor of this formula has to remember the last 13 values of p: more than 2^13 states.
+    formula = parse_ltl("G(p -> " + "X " * 13 + "q)")
+    start = time.perf_counter()
+    with pytest.raises(FormulaError, match=r"of size 17, needs a monitor too large to build"):
+        synthesize(formula)
+    assert time.perf_counter() - start < 5
+
+
+def test_wide_guards_are_no_blow_up() -> None:
+    machine = synthesize(parse_ltl("(" + " | ".join(f"p{i}" for i in range(40)) + ") U q"))
+    assert (machine.states, len(machine.codes)) == (3, 4)
+
+
+def test_hoa_and_dot_say_the_same_machine() -> None:
+    machine = synthesize(parse_ltl("!(d | e) U c"))
+    hoa = to_hoa(machine).splitlines()
+    assert hoa[0] == "HOA: v1"
+    assert 'AP: 3 "d" "e" "c"' in hoa
+    body = hoa[hoa.index("--BODY--") + 1 : hoa.index("--END--")]
+    assert [line for line in body if line.startswith("State")] == ['State: 0 "?"', 'State: 1 "F"', 'State: 2 "T"']
+    # Every letter has exactly one edge in every state.
+    for state in range(machine.states):
+        start = next(i for i, line in enumerate(body) if line.startswith(f"State: {state}"))
+        edges = []
+        for line in body[start + 1 :]:
+            if line.startswith("State"):
+                break
+            guard, _, target = line[1:].rpartition("] ")
+            edges.append((guard, int(target)))
+        for letter in range(8):
+            true = [bool(letter >> k & 1) for k in range(3)]
+            hit = [t for g, t in edges if holds(g, true)]
+            assert len(hit) == 1
+            assert hit[0] == expected(state, *true)
+    dot = to_dot(machine)
+    assert dot.startswith("digraph monitor {")
+    assert '0 -> 2 [label="c"]' in dot
+
+
+def holds(guard: str, true: list[bool]) -> bool:
+    """Evaluate a label of HOA, whose ``& | !`` and digits Python reads after small changes."""
+    if guard == "t":
+        return True
+    text = guard.replace("!", " not ").replace("&", " and ").replace("|", " or ")
+    return bool(eval("".join(f"true[{c}]" if c.isdigit() else c for c in text).strip(), {"true": true}))
+
+
+def expected(state: int, d: bool, e: bool, c: bool) -> int:
+    if state:
+        return state
+    return 2 if c else 1 if d or e else 0
+
+
+def test_a_monitor_is_shown_in_words() -> None:
+    assert show_monitor("p U q").splitlines() == [
+        "formula       p U q",
+        "propositions  p, q",
+        "states        3, the smallest monitor there is; it starts in 0",
+        "0  ?  still undecided",
+        "     stays when p & !q",
+        "     to 1 when !p & !q",
+        "     to 2 when q",
+        "1  F  no continuation satisfies the formula",
+        "     stays when true",
+        "2  T  every continuation satisfies the formula",
+        "     stays when true",
+    ]
+
+
+def test_the_list_of_rules_names_every_rule_with_its_source() -> None:
+    text = list_rules()
+    for name in ("p1", "p6g", "full_stop", "right_on_red", "speed_limit"):
+        assert f"\n  {name}  " in text
+    assert text.count("responsible:") == text.count("source:") == 17
