@@ -7,7 +7,7 @@ Verdicts are those of Li, Sifakis, Wang, Yan, Zhang: Simulation-based Validation
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from pytest_rvads.experiment.tables import LIGHT, ROWS, STOP, TABLES, Entry, entries
 
@@ -42,7 +42,7 @@ def published(numbers: tuple[int, ...] = (1, 2, 3, 4)) -> dict[Key, str]:
     return found
 
 
-def agreement(verdicts: dict[Key, str], numbers: tuple[int, ...]) -> tuple[int, int]:
+def agreement(verdicts: Mapping[Key, str], numbers: tuple[int, ...]) -> tuple[int, int]:
     """Return how many cells of classes `numbers` are as published, and how many are published."""
     wanted = published(numbers)
     return sum(verdicts[key] == value for key, value in wanted.items()), len(wanted)

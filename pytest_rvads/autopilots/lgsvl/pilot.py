@@ -86,7 +86,9 @@ class Pilot(Follower):
             self._attend_sign(seen)
         elif not free:
             self._attend_light(seen)
-        launching = self._has.i1 and seen.time < self._constants.launch - 1e-9
+        distance = seen.itinerary.line - me.station
+        # Farther out the flag would not change what the first ticks do.
+        launching = self._has.i1 and distance <= self._constants.halt and seen.time < self._constants.launch - 1e-9
         if free or launching:
             if not stops and me.turn is Turn.LEFT and not launching and self._yields(seen):
                 return self.drive(seen, -math.inf if me.speed < _SLOW else self._pursue(seen, 0.0))
@@ -94,7 +96,6 @@ class Pilot(Follower):
             if seen.others and me.speed > _SLOW:
                 wanted = min(wanted, clear_of_bodies(seen, self.track(seen)))
         else:
-            distance = seen.itinerary.line - me.station
             target = self._approach(seen, distance)
             if target <= 0.0 and me.speed < STANDING and seen.time >= self._constants.launch:
                 return self.drive(seen, -math.inf)
