@@ -15,6 +15,7 @@ from pytest_rvads.logic.rules import Rule, rulebook, rules_for, user_rules
 from pytest_rvads.logic.verdicts import Verdict
 from pytest_rvads.semantics.recorded import read_recorded
 from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.runfile import load_run
 
 __all__ = ["check_runs", "list_rules", "read_runs", "show_monitor"]
 
@@ -28,7 +29,9 @@ def read_runs(path: str | Path) -> list[Run]:
     suffix = Path(path).suffix.lower()
     if suffix == ".json":
         return read_recorded(path)
-    raise RunError(f"{path}: expected recorded runs (.json), got a file ending in {suffix or 'nothing'!r}")
+    if suffix == ".npz":
+        return [load_run(path)]
+    raise RunError(f"{path}: expected recorded runs (.json) or a kept run (.npz), got a file ending in {suffix or 'nothing'!r}")
 
 
 def check_runs(runs: Sequence[Run], spec: str | Rule | Sequence[str | Rule] = "paper") -> dict[str, dict[str, Verdict]]:

@@ -30,6 +30,7 @@ __all__ = [
     "conflicts",
     "speeding",
     "stopped",
+    "stretches",
     "vehicle_size",
 ]
 
@@ -112,25 +113,42 @@ def collide(run: Run, one: int, two: int) -> NDArray[np.bool_]:
     return found
 
 
+Way = tuple[int, int]
+"""A movement: entrance and exit."""
+Stretch = tuple[float, float]
+"""Part of a movement, from and to, after the entrance vertex [m]."""
+
+
 @lru_cache(maxsize=64)
-def conflicts(junction: Junction) -> frozenset[tuple[tuple[int, int], tuple[int, int]]] | None:
-    """Return all pairs of movements (entrance, exit) that two vehicles can't make at the same time, in both orders.
+def stretches(junction: Junction) -> dict[tuple[Way, Way], tuple[Stretch, Stretch]] | None:
+    """Return where movements get in each other's way: per pair, in both orders, the stretch on the one and on the other.
 
     Movements from one entrance don't count: there one vehicle follows the other. None without geometry.
     """
     if junction.geometry is None:
         return None
     lines = {way: _sample(segment) for way, segment in junction.geometry.movements.items()}
-    found = set()
-    for one, first in lines.items():
-        for two, second in lines.items():
-            if one[0] < two[0]:
-                gap = np.hypot(first[:, None, 0] - second[None, :, 0], first[:, None, 1] - second[None, :, 1]).min()
-                if gap < CONFLICT_WIDTH:
-                    found |= {(one, two), (two, one)}
-    return frozenset(found)
+    found = {}
+    for one, (along, first) in lines.items():
+        for two, (across, second) in lines.items():
+            if one[0] >= two[0]:
+                continue
+            near = np.hypot(first[:, None, 0] - second[None, :, 0], first[:, None, 1] - second[None, :, 1]) < CONFLICT_WIDTH
+            if near.any():
+                here, there = along[near.any(axis=1)], across[near.any(axis=0)]
+                mine, yours = (float(here[0]), float(here[-1])), (float(there[0]), float(there[-1]))
+                found[one, two], found[two, one] = (mine, yours), (yours, mine)
+    return found
 
 
-def _sample(segment: Segment) -> NDArray[np.float64]:
+@lru_cache(maxsize=64)
+def conflicts(junction: Junction) -> frozenset[tuple[Way, Way]] | None:
+    """Return the pairs of movements, in both orders, that two vehicles can't make at the same time; None without geometry."""
+    found = stretches(junction)
+    return None if found is None else frozenset(found)
+
+
+def _sample(segment: Segment) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return stations, shape ``(k,)``, and points, shape ``(k, 2)``, along a centre line [m]."""
     stations = np.append(np.arange(0.0, segment.length, _SPACING), segment.length)
-    return np.array([segment.pose(float(s))[:2] for s in stations])
+    return stations, np.array([segment.pose(float(s))[:2] for s in stations])

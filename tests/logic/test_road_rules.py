@@ -1,0 +1,143 @@
+"""The rules of the road: for each a drive that breaks it and nothing else, and one that keeps it.
+
+Vehicles are given by direction (1 right, 2 straight, 3 left), station at the start [m] and speeds [m/s] from ticks on.
+The entrance zone begins 1 m before the entrance vertex, where the stopping line of the built-in maps lies.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.rules import rules_for
+from pytest_rvads.maps.finder import find
+from pytest_rvads.semantics.conduct import blocks, conflicts, speeding, stopped
+from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.states import Colour
+
+Make = Callable[..., Run]
+G, R = Colour.GREEN, Colour.RED
+CROSS = {0: [(0, G)], 2: [(0, G)], 1: [(0, R)], 3: [(0, R)]}
+STAND = (0, 0.0)
+
+
+def wait(direction: int, go: int) -> Any:
+    """Stand 0.5 m before the line from the start and set off at tick `go`."""
+    return direction, -0.5, [STAND, (go, 8.0)]
+
+
+BREAKS: dict[str, tuple[str, dict[int, Any], list[Any]]] = {
+    "full_stop": ("stop4", {0: (2, -10.0, [(0, 5.0)])}, []),
+    "first_come": ("stop4", {0: wait(2, 1500), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (400, 8.0)])}, []),
+    "right_first": ("stop4", {0: wait(2, 100), 1: wait(2, 900)}, []),
+    "red": ("light4", {1: wait(2, 100)}, []),
+    "right_on_red": ("light4", {1: (1, -10.0, [(0, 5.0)])}, []),
+    "left_yields": ("light4", {0: wait(3, 100), 2: wait(2, 900)}, []),
+    "no_collision": ("stop4", {0: wait(2, 100)}, [(1500, "a0", "a2")]),
+    "no_conflict": ("light4", {0: wait(3, 150), 2: wait(2, 100)}, []),
+    "keep_clear": ("light4", {0: (2, -10.0, [(0, 5.0), (300, 0.0), (700, 5.0)])}, []),
+    "speed_limit": ("light4", {0: (2, -10.0, [(0, 15.0)])}, []),
+}
+BREAKS["no_collision"][1][2] = (2, -0.5, [STAND, (900, 8.0)])
+
+
+@pytest.mark.parametrize("name", BREAKS)
+def test_each_rule_has_a_drive_that_breaks_it_alone(drive: Make, name: str) -> None:
+    junction, vehicles, collisions = BREAKS[name]
+    run = drive(junction, vehicles, 2500, CROSS if junction == "light4" else None, collisions)
+    statuses = {r.name: str(check(run, r).status) for r in rules_for("road", run.junction.control)}
+    assert [n for n, status in statuses.items() if status not in ("PASS", "NA")] == [name]
+    assert statuses[name] == "FAIL"
+
+
+KEEPS: dict[str, tuple[str, dict[int, Any]]] = {
+    "full_stop": ("stop4", {0: (2, -10.0, [(0, 5.0), (190, 0.0), (300, 5.0)])}),
+    "first_come": ("stop4", {0: wait(2, 400), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (1500, 8.0)])}),
+    "right_first": ("stop4", {0: wait(2, 900), 1: wait(2, 100)}),
+    "red": ("light4", {1: wait(2, 1201)}),
+    "right_on_red": ("light4", {1: wait(1, 100)}),
+    "left_yields": ("light4", {0: wait(3, 900), 2: wait(2, 100)}),
+    "no_collision": ("stop4", {0: wait(2, 100), 2: wait(2, 900)}),
+    "no_conflict": ("light4", {0: wait(2, 100), 2: wait(2, 100)}),
+    "keep_clear": ("light4", {0: (2, -10.0, [(0, 5.0), (300, 0.0), (599, 5.0)])}),
+    "speed_limit": ("light4", {0: (2, -10.0, [(0, 11.5)])}),
+}
+
+
+@pytest.mark.parametrize("name", KEEPS)
+def test_each_rule_has_a_drive_that_keeps_it(drive: Make, name: str) -> None:
+    junction, vehicles = KEEPS[name]
+    lights = {e: [*phases, (1200, G if e % 2 else R)] for e, phases in CROSS.items()}
+    run = drive(junction, vehicles, 2500, lights if junction == "light4" else None)
+    # Opposite straight movements never meet: the rule has no instance there, and says so.
+    assert check(run, name).status == ("NA" if name == "no_conflict" else "PASS")
+
+
+def test_right_on_red_yields_to_who_comes_from_the_left_on_green(drive: Make) -> None:
+    before = drive("light4", {1: wait(1, 100), 0: wait(2, 300)}, 1500, CROSS)
+    after = drive("light4", {1: wait(1, 300), 0: wait(2, 100)}, 1500, CROSS)
+    verdict = check(before, "right_on_red")
+    assert (verdict.status, verdict.responsible) == ("FAIL", ("a1",))
+    assert verdict.message == "right_on_red at t=1.07 s: a1 left entrance 1 before a0 was in the junction or light 1 was green"
+    assert check(after, "right_on_red").status == "PASS"
+
+
+def test_the_messages_say_what_happened(drive: Make) -> None:
+    def message(name: str) -> str:
+        junction, vehicles, collisions = BREAKS[name]
+        return check(drive(junction, vehicles, 2500, CROSS if junction == "light4" else None, collisions), name).message
+
+    assert message("full_stop") == "full_stop at t=2.01 s: a0 entered the junction before a0 had stopped at the line"
+    assert message("no_collision") == "no_collision at t=15.00 s: a0 and a2 collide"
+    assert message("keep_clear") == "keep_clear at t=6.00 s: a0 blocks the junction"
+    assert message("speed_limit") == "speed_limit at t=0.00 s: a0 is over the speed limit"
+    assert message("no_conflict") == "no_conflict at t=1.57 s: a0, a2 both in junction"
+
+
+def test_positions_are_relative_to_the_entrance_vertex(drive: Make) -> None:
+    junction, vehicles, _ = BREAKS["right_first"]
+    verdict = check(drive(junction, vehicles, 2500), "right_first")
+    row = next(line for line in verdict.explanation.splitlines() if "violated" in line)
+    assert "+0.06 m" in row
+    assert "-0.50 m" in row
+    assert "a0 in the junction (0.06 m) while a1 is still at entrance 1 (-0.50 m, v = 0.0 m/s)" in verdict.explanation
+
+
+def test_a_stop_counts_only_before_the_line_and_in_this_approach(drive: Make) -> None:
+    run = drive("stop4", {0: (2, -3.0, [(0, 1.0), (100, 0.0), (150, 1.0), (290, 0.0), (300, 1.0)])}, 400)
+    # It stands at -2 m, before the zone, then at -0.6 m; from there on it has stopped, until it enters.
+    flags = stopped(run, 0)
+    station = run.station
+    assert station is not None
+    assert np.flatnonzero(flags).tolist() == list(range(290, 361))
+    late = drive("stop4", {0: (2, -0.5, [(0, 1.0), (45, 0.05), (60, 1.0)])}, 100)
+    assert np.flatnonzero(stopped(late, 0))[0] == 45, "slower than 0.1 m/s is a stop, the bumper at the line"
+
+
+def test_a_body_blocks_until_its_rear_has_left(drive: Make) -> None:
+    length = find("stop4").movements[0, 2].length
+    stands = drive("stop4", {0: (2, length + 4.5, [STAND])}, 400, vehicle={"length": 4.6})
+    clear = drive("stop4", {0: (2, length + 4.7, [STAND])}, 400, vehicle={"length": 4.6})
+    assert blocks(stands, 0).tolist() == [k >= 300 for k in range(400)]
+    assert not blocks(clear, 0).any()
+
+
+def test_the_limit_of_the_run_counts(drive: Make) -> None:
+    slow = drive("stop4", {0: (2, -10.0, [(0, 9.0)])}, 10, speed_limit=8.0)
+    assert speeding(slow, 0).all()
+    assert not speeding(drive("stop4", {0: (2, -10.0, [(0, 9.0)])}, 10), 0).any()
+
+
+def test_conflicts_in_an_x() -> None:
+    found = conflicts(find("stop4"))
+    assert found is not None
+    right, straight, left = ((0, 1), (0, 2), (0, 3))
+    assert ((straight), (1, 3)) in found, "crossing"
+    assert (straight, (2, 0)) not in found, "side by side"
+    assert (left, (2, 0)) in found, "left in front of oncoming"
+    assert (right, (3, 1)) in found, "the same exit"
+    assert (right, (1, 2)) not in found, "two right turns"
+    assert all((b, a) in found for a, b in found)
+    assert all(a[0] != b[0] for a, b in found), "from one entrance they follow each other"

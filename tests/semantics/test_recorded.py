@@ -1,0 +1,195 @@
+"""Reading recorded runs: what they say, what they don't, and every way in which a file can be wrong."""
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pytest_rvads.errors import RunError
+from pytest_rvads.logic.check import check
+from pytest_rvads.maps.junction import JunctionControl
+from pytest_rvads.semantics.kpis import kpis
+from pytest_rvads.semantics.recorded import read_recorded
+from pytest_rvads.semantics.states import Colour, Zone
+from pytest_rvads.semantics.validate import validate
+
+
+def vehicle(road: str, way: str, leaving: str, node: str, ticks: tuple[int, int, int]) -> dict[str, Any]:
+    arrives, enters, leaves = ticks
+    return {
+        "itinerary": [road, way, leaving],
+        "edge": [[0, road], [enters, way], [leaves, leaving]],
+        "at_entrance": [[0, ""], [arrives, node], [enters, ""]],
+    }
+
+
+def document() -> dict[str, Any]:
+    """A T with stop signs, written by hand: n1 is right of n0, n2 right of n1, n0 and n2 face each other; exits x0..x2."""
+    ways = [
+        ("e01", "n0", "x1", "right", 10.0),
+        ("e02", "n0", "x2", "straight", 20.0),
+        ("e12", "n1", "x2", "right", 10.0),
+        ("e10", "n1", "x0", "left", 16.0),
+        ("e20", "n2", "x0", "straight", 20.0),
+        ("e21", "n2", "x1", "left", 16.0),
+    ]
+    return {
+        "graph": {
+            "junction": "T",
+            "entrances": ["n2", "n0", "n1"],
+            "exits": ["x1", "x0", "x2"],
+            "edges": [dict(zip(("id", "source", "target", "turn", "length"), w, strict=True)) for w in ways],
+            "signals": [{"id": f"s{k}", "kind": "stop_sign", "node": f"n{k}"} for k in range(3)],
+        },
+        "right_of": [["n1", "n0"], ["n2", "n1"]],
+        "opposite": [["n0", "n2"], ["n2", "n0"]],
+        "runs": [
+            {
+                "name": "hand_r=1",
+                "ticks": 100,
+                "dt": 0.01,
+                "vehicles": {
+                    "c0": vehicle("r0", "e02", "o2", "n0", (10, 30, 60)),
+                    "c1": vehicle("r1", "e12", "o2", "n1", (20, 70, 90)),
+                    "c2": vehicle("r2", "e21", "o1", "n2", (5, 95, 99)),
+                },
+                "lights": {},
+                "verdicts": {},
+            }
+        ],
+    }
+
+
+def write(tmp_path: Path, data: object) -> Path:
+    path = tmp_path / "runs.json"
+    path.write_text(json.dumps(data))
+    return path
+
+
+def test_a_run_is_decoded(tmp_path: Path) -> None:
+    (run,) = read_recorded(write(tmp_path, document()))
+    junction = run.junction
+    # Vehicle i stands at entrance (i + 1) mod 3 in rotation 1: n0 is entrance 1, n1 entrance 2, n2 entrance 0.
+    assert [(a.name, a.entrance, a.exit, a.turn) for a in run.agents] == [
+        ("c0", 1, 0, "straight"),
+        ("c1", 2, 0, "right"),
+        ("c2", 0, 2, "left"),
+    ]
+    assert (run.steps, run.dt, junction.ways, junction.control) == (100, 0.01, 3, JunctionControl.STOP)
+    assert junction.right_of == {(2, 1), (0, 2)}
+    assert junction.opposite == {(1, 0), (0, 1)}
+    zones = [Zone.APPROACH] * 10 + [Zone.ENTRANCE] * 20 + [Zone.JUNCTION] * 30 + [Zone.EXIT] * 40
+    assert run.zone[:, 0].tolist() == zones
+    assert run.wt[30 - 1, 0] == 20
+    assert not run.lights.any()
+    assert (run.station, run.speed, run.pose) == (None, None, None)
+
+
+def test_what_is_not_recorded_is_not_guessed(tmp_path: Path) -> None:
+    (run,) = read_recorded(write(tmp_path, document()))
+    assert validate(run) == ()
+    found = kpis(run)
+    assert [v.waiting for v in found.vehicles] == [0.2, 0.5, 0.9]
+    assert {(v.delay, v.deceleration, v.jerk) for v in found.vehicles} == {(None, None, None)}
+    assert {(p.ttc, p.pet) for p in found.pairs} == {(None, None)}
+    assert check(run, "no_conflict").reason == "not recorded: the run holds no geometry of its junction"
+
+
+def test_without_a_rotation_the_chain_of_right_of_counts(tmp_path: Path) -> None:
+    data = document()
+    data["runs"][0]["name"] = "plain"
+    (run,) = read_recorded(write(tmp_path, data))
+    assert [a.entrance for a in run.agents] == [0, 1, 2]
+
+
+def test_verdicts_may_be_absent(tmp_path: Path) -> None:
+    data = document()
+    del data["runs"][0]["verdicts"]
+    (run,) = read_recorded(write(tmp_path, data))
+    assert run.meta["verdicts"] == {}
+
+
+def test_lights(tmp_path: Path) -> None:
+    data = document()
+    for signal in data["graph"]["signals"]:
+        signal["kind"] = "traffic_light"
+    colours = {"s0": [[0, 1], [50, 2], [80, 3]], "s1": [[0, 3]], "s2": [[0, 1], [50, 2], [80, 3]]}
+    data["runs"][0]["lights"] = {s: {"node": f"n{s[1]}", "color": c} for s, c in colours.items()}
+    (run,) = read_recorded(write(tmp_path, data))
+    assert run.junction.control is JunctionControl.LIGHTS
+    assert run.junction.phase_groups == ({0, 1}, {2})
+    assert run.lights[[0, 50, 79, 80], 1].tolist() == [Colour.GREEN, Colour.YELLOW, Colour.YELLOW, Colour.RED]
+    assert (run.lights[:, 2] == Colour.RED).all()
+
+
+def broken(*path: Any, value: Any = None, drop: bool = False) -> dict[str, Any]:
+    data = copy.deepcopy(document())
+    here: Any = data
+    for key in path[:-1]:
+        here = here[key]
+    if drop:
+        del here[path[-1]]
+    else:
+        here[path[-1]] = value
+    return data
+
+
+RUN = ("runs", 0)
+C0 = (*RUN, "vehicles", "c0")
+WRONG: list[tuple[dict[str, Any], str]] = [
+    (broken("runs", drop=True), "the field 'runs' is missing"),
+    (broken("graph", drop=True), "the field 'graph' is missing"),
+    (broken("graph", "edges", 0, "turn", drop=True), "graph: edge 0: the field 'turn' is missing"),
+    (broken("graph", "edges", 0, "turn", value="back"), "edge 'e01' must lead from an entrance to an exit and turn"),
+    (broken("graph", "edges", 0, "length", value=float("nan")), "'length' must be a finite number, got nan"),
+    (broken("graph", "edges", 5, "target", value="x0"), "exit 'x1' must be reached from all entrances but one"),
+    (broken("right_of", value=[["n1", "nope"]]), "'right_of' must hold pairs of entrances"),
+    (broken(*RUN, "ticks", value=0), "run 'hand_r=1': a run must have at least one tick, got 0"),
+    (broken(*RUN, "ticks", value="many"), "'ticks' must be a number, got str"),
+    (broken(*RUN, "dt", value=0), "'dt' must be positive, got 0"),
+    (broken(*RUN, "dt", value=float("nan")), "'dt' must be a finite number, got nan"),
+    (broken(*RUN, "vehicles", value=[]), "'vehicles' must be an object, got list"),
+    (broken(*C0, "edge", drop=True), "vehicles: c0: the field 'edge' is missing"),
+    (broken(*C0, "edge", value=[]), "the ticks of the series 'edge' must start at 0"),
+    (broken(*C0, "edge", value=[[5, "r0"]]), "must start at 0"),
+    (broken(*C0, "edge", value=[[0, "r0"], [9, "e02"], [8, "o2"]]), "increase"),
+    (broken(*C0, "edge", value=[[0, "r0"], [100, "e02"]]), "stay below 100"),
+    (broken(*C0, "edge", value=[[0, "r0"], ["x", "e02"]]), "'edge' must be a list of [tick, value]"),
+    (broken(*C0, "edge", value=[[0, "r0"], [9, "zz"]]), "edge 'zz' at tick 9 is not on its itinerary"),
+    (broken(*C0, "itinerary", value=["r0", "o2"]), "must pass the junction once, it does 0 times"),
+    (broken(*C0, "at_entrance", value=[[0, "n1"]]), "at entrance 'n1' at tick 0, which is not on its itinerary"),
+    (broken(*RUN, "lights", value={"s0": {"node": "n0", "color": [[0, 7]]}}), "the color at tick 0 must be 1, 2 or 3, got 7"),
+]
+
+
+@pytest.mark.parametrize(("data", "message"), WRONG, ids=[w[1] for w in WRONG])
+def test_a_wrong_file_is_refused_by_name(tmp_path: Path, data: dict[str, Any], message: str) -> None:
+    path = write(tmp_path, data)
+    with pytest.raises(RunError) as caught:
+        read_recorded(path)
+    assert message in str(caught.value)
+    assert str(caught.value).startswith("runs.json: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_no_json(tmp_path: Path) -> None:
+    path = tmp_path / "runs.json"
+    for text in ("{", "[" * 100_000):
+        path.write_text(text)
+        with pytest.raises(RunError, match="not a JSON file"):
+            read_recorded(path)
+    path.write_text("[]")
+    with pytest.raises(RunError, match="expected an object, got list"):
+        read_recorded(path)
+    with pytest.raises(RunError, match="can't be read"):
+        read_recorded(tmp_path / "absent.json")
+
+
+def test_recordings_of_others_are_intact(shared: Path) -> None:
+    for path in sorted((shared / "runs").glob("*.json")):
+        for run in read_recorded(path):
+            assert validate(run) == (), run.label
+            assert np.isin(run.zone[0], (Zone.APPROACH, Zone.ENTRANCE)).all()
