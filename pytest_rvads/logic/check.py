@@ -32,7 +32,7 @@ _KINDS = {
 }
 
 
-def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bool = True) -> Verdict:
+def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bool = True, standing: bool = False) -> Verdict:
     """Judge a run by a rule.
 
     Args:
@@ -40,6 +40,8 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
         rule: a rule or the name of one.
         tie: waiting times that differ by at most this count as equal [s]; the rule's own by default.
         itinerary: use the known itineraries for ``take``; False evaluates the paper's definition, a future formula.
+        standing: count waiting times from standstill, as the paper's text says, instead of from the arrival at the
+            entrance, as its implementation does and its tables require.
 
     Returns:
         The verdict; ERROR for a run that is empty, damaged or ended by a fault.
@@ -65,7 +67,7 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
             reason = "no vehicle is in a position that the rule is about: what is static already excludes every instance"
             return tell(Story(rule, run, Status.NA, reason=reason, collapsed=prepared.collapsed))
         return tell(Story(rule, run, Status.PASS, collapsed=prepared.collapsed))
-    values = Values(run, window)
+    values = Values(run, window, standing=standing)
     try:
         found = judge(prepared.templates, values)
     except RunError as error:
@@ -78,7 +80,7 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
     if status in (Status.FAIL, Status.OPEN):
         story.cycle = _cycle(rule, run, values, itinerary)
     if window > 0 and status is not Status.NA:
-        exact = _overall(judge(prepared.templates, Values(run)))
+        exact = _overall(judge(prepared.templates, Values(run, standing=standing)))
         if exact is not status:
             story.notes.append(f"the tie window of {window:g} s decides: without it the verdict would be {exact}")
     return tell(story)

@@ -16,8 +16,9 @@ from pytest_rvads.logic.verdicts import Verdict
 from pytest_rvads.semantics.recorded import read_recorded
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.runfile import load_run
+from pytest_rvads.semantics.validate import validate
 
-__all__ = ["check_runs", "list_rules", "read_runs", "show_monitor"]
+__all__ = ["check_runs", "doubts", "list_rules", "read_runs", "show_monitor"]
 
 
 def read_runs(path: str | Path) -> list[Run]:
@@ -32,6 +33,11 @@ def read_runs(path: str | Path) -> list[Run]:
     if suffix == ".npz":
         return [load_run(path)]
     raise RunError(f"{path}: expected recorded runs (.json) or a kept run (.npz), got a file ending in {suffix or 'nothing'!r}")
+
+
+def doubts(runs: Sequence[Run]) -> list[str]:
+    """Return a warning per thing that breaks the semantic model in runs made elsewhere; to be told before they are judged."""
+    return [f"{run.label}: {finding}" for run in runs for finding in validate(run)]
 
 
 def check_runs(runs: Sequence[Run], spec: str | Rule | Sequence[str | Rule] = "paper") -> dict[str, dict[str, Verdict]]:

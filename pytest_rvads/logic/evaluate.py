@@ -13,7 +13,7 @@ from pytest_rvads.errors import FormulaError, RunError
 from pytest_rvads.logic import formula as f
 from pytest_rvads.logic.signature import user_predicates
 from pytest_rvads.logic.sorts import Sort
-from pytest_rvads.semantics.conduct import blocks, collide, speeding, stopped
+from pytest_rvads.semantics.conduct import blocks, collide, speeding, standing_time, stopped
 from pytest_rvads.semantics.predicates import at_entrance, colour, in_junction, on_approach, on_exit, speed, ticks
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Colour
@@ -42,10 +42,12 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
     Args:
         run: the run.
         tie: waiting times that differ by at most this count as equal [s].
+        standing: count waiting times from standstill, see `check`.
     """
 
-    def __init__(self, run: Run, tie: float = 0.0) -> None:
+    def __init__(self, run: Run, tie: float = 0.0, *, standing: bool = False) -> None:
         self.run = run
+        self._standing = standing
         self._tie = ticks(run, tie)
         self._known: dict[f.Atom, NDArray[np.bool_]] = {}
 
@@ -80,7 +82,7 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
                 alike: NDArray[np.bool_] = run.lights[:, one] == run.lights[:, two]
                 return alike if atom.name == "=" else ~alike
             case name, (f.Attr(f.Element(_, one), "wt"), f.Attr(f.Element(_, two), "wt")) if name in _OPERATORS:
-                return self._waits(name, run.wt[:, one] - run.wt[:, two])
+                return self._waits(name, self._wt(one) - self._wt(two))
             case name, (left, right) if name in _OPERATORS:
                 found: NDArray[np.bool_] = _OPERATORS[name](self._number(left), self._number(right))
                 return found
@@ -93,6 +95,9 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         if predicate is None:
             raise FormulaError(f"nothing tells the value of {atom} on a run: register the predicate {atom.name!r}")
         return predicate(run, *columns)
+
+    def _wt(self, agent: int) -> NDArray[np.int32]:
+        return standing_time(self.run, agent) if self._standing else self.run.wt[:, agent]
 
     def _waits(self, name: str, difference: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Compare waiting times up to the tie window, given how much longer the first is [ticks]."""
@@ -116,7 +121,7 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
                 return value
             case f.Attr(f.Element(_, agent), "wt"):
                 # Rounded, so that a waiting time of 300 ticks of 0.01 s equals 3 s.
-                return np.round(self.run.wt[:, agent] * self.run.dt, 9)
+                return np.round(self._wt(agent) * self.run.dt, 9)
             case f.Attr(f.Element(_, agent), "sp"):
                 return speed(self.run, agent)
         raise FormulaError(f"{term} is not a number")

@@ -29,6 +29,7 @@ __all__ = [
     "collide",
     "conflicts",
     "speeding",
+    "standing_time",
     "stopped",
     "stretches",
     "vehicle_size",
@@ -78,6 +79,17 @@ def stopped(run: Run, agent: int) -> NDArray[np.bool_]:
     last_still = np.maximum.accumulate(np.where(still, tick, -1))
     last_away = np.maximum.accumulate(np.where(here, -1, tick))
     found: NDArray[np.bool_] = here & (last_still > last_away)
+    return found
+
+
+def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
+    """Return for how many steps the agent has been standing at its entrance, shape ``(steps,)``.
+
+    This is the waiting time as the text of the paper has it, "since its speed became zero"; it restarts when the vehicle moves.
+    """
+    tick = np.arange(run.steps, dtype=np.int32)
+    still = (run.zone[:, agent] == Zone.ENTRANCE) & (_speed(run, agent) <= STANDSTILL)
+    found: NDArray[np.int32] = tick - np.maximum.accumulate(np.where(still, 0, tick))
     return found
 
 

@@ -102,7 +102,8 @@ def load_run(path: str | Path) -> Run:
     """
     path = Path(path)
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        # Opened here, as np.load leaves a file open that is no archive.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except OSError as error:
         raise RunError(f"{path}: can't be read: {error.strerror or error}") from error

@@ -17,9 +17,9 @@ from pytest_rvads.semantics.states import Agent, Colour, Zone
 
 __all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "agree", "validate"]
 
-PROGRESS_TOLERANCE = (0.02, 0.1)
-"""Progress of a step may differ from speed times time by this much [m] and this share: the reference point leaves the
-centre line in bends."""
+PROGRESS_TOLERANCE = (0.005, 0.3)
+"""Progress of a step may differ from speed times time by this much [m] and this share: the bumper swings in bends, where
+its projection on the centre line is a quarter slower or faster than the car."""
 OFFSET_LIMIT = 2.0
 """A reference point further from the centre line of its itinerary is off it [m]; half a lane and a bit."""
 _EVERY = 10

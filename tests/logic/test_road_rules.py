@@ -141,3 +141,13 @@ def test_conflicts_in_an_x() -> None:
     assert (right, (1, 2)) not in found, "two right turns"
     assert all((b, a) in found for a, b in found)
     assert all(a[0] != b[0] for a, b in found), "from one entrance they follow each other"
+
+
+def test_waiting_times_may_count_from_standstill(drive: Make) -> None:
+    # a0 arrives first and stops later than a1: who waits longer depends on the reading.
+    run = drive(
+        "stop4", {0: (2, -2.0, [(0, 1.0), (100, 0.2), (300, 0.0), (900, 8.0)]), 1: (2, -2.0, [(0, 0.8), (150, 0.0)])}, 1200
+    )
+    assert check(run, "p3").status == "PASS"
+    literal = check(run, "p3", standing=True)
+    assert (literal.status, literal.responsible) == ("FAIL", ("a0",))

@@ -149,7 +149,8 @@ def test_what_a_recording_does_not_hold_is_na(make: Make) -> None:
 def test_a_file_of_rules(tmp_path: Path) -> None:
     file = tmp_path / "own.rules"
     file.write_text(
-        "# rules of the house\n[house_1]\ntext = forall a, j.en.\n  G(a@j.en -> F a@j)\ntitle = gets in\nabout = stop\ntie = 0.2\n"
+        "# rules of the house\n[house_1]\ntext = forall a, j.en.\n  G(a@j.en -> F a@j)\n"
+        "title = gets in\nabout = stop\ntie = 0.2\n"
         "[house_2]\ntext = forall a. F a@j\nrequirement = R2\n"
     )
     one, two = load_rules(file)

@@ -1,0 +1,275 @@
+"""Files of runs, their integrity, their key performance indicators."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pytest_rvads.autopilots import Reference
+from pytest_rvads.errors import RunError
+from pytest_rvads.logic.check import check
+from pytest_rvads.maps.finder import find
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.semantics.itinerary import Itinerary
+from pytest_rvads.semantics.kpis import kpis
+from pytest_rvads.semantics.run import Collision, Fault, Run
+from pytest_rvads.semantics.runfile import VERSION, load_run, save_run
+from pytest_rvads.semantics.states import Agent, Colour, Zone
+from pytest_rvads.semantics.validate import agree, validate
+
+
+@pytest.fixture(scope="module")
+def real() -> Run:
+    return simulate(Scenario("light4", "1230", distance=5.0), Reference)
+
+
+def moving(vehicles: dict[tuple[int, int], tuple[float, list[float]]], **changes: Any) -> Run:
+    """A run on stop4 along the centre lines: per (entrance, exit) the station at the start [m] and the speed in each state."""
+    place = find("stop4")
+    columns, agents = [], []
+    for (entrance, leaving), (start, speeds) in vehicles.items():
+        itinerary = Itinerary.through(place, entrance, leaving)
+        speed = np.array(speeds)
+        station = start + np.concatenate(([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2))) * 0.01
+        pose = np.array([itinerary.pose(float(s)) for s in station])
+        zone = np.array([itinerary.zone(float(s)) for s in station], dtype=np.int8)
+        agents.append(Agent(f"a{entrance}", entrance, leaving, place.turn(entrance, leaving)))
+        columns.append((zone, station, speed, pose))
+    zone, station, speed, pose = (np.stack([c[k] for c in columns], axis=1) for k in range(4))
+    lights = np.zeros((len(zone), 4), dtype=np.int8)
+    return replace(Run("moving", place, tuple(agents), zone, lights, station=station, speed=speed, pose=pose), **changes)
+
+
+# Files
+
+
+def test_a_kept_run_comes_back_bit_by_bit(real: Run, tmp_path: Path) -> None:
+    run = replace(real, collisions=(Collision(1.5, ("a0", "a1"), 3.25),), fault=Fault(2.0, "a1", "autopilot raised"))
+    path = tmp_path / "deep" / "run.npz"
+    save_run(run, path)
+    back = load_run(path)
+    assert back.hash == run.hash
+    assert (back.collisions, back.fault, back.meta["autopilot"]) == (run.collisions, run.fault, run.meta["autopilot"])
+    one, two = run.junction, back.junction
+    assert (one.name, one.id, one.control, one.right_of, one.opposite, one.phase_groups, one.setbacks, one.left_hand) == (
+        *(two.name, two.id, two.control, two.right_of, two.opposite, two.phase_groups, two.setbacks, two.left_hand),
+    )
+    assert dict(one.movements) == dict(two.movements)
+    assert validate(back) == validate(run) == ()
+    first = path.read_bytes()
+    save_run(back, path)
+    assert path.read_bytes() == first, "equal runs give equal files"
+
+
+def test_a_kept_run_gets_the_same_verdicts(real: Run, tmp_path: Path) -> None:
+    save_run(real, tmp_path / "run.npz")
+    back = load_run(tmp_path / "run.npz")
+    for name in ("p4", "p5", "p6", "red", "no_conflict", "speed_limit"):
+        assert check(back, name).record() == check(real, name).record()
+        assert check(back, name).explanation == check(real, name).explanation
+
+
+def test_a_recorded_run_is_kept_without_what_it_lacks(tmp_path: Path) -> None:
+    place = replace_geometry()
+    run = Run("bare", place, (Agent("c0", 0, 1, place.turn(0, 1)),), np.zeros((3, 1), np.int8), np.zeros((3, 4), np.int8))
+    save_run(run, tmp_path / "run.npz")
+    back = load_run(tmp_path / "run.npz")
+    assert (back.station, back.speed, back.pose, back.controls, back.junction.geometry) == (None,) * 5
+    assert back.hash == run.hash
+
+
+def replace_geometry() -> Any:
+    return replace(find("stop4"), geometry=None)
+
+
+def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]) -> None:
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    header = json.loads(bytes(arrays["header"]).decode())
+    change(header, arrays)
+    if "header" in arrays:
+        arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    with path.open("wb") as out:
+        np.savez(out, **arrays)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda h, a: h.update(format="other"), "its format is 'other'"),
+        (lambda h, a: h.update(version=VERSION + 1), f"this library reads version {VERSION}"),
+        (lambda h, a: h.pop("label"), "damaged: 'label' is missing"),
+        (lambda h, a: a.pop("zone"), "damaged: 'zone' is missing"),
+        (lambda h, a: a.pop("header"), "damaged: 'header' is missing"),
+        (lambda h, a: h["junction"].update(control="roundabout"), "damaged: 'roundabout' is not a valid"),
+        (lambda h, a: h["junction"]["movements"].pop(), "damaged: junction 'light4' needs one movement"),
+    ],
+)
+def test_a_damaged_file_says_what_is_wrong(
+    real: Run, tmp_path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None], message: str
+) -> None:
+    path = tmp_path / "run.npz"
+    save_run(real, path)
+    rewrite(path, change)
+    with pytest.raises(RunError, match=message):
+        load_run(path)
+
+
+def test_files_that_are_no_runs(tmp_path: Path) -> None:
+    path = tmp_path / "run.npz"
+    with pytest.raises(RunError, match="can't be read"):
+        load_run(path)
+    for content in (b"", b"no archive", b"PK\x03\x04 cut"):
+        path.write_bytes(content)
+        with pytest.raises(RunError, match=r"run\.npz: "):
+            load_run(path)
+    with pytest.raises(RunError, match="can't be kept"):
+        save_run(moving({(0, 2): (-5.0, [1.0] * 5)}, meta={"what": object()}), path)
+
+
+# Integrity
+
+
+def straight(**changes: Any) -> Run:
+    return moving({(0, 2): (-5.0, [8.0] * 400)}, **changes)
+
+
+def test_an_intact_run_has_no_findings(real: Run) -> None:
+    assert validate(real) == ()
+    assert validate(straight()) == ()
+
+
+def changed(name: str, index: Any, value: Any) -> Run:
+    run = straight()
+    array = getattr(run, name).copy()
+    array[index] = value
+    return replace(run, **{name: array})
+
+
+def without(run: Run, ticks: slice) -> Run:
+    keep = np.delete(np.arange(run.steps), ticks)
+    parts = {n: getattr(run, n)[keep] for n in ("zone", "lights", "station", "speed", "pose")}
+    return replace(run, **parts)
+
+
+@pytest.mark.parametrize(
+    ("run", "kind", "message"),
+    [
+        (lambda: changed("speed", (7, 0), np.nan), "values", "speed of a0 at 0.07 s is not a finite number"),
+        (lambda: replace(straight(), speed=np.zeros((5, 1))), "values", "speed must have shape (400, 1), got (5, 1)"),
+        (lambda: changed("zone", (7, 0), 9), "values", "the run has a zone that is none of approach"),
+        (lambda: replace(straight(), dt=0.0), "values", "must be positive, got 0.0 s"),
+        (lambda: changed("zone", (slice(20, None), 0), Zone.EXIT), "jump", "at 0.20 s: from approach to exit in one step"),
+        (lambda: changed("zone", (slice(20, None), 0), Zone.ENTRANCE), "zone", "zone entrance, but its station is -3.40 m"),
+        (lambda: changed("speed", slice(10, None), 5.0), "progress", "to the next state, speed times time is 0.050 m"),
+        (lambda: without(straight(), slice(30, 32)), "missing ticks", "2 states seem to be missing"),
+        (lambda: changed("pose", (slice(100, None), 0, 0), 999.0), "itinerary", "m off its itinerary at 1.00 s"),
+        (lambda: changed("lights", (slice(50, None), 1), Colour.RED), "colour", "from none to red at 0.50 s, out of order"),
+    ],
+    ids=["nan", "shape", "code", "dt", "jump", "zone", "progress", "missing", "itinerary", "colour"],
+)  # fmt: skip
+def test_what_breaks_the_model_is_found(run: Callable[[], Run], kind: str, message: str) -> None:
+    finding = next(f for f in validate(run()) if f.kind == kind)
+    assert message in str(finding)
+
+
+def test_colours_in_order_are_fine() -> None:
+    run = straight()
+    lights = np.full((400, 4), Colour.GREEN, dtype=np.int8)
+    lights[100:], lights[200:], lights[300:] = Colour.YELLOW, Colour.RED, Colour.GREEN
+    assert validate(replace(run, lights=lights)) == ()
+    lights[200:300] = Colour.GREEN
+    first, *_ = validate(replace(run, lights=lights))
+    assert str(first) == "light 0 turns from yellow to green at 2.00 s, out of order"
+
+
+def test_a_damaged_run_is_not_judged_as_if_it_were_fine() -> None:
+    verdict = check(changed("speed", (7, 0), np.nan), "p1")
+    assert (verdict.status, verdict.reason) == ("ERROR", "the speeds of the run are not all finite numbers")
+
+
+def test_two_runs_between_equal_states_agree() -> None:
+    one = straight()
+    assert agree(one, straight()) == ()
+    # The same two places, with a rest in between: the same way, more time.
+    slower = moving({(0, 2): (-5.0, [8.0] * 400)})
+    rest = np.repeat(np.arange(400), np.where(np.arange(400) == 50, 11, 1))
+    slower = replace(slower, **{n: getattr(slower, n)[rest] for n in ("zone", "lights", "station", "speed", "pose")})
+    (finding,) = agree(one, slower)
+    assert str(finding) == "equal states are 3.99 s apart in one run and 4.09 s in the other"
+    assert agree(one, moving({(0, 2): (-6.0, [8.0] * 400)})) == (), "they start elsewhere"
+    detour = straight()
+    station = detour.station
+    assert station is not None
+    station = station.copy()
+    station[10] -= 1.0
+    (finding,) = agree(one, replace(detour, station=station))
+    assert finding.kind == "distance"
+
+
+# Key performance indicators
+
+
+def test_indicators_of_a_vehicle_by_hand() -> None:
+    # 8 m/s for 1 s, braking at 4 m/s^2 to 0 in 2 s, standing for 1 s; the line is 0 m before the vertex.
+    speeds = [8.0] * 100 + [8.0 - 0.04 * k for k in range(200)] + [0.0] * 101
+    run = moving({(0, 2): (-16.5, speeds)})
+    (one,) = kpis(run).vehicles
+    assert one.delay is None, "it never gets to its exit"
+    assert one.deceleration == pytest.approx(4.0)
+    assert one.jerk == pytest.approx(4.0 / 0.1), "from 0 to 4 m/s^2 within the window"
+    assert one.waiting == pytest.approx(float((run.zone[:, 0] == Zone.ENTRANCE).sum()) * 0.01)
+    assert one.waiting > 1.0
+
+
+def test_delay_against_the_speed_limit() -> None:
+    run = moving({(0, 2): (-5.0, [8.0] * 700)})
+    way = find("stop4").movements[0, 2].length + 5.0
+    (one,) = kpis(run).vehicles
+    assert one.delay == pytest.approx(way / 8.0 - way / 11.176, abs=0.011), "up to one step"
+    limited = replace(run, meta={"speed_limit": 8.0})
+    assert kpis(limited).vehicles[0].delay == pytest.approx(0.0, abs=0.011)
+
+
+def test_time_to_collision_of_a_follower_by_hand() -> None:
+    # On the same approach, 10 m/s behind 5 m/s, bumper to bumper 20 m less a body of 4.6 m.
+    run = moving({(0, 2): (-60.0, [10.0] * 10), (1, 3): (-60.0, [5.0] * 10)})
+    pose = run.pose
+    assert pose is not None
+    pose = pose.copy()
+    heading = pose[0, 0, 2]
+    pose[:, 1] = pose[:, 0]
+    pose[:, 1, 0] += 20.0 * np.cos(heading)
+    pose[:, 1, 1] += 20.0 * np.sin(heading)
+    pose = np.repeat(pose[:1], 10, axis=0)
+    (pair,) = kpis(replace(run, pose=pose)).pairs
+    # The discs of radius 1.206 m reach 0.439 m beyond either end of the body.
+    assert pair.ttc == pytest.approx((20.0 - 4.6 - 2 * 0.4387) / 5.0, abs=0.01)
+    apart = replace(run, pose=pose, speed=np.tile([5.0, 10.0], (10, 1)))
+    assert kpis(apart).pairs[0].ttc is None
+
+
+def test_post_encroachment_time_by_hand() -> None:
+    # Two crossing straight movements; the second starts 40 m further back at the same speed, that is 5 s later.
+    near, far = (0, 2), (1, 3)
+    run = moving({near: (-10.0, [8.0] * 1600), far: (-50.0, [8.0] * 1600)})
+    from pytest_rvads.semantics.conduct import stretches
+
+    shared = stretches(find("stop4"))
+    assert shared is not None
+    (_, end), (start, _) = shared[near, far]
+    wanted = (50.0 + start) / 8.0 - (10.0 + end + 4.6) / 8.0
+    assert kpis(run).pairs[0].pet == pytest.approx(wanted, abs=0.021)
+    together = moving({near: (-10.0, [8.0] * 1600), far: (-10.0, [8.0] * 1600)})
+    assert kpis(together).pairs[0].pet is not None
+    assert kpis(together).pet < 0  # type: ignore[operator]
+    assert kpis(moving({(0, 2): (-10.0, [8.0] * 900), (2, 0): (-10.0, [8.0] * 900)})).pet is None, "they never meet"
+
+
+def test_records_are_builtins(real: Run) -> None:
+    assert json.loads(json.dumps(kpis(real).record())) == kpis(real).record()
