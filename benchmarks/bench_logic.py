@@ -92,11 +92,10 @@ def test_grounding_p5(benchmark: Any) -> None:
 LONG = 100_000
 
 
-@pytest.fixture(scope="module")
-def trace() -> dict[str, np.ndarray]:
-    rng = np.random.default_rng(1)
-    slow = np.repeat(rng.random((3, LONG // 100)) < 0.5, 100, axis=1)
-    return {"p": slow[0], "q": slow[1], "r": slow[0] | slow[2]}
+@pytest.fixture(scope="module", params=[1, 100], ids=["changing in every state", "changing every 100 states"])
+def trace(request: pytest.FixtureRequest) -> dict[str, np.ndarray]:
+    bits = np.repeat(np.random.default_rng(1).random((3, LONG // request.param)) < 0.5, request.param, axis=1)
+    return {"p": bits[0], "q": bits[1], "r": bits[0] | bits[2]}
 
 
 FORMULA = "G((p & q) -> (p U r))"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,10 @@ from pytest_rvads.logic.boolean import evaluate, holds
 from pytest_rvads.logic.ltl3 import Machine, Truth
 
 __all__ = ["Monitor", "encode", "run_machine"]
+
+
+_STRETCH = 100
+"""A stretch of equal letters costs about as much as walking this many states one by one."""
 
 
 class Monitor:
@@ -59,7 +64,7 @@ def run_machine(machine: Machine, letters: NDArray[np.int32]) -> NDArray[np.int3
     """Return the states of a machine after every state of many words, shape ``(words, steps)``.
 
     Between two changes of letter the same letters repeat; a monitor of LTL then settles (its language is star-free),
-    so only the first few repetitions are computed.
+    so only the first few repetitions are computed. Where letters change all the time, every word is walked by itself.
 
     Args:
         machine: the monitor, one for all words.
@@ -70,6 +75,11 @@ def run_machine(machine: Machine, letters: NDArray[np.int32]) -> NDArray[np.int3
     if not words or not steps:
         return states
     changes = np.flatnonzero((letters[:, 1:] != letters[:, :-1]).any(axis=0)) + 1
+    if len(changes) * _STRETCH > words * steps:
+        table = machine.delta.tolist()
+        for row, word in zip(states, letters.tolist(), strict=True):
+            row[:] = list(accumulate(word, lambda state, letter: table[state][letter], initial=0))[1:]
+        return states
     starts = [0, *changes.tolist()]
     state = np.zeros(words, dtype=np.int32)
     for start, end in zip(starts, [*starts[1:], steps], strict=True):

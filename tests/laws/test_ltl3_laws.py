@@ -183,16 +183,16 @@ def test_step_by_step_equals_all_at_once(formula: f.Formula, word: list[list[str
 @given(FORMULAS, st.lists(st.lists(st.sampled_from(LETTERS), min_size=6, max_size=6), min_size=1, max_size=4))
 def test_many_words_are_run_like_each_alone(formula: f.Formula, words: list[list[list[str]]]) -> None:
     machine = synthesize(formula)
-    # Every letter lasts for three states, so that the settled stretches are exercised as well.
-    long = [[state for state in word for _ in range(3)] for word in words]
-    arrays = [{a: np.array([a.name in s for s in word]) for a in machine.atoms} for word in long]
-    letters = np.array([encode(machine, values, 18) for values in arrays])
-    states = run_machine(machine, letters)
-    for row, word in zip(states, long, strict=True):
-        state = 0
-        for k, letter in enumerate(encode(machine, {a: np.array([a.name in s for s in word]) for a in machine.atoms}, 18)):
-            state = int(machine.delta[state, letter])
-            assert row[k] == state
+    for repeat in (1, 500):  # states that change all the time, and long stretches of equal ones
+        steps = 6 * repeat
+        long = [[state for state in word for _ in range(repeat)] for word in words]
+        letters = np.array([encode(machine, {a: np.array([a.name in s for s in w]) for a in machine.atoms}, steps) for w in long])
+        states = run_machine(machine, letters)
+        for row, word in zip(states.tolist(), letters.tolist(), strict=True):
+            state = 0
+            for got, letter in zip(row, word, strict=True):
+                state = int(machine.delta[state, letter])
+                assert got == state
 
 
 @LAW
