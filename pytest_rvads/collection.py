@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -187,6 +188,8 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
         aggression=ask["aggression"],
         wait=ask["wait"],
     )
+    if options.rules:
+        _register(options.rules)
     rules: Sequence[Rule | None] = [None]
     if "rule" in metafunc.fixturenames:
         # Where a rulebook has nothing to say about this kind of junction, its rules run and give NA with their reason.
@@ -201,6 +204,14 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
         scenario_.fit()
         for rule in rules:
             yield Cell(scenario_, rule)
+
+
+@lru_cache
+def _register(path: Path) -> None:
+    """Register the rules of a user's file, once per process."""
+    from pytest_rvads.logic.rulefile import load_rules
+
+    load_rules(path)
 
 
 def _map_file(junction: str, map: str | None, metafunc: pytest.Metafunc, options: Options) -> str | None:

@@ -20,6 +20,8 @@ _DECLARED: dict[str, tuple[str, str, tuple[str, ...] | None]] = {
     "cover": ("", "what to run of every class where a test does not say", ("class", "scenario", "rotation")),
     "grid": ("", "configurations where a test does not say: 'paper' or letters such as CD", None),
     "max-items": ("10000", "refuse a test that would expand to more items than this", None),
+    "rules": ("", "file with rules of your own, see `rvads rules --file`", None),
+    "keep": ("", "folder to keep every run in, as .npz for `rvads check`", None),
     "report": ("", "also write the verdicts to FILE.json or FILE.md", None),
     "artefacts": (".rvads", "folder for the replay pages of failures, or 'none'", None),
     "open": ("fail", "what an obligation still open at the end of a run does to its test", ("fail", "skip", "pass")),
@@ -34,6 +36,8 @@ class Options:
     cover: str
     grid: str
     max_items: int
+    rules: Path | None
+    keep: Path | None
     report: Path | None
     artefacts: str | None
     open: str
@@ -63,6 +67,8 @@ class Options:
             cover=values["cover"] or "class",
             grid=values["grid"] or "paper",
             max_items=int(count),
+            rules=config.rootpath / values["rules"] if values["rules"] else None,
+            keep=config.invocation_params.dir / values["keep"] if values["keep"] else None,
             report=config.invocation_params.dir / report if report else None,
             artefacts=None if values["artefacts"] == "none" else values["artefacts"],
             open=values["open"],

@@ -1,0 +1,158 @@
+"""The command line: answers on standard output, one line on standard error and status 2 for bad input."""
+
+import json
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+from pytest_rvads.cli import main
+from pytest_rvads.logic.check import check
+from pytest_rvads.semantics.runfile import load_run
+
+RVADS = str(Path(sys.executable).with_name("rvads"))
+
+
+def test_classes_lists_lazily(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["classes", "5"]) == 0
+    out, err = capsys.readouterr()
+    lines = out.splitlines()
+    assert lines[0] == "1024 scenarios in 208 classes"
+    assert len(lines) == 101
+    assert "108 more" in err
+    main(["classes", "5", "--all"])
+    assert len(capsys.readouterr().out.splitlines()) == 209
+
+
+def test_eight_ways_answer_at_once(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["classes", "8"]) == 0
+    assert capsys.readouterr().out.splitlines()[0] == "5764801 scenarios in 720916 classes"
+
+
+def test_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from pytest_rvads.maps.builtin import path_of
+
+    assert main(["classes", "3", "--svg", str(tmp_path / "c.svg")]) == 0
+    assert main(["map", str(path_of("light4")), "--json", "--svg", str(tmp_path / "m.svg")]) == 0
+    for name in ("c.svg", "m.svg"):
+        assert ET.parse(tmp_path / name).getroot().tag.endswith("svg")
+    out = capsys.readouterr().out
+    assert json.loads(out[out.index("{") :])["junctions"][0]["control"] == "lights"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["classes", "9"],
+        ["map", "nowhere.xodr"],
+        ["map", __file__],
+        ["check", "nowhere.json"],
+        ["check", __file__],
+        ["monitor", "G(p -> "],
+        ["rules", "--file", "nowhere.rules"],
+        ["classes", "3", "--svg", "/nowhere/c.svg"],
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == "" or arguments[0] == "classes"
+    assert err.startswith("rvads: ")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", [[], ["nonsense"], ["classes"], ["classes", "x"], ["monitor"]])
+def test_wrong_usage_is_argparse_s(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+
+
+def test_a_reader_that_had_enough_is_no_error() -> None:
+    command = f"{RVADS} classes 7 --all | head -1"
+    done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_recorded_runs_are_judged(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = str(shared / "runs" / "t-way-stop.json")
+    assert main(["check", file, "--json"]) == 0
+    judged = json.loads(capsys.readouterr().out)
+    published = {run["name"]: run["verdicts"] for run in json.loads(Path(file).read_text(encoding="utf-8"))["runs"]}
+    words = {"True": "PASS", "False": "FAIL", "None": "NA"}
+    names = {"one-car-in-junction": "p1", "right-of-priority": "p2", "fifo-priority": "p3"}
+    assert len(judged) == len(published)
+    for run, verdicts in published.items():
+        for name, verdict in (verdicts or {}).items():
+            assert judged[run][names[name]] == words[verdict]
+    assert main(["check", file, "--rule", "p1"]) == (1 if "FAIL" in str(judged) else 0)
+
+
+def test_a_kept_run_gets_the_verdict_it_had(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
+    pytester.makepyfile(
+        test_keep="""
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop3", classes=(1, 2), grid="E", rules=("p1", "p3"))
+        def test_rules(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    pytester.runpytest("--rvads-keep=kept", "--rvads-report=out.json")
+    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    files = sorted((pytester.path / "kept").glob("*.npz"))
+    assert [f.name for f in files] == [f"test_keep.test_rules-stop3-class0{n}-as11{n}-cfgE.npz" for n in (1, 2)]
+    for record in records:
+        (file,) = [f for f in files if f"-as{record['scenario']}-" in f.name]
+        run = load_run(file)
+        assert run.hash == record["hash"]
+        assert check(run, record["rule"]).status == record["status"]
+    capsys.readouterr()
+    assert main(["check", str(files[0]), "--rule", "p1"]) == 0
+    assert "PASS" in capsys.readouterr().out
+
+
+def test_monitor_answers_line_by_line() -> None:
+    lines = [
+        {"id": 1, "formula": "[](p -> X q)", "words": [[["p"], ["q"]], [["p"], []], []]},
+        {"id": 2, "formula": "G(", "words": []},
+        {"id": 3, "formula": "p U q", "words": [[[]]]},
+    ]
+    text = "\n".join(map(json.dumps, lines)) + "\nnonsense\n"
+    done = subprocess.run([RVADS, "monitor", "--jsonl"], input=text, capture_output=True, text=True, check=True)
+    one, two, three, four = map(json.loads, done.stdout.splitlines())
+    assert (one["verdicts"], one["finite"]) == ([["?", "?"], ["?", "F"], []], [True, False, True])
+    assert two["id"] == 2
+    assert "error" in two
+    assert three["verdicts"] == [["F"]], "anticipation: neither holds now, so no continuation helps"
+    assert "error" in four
+
+
+def test_rules_of_a_file_run_like_others(pytester: pytest.Pytester) -> None:
+    pytester.makefile(".rules", own="[gets_in]\ntext = forall a. F a@j\ntitle = everybody gets in\n")
+    pytester.makeini("[pytest]\nrvads_rules = own.rules\n")
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop3", classes=1, grid="E", rules=("gets_in", "p1"))
+        def test_rules(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest("-v")
+    result.assert_outcomes(passed=2)
+    result.stdout.fnmatch_lines(["*stop3-class01-as111-cfgE-gets_in?*PASSED*"])
+
+
+def test_the_braking_table_is_the_plant_s(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["braking", "--json"]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert set(table) == {"1", "2", "3"}
+    # Without any lag a vehicle stops from v = sqrt(2 a d); the brake's lag costs some of it, never gains.
+    for aggression, deceleration in (("1", 4.0), ("2", 6.0), ("3", 8.0)):
+        for distance, speed in table[aggression].items():
+            ideal = min((2 * (deceleration + 0.3) * float(distance)) ** 0.5, 11.176)
+            assert 0.5 * ideal < speed <= ideal
