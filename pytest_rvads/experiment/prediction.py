@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,6 +25,8 @@ AUTOPILOTS: Mapping[str, Factory] = {"lgsvl": LgsvlLike, "reference": Reference}
 RULES = {JunctionControl.STOP: ("p1", "p2", "p3"), JunctionControl.LIGHTS: ("p4", "p5", "p6")}
 DURATION = {JunctionControl.STOP: 30.0, JunctionControl.LIGHTS: 40.0}
 """Longest run, as in the paper's tables [s]."""
+LONGEST = 500.0
+"""Longest movement that is believed [m]."""
 DEFAULT_WAIT = 1.5
 """Value of every random draw where a request names none [s]."""
 
@@ -128,8 +129,8 @@ def site_lengths(graph: Mapping[str, Any], order: Sequence[str]) -> Lengths:
     ways = len(order)
     if ways not in (3, 4) or sorted(map(str, order)) != sorted(entrances) or len(exits) != ways:
         raise MapError(f"order must name the 3 or 4 entrances {sorted(entrances)} of the graph, got {list(order)!r}")
-    if not all(math.isfinite(length) and length > 0 for *_, length in edges):
-        raise MapError("every edge of the graph needs a positive length")
+    if not all(0.0 < length <= LONGEST for *_, length in edges):
+        raise MapError(f"every edge of the graph needs a positive length of at most {LONGEST:g} m")
     # Of its own arm an entrance reaches everything but the exit.
     number: dict[str, int] = {}
     for arm, entrance in enumerate(map(str, order)):

@@ -72,9 +72,9 @@ class ZoneBox:
 class Constants:
     """The free constants: they were fitted, the others were read."""
 
-    zone4: ZoneBox = ZoneBox(1.1, -1.0, 7.5, 7.5)
+    zone4: ZoneBox = ZoneBox(0.8, -0.8, 7.5, 7.5)
     """Zone of an X."""
-    zone3: ZoneBox = ZoneBox(0.0, 0.0, 5.5, 5.5)
+    zone3: ZoneBox = ZoneBox(2.0, 0.3, 4.6, 4.6)
     """Zone of a T."""
     launch: float = 0.21
     """How long a vehicle drives off at full speed before it knows that it has to stop (deficiency I1) [s]."""

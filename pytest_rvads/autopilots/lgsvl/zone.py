@@ -40,17 +40,19 @@ class Box:
         return tuple((o.x + x * self._cos - y * self._sin, o.y + x * self._sin + y * self._cos) for x, y in places)
 
     def holds(self, state: VehicleState) -> bool:
-        """Return whether a corner of the body is in the box."""
-        b = self.box
-        cos, sin = math.cos(state.heading), math.sin(state.heading)
-        for back in (0.0, state.length):
-            for aside in (-state.width / 2, state.width / 2):
-                x = state.x - back * cos - aside * sin - self.origin.x
-                y = state.y - back * sin + aside * cos - self.origin.y
-                across, along = x * self._cos + y * self._sin - b.x, y * self._cos - x * self._sin - b.y
-                if -b.half_x < across < b.half_x and -b.half_y < along < b.half_y:
-                    return True
-        return False
+        """Return whether one of the four corners of the body is in the box."""
+        b, o = self.box, self.origin
+        dx, dy = state.x - o.x, state.y - o.y
+        # The front bumper in the frame of the box.
+        x, y = dx * self._cos + dy * self._sin - b.x, dy * self._cos - dx * self._sin - b.y
+        turned = state.heading - o.heading
+        cos, sin = math.cos(turned), math.sin(turned)
+        half = state.width / 2.0
+        return any(
+            abs(x - back * cos - aside * sin) < b.half_x and abs(y - back * sin + aside * cos) < b.half_y
+            for back in (0.0, state.length)
+            for aside in (-half, half)
+        )
 
 
 class Whole:
