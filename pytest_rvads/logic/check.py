@@ -9,12 +9,13 @@ import numpy as np
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.cycle import Cycle, find_cycle
 from pytest_rvads.logic.evaluate import Values
-from pytest_rvads.logic.explain import Story, tell
+from pytest_rvads.logic.explain import tell
 from pytest_rvads.logic.ground import ground, simplify, unfold
 from pytest_rvads.logic.judge import Judgement, judge, nearest_miss
 from pytest_rvads.logic.prepare import prepare
 from pytest_rvads.logic.rules import Rule, get_rule
 from pytest_rvads.logic.shape import shape_of
+from pytest_rvads.logic.story import Story
 from pytest_rvads.logic.verdicts import Status, Verdict
 from pytest_rvads.maps.junction import JunctionControl
 from pytest_rvads.semantics.predicates import extract

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from decimal import Decimal
 
-from pytest_rvads.logic.sorts import Sort, sort_of
+from pytest_rvads.logic.terms import Attr, Binder, Element, Number, Term, Var, Word
 
 __all__ = [
     "FALSE",
@@ -47,65 +46,6 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class Var:
-    """An occurrence of a variable."""
-
-    name: str
-    at: int = field(default=0, compare=False, repr=False)
-    """Where it stands in the text, for error messages."""
-
-    def __str__(self) -> str:
-        return self.name
-
-
-@dataclass(frozen=True, slots=True)
-class Element:
-    """A constant that a variable stands for: an agent, a light, an entrance ... of the model."""
-
-    sort: Sort
-    index: int
-    """Column of an agent, number of an entrance, exit, light or road."""
-    name: str
-
-    def __str__(self) -> str:
-        return self.name
-
-
-@dataclass(frozen=True, slots=True)
-class Word:
-    """A value of an attribute or a direction: ``red``, ``left``."""
-
-    name: str
-
-    def __str__(self) -> str:
-        return self.name
-
-
-@dataclass(frozen=True, slots=True)
-class Number:
-    """A constant to compare with: seconds for ``wt``, m/s for ``sp``."""
-
-    value: float
-
-    def __str__(self) -> str:
-        return format(Decimal(repr(self.value)).normalize(), "f")
-
-
-@dataclass(frozen=True, slots=True)
-class Attr:
-    """An attribute of an agent or a light: ``a.wt``, ``a.sp``, ``lt.cl``."""
-
-    of: Var | Element
-    name: str
-
-    def __str__(self) -> str:
-        return f"{self.of}.{self.name}"
-
-
-Term = Var | Element | Word | Number | Attr
-
-
 class Formula:
     """Base of all formulas."""
 
@@ -121,8 +61,6 @@ class Const(Formula):
 
     value: bool
 
-    __str__ = Formula.__str__
-
 
 TRUE, FALSE = Const(True), Const(False)
 
@@ -136,8 +74,6 @@ class Atom(Formula):
     at: int = field(default=0, compare=False, repr=False)
     """Where it stands in the text, for error messages."""
 
-    __str__ = Formula.__str__
-
 
 @dataclass(frozen=True, slots=True)
 class Not(Formula):
@@ -145,16 +81,12 @@ class Not(Formula):
 
     body: Formula
 
-    __str__ = Formula.__str__
-
 
 @dataclass(frozen=True, slots=True)
 class And(Formula):
     """Conjunction of two or more formulas, none of them a conjunction."""
 
     parts: tuple[Formula, ...]
-
-    __str__ = Formula.__str__
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", tuple(q for p in self.parts for q in (p.parts if isinstance(p, And) else (p,))))
@@ -165,8 +97,6 @@ class Or(Formula):
     """Disjunction of two or more formulas, none of them a disjunction."""
 
     parts: tuple[Formula, ...]
-
-    __str__ = Formula.__str__
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", tuple(q for p in self.parts for q in (p.parts if isinstance(p, Or) else (p,))))
@@ -179,8 +109,6 @@ class Implies(Formula):
     left: Formula
     right: Formula
 
-    __str__ = Formula.__str__
-
 
 @dataclass(frozen=True, slots=True)
 class Iff(Formula):
@@ -189,16 +117,12 @@ class Iff(Formula):
     left: Formula
     right: Formula
 
-    __str__ = Formula.__str__
-
 
 @dataclass(frozen=True, slots=True)
 class Next(Formula):
     """In the next state, which must exist (the paper's N)."""
 
     body: Formula
-
-    __str__ = Formula.__str__
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,16 +131,12 @@ class Always(Formula):
 
     body: Formula
 
-    __str__ = Formula.__str__
-
 
 @dataclass(frozen=True, slots=True)
 class Eventually(Formula):
     """In this or some later state."""
 
     body: Formula
-
-    __str__ = Formula.__str__
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,8 +146,6 @@ class Until(Formula):
     left: Formula
     right: Formula
 
-    __str__ = Formula.__str__
-
 
 @dataclass(frozen=True, slots=True)
 class WeakUntil(Formula):
@@ -235,8 +153,6 @@ class WeakUntil(Formula):
 
     left: Formula
     right: Formula
-
-    __str__ = Formula.__str__
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,19 +162,6 @@ class Release(Formula):
     left: Formula
     right: Formula
 
-    __str__ = Formula.__str__
-
-
-@dataclass(frozen=True, slots=True)
-class Binder:
-    """A quantified variable with its sort, which prints only where the letters don't tell it."""
-
-    name: str
-    sort: Sort
-
-    def __str__(self) -> str:
-        return self.name if sort_of(self.name) is self.sort else f"{self.name}: {self.sort}"
-
 
 @dataclass(frozen=True, slots=True)
 class Forall(Formula):
@@ -267,8 +170,6 @@ class Forall(Formula):
     variables: tuple[Binder, ...]
     body: Formula
 
-    __str__ = Formula.__str__
-
 
 @dataclass(frozen=True, slots=True)
 class Exists(Formula):
@@ -276,8 +177,6 @@ class Exists(Formula):
 
     variables: tuple[Binder, ...]
     body: Formula
-
-    __str__ = Formula.__str__
 
 
 def children(formula: Formula) -> tuple[Formula, ...]:

@@ -53,6 +53,8 @@ def literal(atom: f.Atom, value: bool, name: Naming = element_name, be: str = "i
     no = "" if value else " not"
     match atom.name, atom.terms:
         case "@", (f.Element() as thing, f.Element() as where):
+            if be.endswith("stays") and not value and where.sort is Sort.JUNCTION:
+                return f"{name(thing)} {be} out of {name(where)}"
             word = {Sort.ENTRANCE: "at", Sort.JUNCTION: "in"}.get(where.sort, "on")
             return f"{name(thing)} {be}{no} {word} {name(where)}"
         case (("=" | "!="), (f.Attr(f.Element() as light, "cl"), f.Word(colour))):

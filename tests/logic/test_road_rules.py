@@ -96,6 +96,16 @@ def test_the_messages_say_what_happened(drive: Make) -> None:
     assert message("no_conflict") == "no_conflict at t=1.57 s: a0, a2 both in junction"
 
 
+def test_the_explanation_of_a_full_stop_speaks_of_one_vehicle(drive: Make) -> None:
+    junction, vehicles, _ = BREAKS["full_stop"]
+    text = check(drive(junction, vehicles, 2500), "full_stop").explanation.splitlines()
+    assert text[2:5] == [
+        "holds     a0 @ entrance 0, straight   arrived 1.80 s, waited 0.21 s",
+        "obligation since 1.80 s: a0 stays out of the junction until a0 has stopped at the line",
+        "broken at 2.01 s: a0 is in the junction (0.05 m, v = 5.0 m/s)",
+    ]
+
+
 def test_positions_are_relative_to_the_entrance_vertex(drive: Make) -> None:
     junction, vehicles, _ = BREAKS["right_first"]
     verdict = check(drive(junction, vehicles, 2500), "right_first")

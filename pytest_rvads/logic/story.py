@@ -1,0 +1,91 @@
+"""What there is to tell about a rule on a run, and the sentences that several texts share."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from pytest_rvads.logic import formula as f
+from pytest_rvads.logic.cycle import Cycle
+from pytest_rvads.logic.evaluate import Values
+from pytest_rvads.logic.judge import Judgement
+from pytest_rvads.logic.phrase import Naming, element_name, literal, say
+from pytest_rvads.logic.prepare import Template
+from pytest_rvads.logic.rules import Rule
+from pytest_rvads.logic.shape import Kind, agents_of
+from pytest_rvads.logic.sorts import Sort
+from pytest_rvads.logic.verdicts import Status
+from pytest_rvads.semantics.run import Run
+
+__all__ = ["Story", "bound_names", "happened", "responsible"]
+
+_ORDER = (Status.FAIL, Status.OPEN, Status.PASS, Status.NA)
+_WORDS = {Status.FAIL: "fail", Status.OPEN: "open", Status.PASS: "pass", Status.NA: "not triggered"}
+
+
+@dataclass(slots=True)
+class Story:
+    """Everything there is to tell about a rule on a run."""
+
+    rule: Rule
+    run: Run
+    status: Status
+    found: tuple[Judgement, ...] = ()
+    values: Values | None = None
+    reason: str = ""
+    collapsed: int = 0
+    tie: float = 0.0
+    cycle: Cycle | None = None
+    near: tuple[Template, int, tuple[f.Formula, ...], int] | None = None
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Instances by outcome."""
+        found = Counter(_WORDS[j.status] for j in self.found)
+        return {word: found[word] for word in _WORDS.values() if found[word]}
+
+    def ordered(self) -> list[Judgement]:
+        """Return the worst instances first, the earliest of them first."""
+
+        def key(j: Judgement) -> tuple[int, int]:
+            tick = j.failed if j.failed is not None else j.trigger
+            return _ORDER.index(j.status), self.run.steps if tick is None else tick
+
+        return sorted(self.found, key=key)
+
+
+def bound_names(template: Template) -> tuple[tuple[str, str], ...]:
+    """Return the variables of an instance and the names of what they stand for."""
+    return tuple((name, element_name(e)) for name, e in template.binding)
+
+
+def responsible(j: Judgement) -> tuple[f.Element, ...]:
+    """Return the vehicles bound to act: those whose doing broke the instance, or that still have to wait."""
+    if j.status is Status.FAIL:
+        named = tuple(dict.fromkeys(e for a, _ in j.broken for e in agents_of(a)))
+        return named or agents_of(j.template.formula)
+    if j.status is Status.OPEN:
+        waits = j.template.shape.waits
+        return agents_of(waits if waits is not None else j.template.shape.obligation)
+    return ()
+
+
+def happened(j: Judgement, name: Naming = element_name) -> str:
+    """Say what happened in the failing tick."""
+    shape, broken = j.template.shape, dict(j.broken)
+    match shape.waits:
+        case f.Atom("@", (f.Element() as agent, f.Element() as entrance)) if shape.goes and broken.get(shape.waits) is False:
+            goes = say(shape.goes, name, "was")
+            if j.together:
+                return f"{name(agent)} left {name(entrance)} in the first step in which {goes}, not after it"
+            return f"{name(agent)} left {name(entrance)} before {goes}"
+        case f.Not(f.Atom("@", (f.Element() as agent, _)) as entered) if shape.goes and broken.get(entered) is True:
+            return f"{name(agent)} entered the junction before {say(shape.goes, name, 'was')}"
+    parts = j.template.atoms
+    inside = [
+        a.terms[0] for a in parts if a.name == "@" and isinstance(a.terms[1], f.Element) and a.terms[1].sort is Sort.JUNCTION
+    ]
+    if shape.kind is Kind.STATE and len(inside) == len(parts) == 2:
+        return f"{', '.join(name(e) for e in inside if isinstance(e, f.Element))} both in junction"
+    return ", ".join(literal(a, v, name) for a, v in j.broken)
