@@ -18,3 +18,49 @@ def test_the_example_of_an_own_map_runs_on_town07(
     named = set(re.findall(r"\[(Town07\.\d+)-", result.stdout.str()))
     assert named == {"Town07.169", "Town07.68"}, "the four-way stop and the four-way lights of facts/maps.md"
     assert result.parseoutcomes()["passed"] >= 6
+
+
+@pytest.mark.parametrize(
+    ("junction", "named"),
+    [("169", "Town07.169"), ("4-way all-way stop with 30 m of approach", "Town07.169"), ("430", "Town07.430")],
+)
+def test_junctions_of_a_file_work_like_built_in_ones(pytester: pytest.Pytester, shared: Path, junction: str, named: str) -> None:
+    pytester.makepyfile(
+        f"""
+        import pytest_rvads as rvads
+
+        @rvads.scenario(junction={junction!r}, map={str(shared / "maps" / "Town07.xodr")!r}, classes=2, grid="E", rules=("p1", "p3"))
+        def test_stop(run, rule, monitor):
+            assert monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest("-v")
+    result.assert_outcomes(passed=2)
+    assert set(re.findall(r"\[(\S+?)-class02-", result.stdout.str())) == {named}
+
+
+@pytest.mark.parametrize(
+    ("file", "junction", "says"),
+    [
+        ("lane_offset_intersection.xodr", "8", "2 entrance and 1 exit lanes"),
+        ("Town07.xodr", "725", "2 entrance and 1 exit lanes"),
+        ("Town07.xodr", "1690", "did you mean '169'"),
+        ("XCrossStopAllWay.xodr", "1", "no <junction>"),
+        ("direct_junction_simple.xodr", "4", "of type"),
+    ],
+)
+def test_what_can_t_be_used_is_said_at_collection(
+    pytester: pytest.Pytester, shared: Path, file: str, junction: str, says: str
+) -> None:
+    pytester.makepyfile(
+        f"""
+        import pytest_rvads as rvads
+
+        @rvads.scenario({junction!r}, map={str(shared / "maps" / file)!r})
+        def test_it(run): ...
+        """
+    )
+    result = pytester.runpytest()
+    assert result.ret == pytest.ExitCode.INTERRUPTED
+    assert says in result.stdout.str()
+    assert "Traceback" not in result.stdout.str()
