@@ -18,6 +18,8 @@ CLEARANCE = 2.6
 """Two centre lines nearer than this are in conflict [m]: a vehicle's width and the room it needs in a bend."""
 RUNNER = 4.5
 """Who would have to brake harder than this to stop before the junction is not going to [m/s^2]."""
+SOON = 1.5
+"""Who is this near to the junction and does not brake is about to enter [s]."""
 _SPACING = 0.5
 
 
@@ -65,10 +67,12 @@ def in_the_way(junction: Junction, mine: tuple[int, int], other: VehicleState) -
 
 
 def runs_through(other: VehicleState) -> bool:
-    """Return whether `other`, before the junction, is too fast to stop there."""
-    if other.zone is not Zone.APPROACH and other.zone is not Zone.ENTRANCE:
+    """Return whether `other`, before the junction, can't stop there, or is about to enter and does not brake for it."""
+    if other.speed < 1.0 or (other.zone is not Zone.APPROACH and other.zone is not Zone.ENTRANCE):
         return False
-    return other.speed > 1.0 and other.speed * other.speed > -2.0 * RUNNER * other.station
+    distance = max(-other.station, 0.1)
+    needed = other.speed * other.speed / (2.0 * distance)
+    return needed > RUNNER or (distance < SOON * other.speed and -other.acceleration < needed / 2.0)
 
 
 def exit_blocked(seen: Observation) -> bool:

@@ -49,15 +49,20 @@ class Reference(Follower):
         """Return throttle, brake and steering."""
         wanted = self.towards(seen, self.target_speed(seen))
         zone = seen.me.zone
+        stops = False
         if zone is Zone.APPROACH or zone is Zone.ENTRANCE:
             if self._gate is None:
                 self._gate = self.make_gate(seen)
-            if self._gate.allows(seen):
-                self._stopping.reset()
-            else:
+            stops = not self._gate.allows(seen)
+            if stops:
                 wanted = min(wanted, self._stopping.acceleration(seen))
+            else:
+                self._stopping.reset()
         if seen.others and wanted > -math.inf:
-            wanted = min(wanted, behind_leader(seen), clear_of_bodies(seen, self.track(seen)))
+            if not stops:
+                # Whoever leads is past the line; before it there is nobody to follow.
+                wanted = min(wanted, behind_leader(seen))
+            wanted = min(wanted, clear_of_bodies(seen, self.track(seen)))
             if zone is Zone.JUNCTION:
                 wanted = min(wanted, clear_of_crossing(seen))
         return self.drive(seen, wanted)

@@ -28,7 +28,11 @@ LAST_STOP = 0.15
 COMFORT = 2.3
 """Braking for the line begins when it takes this much [m/s^2]; people use up to 3.4 at stop signs."""
 FIRM = 3.0
-"""Most that a stop at the line may take [m/s^2]; beyond it the vertex is the aim."""
+"""Who needs more than this to stop at the line brakes at once, whatever the drive still does [m/s^2]."""
+CREEP = 0.3
+"""Slower than this in the entrance zone, a vehicle just stops there [m/s]."""
+GENTLE = 0.5
+"""How an approach speeds up: by this, and by as much again for every metre left [m/s^2]."""
 GAP = 2.0
 """Distance to who stands ahead [m]."""
 REACTION = 0.5
@@ -55,21 +59,26 @@ class Stopping:
         """Return the acceleration that a stop needs now [m/s^2].
 
         Returns:
-            inf while it is too early to brake, or too late to stop before the junction; -inf to hold the vehicle.
+            A positive limit while it is too early to brake; inf when it is too late to stop before the junction; -inf to
+            hold the vehicle.
         """
-        station, speed = seen.me.station, seen.me.speed
-        distance = seen.itinerary.line - STAND_OFF - station
-        if distance < 0.02 and speed < 0.3:
+        me, vehicle = seen.me, seen.vehicle
+        distance = seen.itinerary.line - STAND_OFF - me.station
+        if me.speed < CREEP and (distance < 0.02 or me.zone is Zone.ENTRANCE):
             return -math.inf
-        needed = speed * speed / (2.0 * distance) if distance > 0.0 else math.inf
-        if needed <= FIRM or (self._braking and needed <= 1.1 * FIRM):
-            if self._braking and needed < COMFORT / 2.0:
-                self._braking = False
-            self._braking = self._braking or needed >= COMFORT
-            return -needed if self._braking else math.inf
-        distance = -LAST_STOP - station
-        needed = speed * speed / (2.0 * distance) if distance > 0.0 else math.inf
-        return -max(needed, FIRM) if needed <= seen.vehicle.brake[seen.aggression - 1] else math.inf
+        needed = _needed(me.speed, distance)
+        if not self._braking:
+            # The drive goes on for its lag when the throttle is released, and the brake comes late by its own.
+            speed = me.speed + max(me.acceleration, 0.0) * vehicle.drive_lag
+            ahead = distance - speed * vehicle.brake_lag
+            if needed <= FIRM and _needed(speed, ahead) < COMFORT:
+                return GENTLE + distance * GENTLE
+        elif needed < COMFORT / 4.0:
+            self._braking = False
+            return 0.0
+        self._braking = True
+        full = vehicle.brake[seen.aggression - 1]
+        return -min(needed, full) if _needed(me.speed, -me.station) <= full else math.inf
 
 
 def can_stop(seen: Observation, deceleration: float) -> bool:
@@ -147,11 +156,16 @@ def time_to(distance: float, speed: float, acceleration: float, limit: float) ->
     return (limit - speed) / acceleration + (distance - ramp) / limit
 
 
+def _needed(speed: float, distance: float) -> float:
+    """Return the deceleration of an even stop from `speed` [m/s] after `distance` [m]; inf where there is none."""
+    return speed * speed / (2.0 * distance) if distance > 0.0 else math.inf
+
+
 def _stop_before(speed: float, distance: float) -> float:
     """Return the acceleration of an even stop after `distance` [m]; inf while it is too early to brake."""
     if distance < 0.1 and speed < 0.3:
         return -math.inf
-    needed = speed * speed / (2.0 * max(distance, 0.1))
+    needed = _needed(speed, max(distance, 0.1))
     return -needed if needed > COMFORT / 2.0 else math.inf
 
 

@@ -32,7 +32,8 @@ class StopSign:
             self._stood_since = seen.time
         if self._stood_since is None or seen.time - self._stood_since < HOLD:
             return False
-        if any(other.zone is Zone.JUNCTION for other in seen.others):
+        # Also when it is already on its way: whoever goes out of turn is let in, not met in the junction.
+        if any(other.zone is Zone.JUNCTION for other in seen.others) or self._queue.setting_off(seen.others):
             self._released, self._stuck_since = False, None
             return False
         self._released = self._released or self._my_turn(seen)
@@ -42,7 +43,7 @@ class StopSign:
         # Where only some entrances have lights, they are obeyed as well.
         if seen.lights[seen.me.entrance] in (Colour.RED, Colour.YELLOW):
             return False
-        if self._queue.setting_off(seen.others) or any(runs_through(other) for other in seen.others) or exit_blocked(seen):
+        if any(runs_through(other) for other in seen.others) or exit_blocked(seen):
             self._stuck_since = None
             return False
         first, decided = self._queue.first(seen)

@@ -5,11 +5,14 @@ from itertools import product
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from pytest_rvads.autopilots import Reference
 from pytest_rvads.logic.check import check
 from pytest_rvads.maps.builtin import LAYOUTS
 from pytest_rvads.maps.writer import opendrive
+from pytest_rvads.physics.braking import vmax
 from pytest_rvads.physics.simulation import simulate
 from pytest_rvads.scenarios.classes import classes
 from pytest_rvads.scenarios.grid import PAPER, configuration
@@ -216,3 +219,45 @@ def test_all_scenarios_and_configurations(junction: str, wrongs) -> None:
             if found:
                 bad[case.name] = found
     assert bad == {}
+
+
+@given(data=st.data())
+@settings(derandomize=True, deadline=None, max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_start_inside_the_envelope(data: st.DataObject, verdicts) -> None:
+    junction = data.draw(st.sampled_from(BUILT_IN))
+    ways = LAYOUTS[junction].ways
+    code = data.draw(st.lists(st.integers(0, ways - 1), min_size=ways, max_size=ways).filter(any))
+    distances = data.draw(st.lists(st.floats(0.0, 60.0) | st.floats(0.0, 2.0), min_size=ways, max_size=ways))
+    shares = data.draw(st.lists(st.sampled_from((0.0, 0.3, 0.6, 0.9)), min_size=ways, max_size=ways))
+    # Not at the limit: who must brake fully from the first step on has no time to look.
+    speeds = [share * vmax(d) if d > 0.5 else 0.0 for share, d in zip(shares, distances, strict=True)]
+    rotation = data.draw(st.integers(0, ways - 1))
+    run = simulate(Scenario(junction, code, distance=distances, speed=speeds, rotation=rotation, duration=90), Reference)
+    assert run.fault is None
+    assert not run.collisions
+    assert run.meta["end"] == "left"
+    status = verdicts(run)
+    if len(run.agents) == 4:
+        status.pop("p2", None)  # a cycle, where all arrive at once
+    assert {"FAIL", "OPEN"}.isdisjoint(status.values()), status
+
+
+def test_who_goes_out_of_turn_is_let_in(verdicts) -> None:
+    class Pusher(Reference):
+        """Stops, then goes at once."""
+
+        def make_gate(self, seen):
+            class Short:
+                stood = False
+
+                def allows(self, seen) -> bool:
+                    self.stood = self.stood or (seen.me.zone == Zone.ENTRANCE and seen.me.speed < 0.01)
+                    return self.stood
+
+            return Short()
+
+    # Both stop together; the subject stands to the right and would be first, but the other does not wait.
+    run = simulate(Scenario("stop4", "2200", distance=20, subject=1), Reference, traffic=Pusher)
+    assert run.entry(0) < run.entry(1)
+    assert verdicts(run)["p1"] == "PASS"
+    assert not run.collisions
