@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from pytest_rvads.errors import MapError, suggest
@@ -99,7 +100,9 @@ def load(map: str | os.PathLike[str]) -> RoadMap:
     return _load(map)[0]
 
 
+@lru_cache
 def _builtin(junction: str, wanted: _Wanted | None) -> Junction:
+    """Return a built-in junction; unlike a user's file, its file is not looked at again."""
     if wanted is None:
         if junction not in LAYOUTS:
             raise MapError(
