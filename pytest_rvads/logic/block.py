@@ -106,10 +106,12 @@ def _relation(run: Run, e: f.Element, others: tuple[f.Element, ...]) -> str:
     if len(others) != 1:
         return ""
     here, there = run.agents[e.index].entrance, run.agents[others[0].index].entrance
-    for word, pairs in (("right of", run.junction.right_of), ("opposite", run.junction.opposite)):
+    # Where traffic keeps left, right-of is mirrored.
+    side = "left of" if run.junction.left_hand else "right of"
+    for word, pairs in ((side, run.junction.right_of), ("opposite", run.junction.opposite)):
         if (here, there) in pairs:
             return f"   entrance {here} is {word} {there}"
-    return f"   entrance {there} is right of {here}" if (there, here) in run.junction.right_of else ""
+    return f"   entrance {there} is {side} {here}" if (there, here) in run.junction.right_of else ""
 
 
 def _scene(run: Run, waiting: tuple[f.Element, ...], going: tuple[f.Element, ...], goes: f.Formula, tick: int) -> str:

@@ -32,7 +32,7 @@ class Finding:
     """Something about a run that can't be."""
 
     kind: str
-    """jump, progress, missing ticks, zone, itinerary, colour, values."""
+    """jump, progress, missing ticks, sampling, zone, itinerary, colour, values."""
     time: float
     """Of the first occurrence [s]."""
     message: str
@@ -121,6 +121,15 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     """Progress along the itinerary agrees with speed times time; a multiple of it means that states are missing."""
     if run.station is None or run.speed is None or run.steps < 2:
         return
+    fast = np.flatnonzero(np.abs(run.speed[:, column]) * run.dt > ENTRANCE_ZONE)
+    if len(fast):
+        time = float(fast[0]) * run.dt
+        yield Finding(
+            "sampling",
+            time,
+            f"{agent.name} drives {run.speed[fast[0], column]:.1f} m/s at {time:.2f} s: in {run.dt:g} s that is more than the "
+            f"entrance zone of {ENTRANCE_ZONE:g} m, so rules may miss that it was there",
+        )
     here = (run.zone[1:, column] != Zone.GONE) & (run.zone[:-1, column] != Zone.GONE)
     progress = np.diff(run.station[:, column])
     wanted = (run.speed[1:, column] + run.speed[:-1, column]) / 2 * run.dt

@@ -76,7 +76,7 @@ def test_grounding_step_by_step_equals_grounding_at_once(run: Run, name: str) ->
         assert simplify(unfold(formula, static), static, itinerary=itinerary) == ground(formula, static, itinerary=itinerary)
 
 
-@LAW
+@settings(LAW, max_examples=15)
 @given(runs())
 def test_unfolding_and_simplifying_keep_the_meaning(run: Run) -> None:
     # Finite-trace truth of the unfolded rule, its static atoms evaluated one by one, against the simplified instances.

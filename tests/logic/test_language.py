@@ -66,6 +66,28 @@ def test_printing_and_parsing_of_rules_are_inverse(text: str) -> None:
     assert parse(str(formula)) == formula
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "p & q | r & s -> t <-> u",
+        "p -> q -> r",
+        "(p -> q) -> r",
+        "p <-> q <-> r",
+        "p <-> (q <-> r)",
+        "p U q U r",
+        "(p U q) U r",
+        "(p | q) & r",
+        "!(p & q) U N !q",
+        "G(p -> F q)",
+        "G F !p",
+        "p W q & (r R s | t)",
+        "N N(p U q)",
+    ],
+)
+def test_formulas_print_with_no_bracket_too_many(text: str) -> None:
+    assert str(parse_ltl(text)) == text
+
+
 def test_shipped_rules_print_as_they_are_written() -> None:
     for name in ("paper", "variants", "road"):
         for rule in rulebook(name):

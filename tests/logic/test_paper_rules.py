@@ -5,12 +5,19 @@ Directions in an X: 1 right, 2 straight, 3 left.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from pytest_rvads.errors import RunError
-from pytest_rvads.logic.check import check
+from pytest_rvads.logic import formula as f
+from pytest_rvads.logic.check import check, extract
+from pytest_rvads.logic.cycle import find_cycle
+from pytest_rvads.logic.evaluate import Values
+from pytest_rvads.logic.prepare import prepare
+from pytest_rvads.logic.rules import get_rule
+from pytest_rvads.logic.sorts import Sort
 from pytest_rvads.logic.verdicts import Status
 from pytest_rvads.semantics.run import Fault, Run
 from pytest_rvads.semantics.states import Colour
@@ -86,6 +93,41 @@ def test_the_explanation_shows_who_yields_since_when_and_the_states_around_the_b
     assert text[-1].endswith("<- violated, no continuation can repair it")
 
 
+def test_the_explanation_of_p1_shows_who_entered_when_and_who_acts(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 30, 120, 400)}, 800)
+    assert check(run, "p1").explanation.splitlines()[1:] == [
+        "instance  a=a0, a'=a1   (1 instance: 1 fail)",
+        "vehicle   a0 from entrance 0, straight   entered 0.50 s",
+        "vehicle   a1 from entrance 1, right   entered 1.20 s   <- acts",
+        "broken at 1.20 s: a0, a1 both in junction; 0.80 s in all",
+        " t [s]  a0        a1          a0@j  a1@j",
+        "  1.19  junction  entrance 1   x     .",
+        "  1.20  junction  junction     x     x   <- violated, no continuation can repair it",
+    ]
+
+
+def test_the_explanation_of_an_open_obligation_ends_where_the_run_ends(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, None, None), 1: (2, 10, None, None)}, 301)
+    text = check(run, "p2").explanation.splitlines()
+    assert text[4:6] == [
+        "obligation since 0.10 s: a0 stays at entrance 0 until a1 is in the junction",
+        "open at   3.00 s: a0 at entrance 0 while a1 is still at entrance 1",
+    ]
+    assert text[-1].endswith("<- the run ends")
+    assert [line.split()[0] for line in text[7:]] == ["0.10", "2.99", "3.00"]
+
+
+def test_where_traffic_keeps_left_the_priority_is_on_the_left(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 250, 300)}, 800)
+    mirrored = replace(run.junction, left_hand=True, right_of=frozenset((b, a) for a, b in run.junction.right_of))
+    verdict = check(replace(run, junction=mirrored), "p2")
+    assert verdict.status == "PASS"
+    late = make("stop4", {0: (2, 10, 250, 300), 1: (2, 10, 50, 200)}, 800)
+    verdict = check(replace(late, junction=mirrored), "p2")
+    assert verdict.responsible == ("a1",)
+    assert "entrance 0 is left of 1" in verdict.explanation
+
+
 def test_instances_carry_binding_blame_ticks_and_margins(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 30, 120, 400), 2: (2, 60, 600, 700)}, 800)
     p1, p3 = check(run, "p1"), check(run, "p3")
@@ -122,6 +164,17 @@ def test_four_at_once_cannot_pass_and_the_text_says_why(make: Make) -> None:
     assert not check(three, "p2").notes, "three of four have an order"
 
 
+def test_a_cycle_exists_from_its_last_arrival_until_somebody_moves(make: Make) -> None:
+    def cycle(first: int | None) -> Any:
+        run = make("stop4", {e: (2, 10, first if e == 0 else 60 + e, None) for e in range(4)}, 100)
+        return find_cycle(prepare(get_rule("p2").formula, extract(run)).templates, Values(run))
+
+    assert (cycle(None).tick, cycle(None).agents, cycle(None).alone) == (10, ("a0", "a1", "a2", "a3"), True)
+    assert cycle(11).tick == 10
+    late = make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 150, 300), 2: (2, 80, None, None), 3: (2, 80, None, None)}, 400)
+    assert find_cycle(prepare(get_rule("p2").formula, extract(late)).templates, Values(late)) is None
+
+
 def test_a_tie_window_says_where_it_decides(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 40, 250, 300)}, 800)
     assert (check(run, "p2").status, check(run, "p3").status) == ("NA", "PASS")
@@ -130,6 +183,19 @@ def test_a_tie_window_says_where_it_decides(make: Make) -> None:
     assert "the tie window of 0.3 s decides: without it the verdict would be NA" in wide.notes
     assert check(run, "p3", tie=0.3).status is Status.NA
     assert check(run, "p2", tie=0.29).status is Status.NA, "30 ticks apart is outside 29"
+
+
+@pytest.mark.parametrize(
+    ("sign", "inside", "outside"),
+    [("=", True, False), ("!=", False, True), ("<", False, True), ("<=", True, True), (">", False, False), (">=", True, False)],
+)
+def test_comparisons_of_waiting_times_up_to_a_tie(make: Make, sign: str, inside: bool, outside: bool) -> None:
+    # a0 has waited 30 ticks longer than a1: equal within 0.3 s, longer beyond.
+    run = make("stop4", {0: (2, 10, None, None), 1: (2, 40, None, None)}, 100)
+    one, two = (f.Attr(e, "wt") for e in (f.Element(Sort.AGENT, 1, "a1"), f.Element(Sort.AGENT, 0, "a0")))
+    atom = f.Atom(sign, (one, two))
+    assert bool(Values(run, 0.30)[atom][-1]) is inside
+    assert bool(Values(run, 0.29)[atom][-1]) is outside
 
 
 def test_a_tie_window_can_be_unsatisfiable_in_a_triple(make: Make) -> None:

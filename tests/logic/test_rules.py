@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.logic.check import check
+from pytest_rvads.logic import formula as f
+from pytest_rvads.logic.check import check, extract, ground, simplify, unfold
 from pytest_rvads.logic.rulefile import load_rules
 from pytest_rvads.logic.rules import Rule, get_rule, rule, rulebook, rules_for
-from pytest_rvads.logic.signature import predicate
+from pytest_rvads.logic.signature import parse, predicate
+from pytest_rvads.logic.sorts import Sort
 from pytest_rvads.maps.junction import JunctionControl
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Colour
@@ -118,6 +120,51 @@ def test_places_and_colours(make: Make) -> None:
     assert holds("forall a. exists r. F(!a@r & N a@r)") == "PASS", "it comes to its exit road"
     assert holds("forall a, r. F(!a@r & N a@r)") == "FAIL", "and to no other"
     assert holds("exists j.en, j.ex. j.en entex j.ex") == "PASS"
+
+
+def test_what_is_static_folds_away(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, None, None)}, 300)
+    static = extract(run)
+    junction = f.Element(Sort.JUNCTION, 0, "j")
+    inside = [f.Atom("@", (f.Element(Sort.AGENT, k, f"a{k}"), junction)) for k in range(2)]
+
+    def instances(text: str) -> list[f.Formula]:
+        return [i.formula for i in ground(parse(text), static).instances]
+
+    assert instances("forall a. F a@j <-> turn(a, right)") == [f.Not(f.Eventually(inside[0])), f.Eventually(inside[1])]
+    assert instances("forall a. turn(a, right) <-> F a@j") == [f.Not(f.Eventually(inside[0])), f.Eventually(inside[1])]
+    assert instances("forall a. turn(a, right) -> a@j U turn(a, left)") == [f.FALSE]
+    assert instances("forall a. turn(a, right) & F a@j | turn(a, left)") == [f.FALSE, f.Eventually(inside[1])]
+    assert instances("forall a. turn(a, right) U a@j") == [inside[0], f.Eventually(inside[1])]
+    assert instances("forall a. a@j W turn(a, left)") == [f.Always(inside[0]), f.Always(inside[1])]
+    assert instances("forall a. turn(a, right) W a@j") == [inside[0]]
+    assert instances("forall a. turn(a, right) R a@j") == [f.Always(inside[0]), inside[1]]
+    assert instances("forall a. N turn(a, right) | N a@j") == [
+        f.Next(inside[0]),
+        f.Or((f.Next(f.TRUE), f.Next(inside[1]))),
+    ], "N true is false in the last state of a run"
+    assert instances("exists lt. G lt.cl = red") == [f.FALSE], "there is no light"
+    assert instances("forall j.en. exists lt. lt@j.en -> G lt.cl = red") == [f.FALSE] * 4
+    assert str(unfold(parse("exists lt. G lt.cl = red"), static)) == "false"
+    assert str(unfold(parse("!(forall lt. G lt.cl = red)"), static)) == "!true"
+    assert ground(parse("forall lt. G lt.cl = red"), static).instances == ()
+
+
+def test_every_step_of_the_pipeline_prints(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, None, None)}, 300)
+    static = extract(run)
+    unfolded = unfold(parse("forall a, j.en. G(a@j.en -> F a@j)"), static)
+    lines = str(unfolded).splitlines()
+    assert len(lines) == 2 * 4
+    assert lines[5] == "[a=a1, j.en=j.en1] G(a1@j.en1 -> F a1@j)"
+    assert str(simplify(unfolded, static)).splitlines() == [
+        "[a=a0, j.en=j.en0] G(a0@j.en0 -> F a0@j)",
+        "[a=a1, j.en=j.en1] G(a1@j.en1 -> F a1@j)",
+        "(6 more are true by what is static)",
+    ]
+    assert "a1: 1 -> 2 (right)" in str(static)
+    assert "1 right-of 0" in str(static)
+    assert "stop signs at [0, 1, 2, 3]" in str(static)
 
 
 def test_a_predicate_of_ones_own(make: Make) -> None:

@@ -178,6 +178,14 @@ def test_what_breaks_the_model_is_found(run: Callable[[], Run], kind: str, messa
     assert message in str(finding)
 
 
+def test_coarse_sampling_is_told() -> None:
+    run = moving({(0, 2): (-90.0, [8.0] * 100)})
+    coarse = replace(run, dt=0.2, station=run.station[:1] + 1.6 * np.arange(100)[:, None])  # type: ignore[index]
+    (finding,) = [f for f in validate(coarse) if f.kind == "sampling"]
+    assert str(finding).startswith("a0 drives 8.0 m/s at 0.00 s: in 0.2 s that is more than the entrance zone of 1 m")
+    assert not [f for f in validate(run) if f.kind == "sampling"]
+
+
 def test_colours_in_order_are_fine() -> None:
     run = straight()
     lights = np.full((400, 4), Colour.GREEN, dtype=np.int8)
