@@ -102,7 +102,7 @@ def test_the_zone_of_a_t_follows_its_stem() -> None:
 @pytest.mark.parametrize(
     ("lengths", "message"),
     [
-        ({**T, (0, 1): (Turn.RIGHT, 2.0)}, "no junction with arms at right angles has these lengths"),
+        ({**T, (0, 2): (Turn.STRAIGHT, 1.0)}, "no junction with arms at right angles has these lengths"),
         ({**T, (0, 1): (Turn.LEFT, 12.5)}, "do not go with arms at right angles"),
         ({key: value for key, value in T.items() if key != (2, 1)}, "needs a movement from every entrance"),
     ],

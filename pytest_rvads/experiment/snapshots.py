@@ -1,0 +1,102 @@
+"""Snapshots of violations as in the paper's figures: the state before, the state of the violation, the zone shaded.
+
+One violation of each of p1..p6. None of the five deficiencies breaks p3, the queue is first in, first out; there a mutant
+goes out of turn: the last one in the queue is called first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pytest_rvads.autopilots.lgsvl import Constants, LgsvlLike
+from pytest_rvads.autopilots.lgsvl.pilot import Pilot
+from pytest_rvads.autopilots.lgsvl.scheduler import Scheduler
+from pytest_rvads.autopilots.lgsvl.zone import Box, zone_of
+from pytest_rvads.draw.picture import picture
+from pytest_rvads.errors import RunError
+from pytest_rvads.experiment.tables import LIGHT, STOP, Entry, Setup
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.verdicts import Status
+from pytest_rvads.maps.junction import JunctionControl
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.states import Agent, Autopilot, Observation
+
+__all__ = ["SHOWN", "LastFirst", "Snapshot", "snapshot", "snapshots"]
+
+SHOWN: Mapping[str, Entry] = {
+    "p1": Entry(STOP, 2, 0, "C"),
+    "p2": Entry(STOP, 1, 0, "E"),
+    "p3": Entry(STOP, 1, 0, "E"),
+    "p4": Entry(LIGHT, 3, 0, "F"),
+    "p5": Entry(LIGHT, 4, 0, "J"),
+    "p6": Entry(LIGHT, 3, 0, "G"),
+}
+"""Per rule the run in which it is shown; those of p1, p2, p5 and p6 are the paper's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Two pictures of a violation, as SVG documents."""
+
+    rule: str
+    before: str
+    """At t - 1."""
+    broken: str
+    """At t, the first state that no continuation can repair."""
+
+
+class LastFirst(LgsvlLike):
+    """A mutant: its scheduler waits until everybody is in the queue, then calls the last one first."""
+
+    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Autopilot]:
+        """Return one autopilot per agent, in creation order."""
+        scheduler = _LastFirst((agent.name for agent in agents), self.switches.i3)
+        return [Pilot(self.switches, self.constants, scheduler) for _ in agents]
+
+
+class _LastFirst(Scheduler):
+    def _first(self, seen: Observation) -> str:
+        return self._queue[-1].name if len(self._queue) > len(seen.others) else ""
+
+
+def snapshots(constants: Constants | None = None) -> dict[str, Snapshot]:
+    """Return a snapshot of a violation of every rule of the paper."""
+    setup = Setup(constants or Constants())
+    found = {}
+    for rule, entry in SHOWN.items():
+        system: Any = LastFirst if rule == "p3" else setup.system()
+        found[rule] = snapshot(simulate(entry.scenario(setup.wait), system), rule, setup.constants)
+    return found
+
+
+def snapshot(run: Run, rule: str, constants: Constants) -> Snapshot:
+    """Return the two pictures of the first violation of `rule` on `run`.
+
+    Raises:
+        RunError: the run does not violate the rule, or does so in its first state.
+    """
+    verdict = check(run, rule)
+    if verdict.status is not Status.FAIL or verdict.time is None or verdict.time <= 0.0:
+        raise RunError(f"run {run.label} has no violation of {rule} to show: {verdict.message}")
+    tick = round(verdict.time / run.dt)
+    titles = [f"{rule} at t-1 = {(tick - 1) * run.dt:.2f} s", f"{rule} broken at t = {tick * run.dt:.2f} s"]
+    one, two = (
+        _shaded(picture(run, t, title, verdict.responsible), run, constants)
+        for t, title in zip((tick - 1, tick), titles, strict=True)
+    )
+    return Snapshot(rule, one, two)
+
+
+def _shaded(svg: str, run: Run, constants: Constants) -> str:
+    """Put the scheduler's zone into a picture, over the road and under the vehicles; lights have no scheduler."""
+    if run.junction.control is not JunctionControl.STOP:
+        return svg
+    zone = zone_of(run.junction, constants, hidden=True)
+    if not isinstance(zone, Box):
+        return svg
+    points = " ".join(f"{x:.2f},{-y:.2f}" for x, y in zone.corners())
+    polygon = f'<polygon class="zone" points="{points}" fill="#444" fill-opacity="0.25"/>'
+    return svg.replace('<polyline class="trail"', polygon + '<polyline class="trail"', 1)
