@@ -94,6 +94,8 @@ def _cause(story: Story, worst: Judgement | None) -> str:
     """Return what was violated in words that are the same for all rotations of a scenario."""
     if worst is None:
         return story.reason
+    if story.cycle:
+        return f"{_cyclic(story)}, no continuation could pass"
     template, run = worst.template, story.run
     variables = {e: name for name, e in template.binding}
     agents = [(name, run.agents[e.index]) for name, e in template.binding if e.sort is Sort.AGENT]
