@@ -10,36 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pytest_rvads.errors import FormulaError
+from pytest_rvads.logic.budget import Budget
 from pytest_rvads.logic.normal import Kind, Pool
 
-__all__ = ["Budget", "Nfa", "prefixes"]
+__all__ = ["Nfa", "prefixes"]
 
 _Move = tuple[int, int, int]
 """Letters (mask), obligations for the next state (mask), U nodes put off (mask)."""
-
-
-@dataclass(slots=True)
-class Budget:
-    """Counts the work of one synthesis, so that a formula that blows up is refused instead of left to run."""
-
-    limit: int
-    size: int
-    """Of the formula, for the message."""
-    spent: int = 0
-
-    def spend(self, work: int) -> None:
-        """Add `work`.
-
-        Raises:
-            FormulaError: the limit is exceeded.
-        """
-        self.spent += work
-        if self.spent > self.limit:
-            raise FormulaError(
-                f"the formula, of size {self.size}, needs a monitor too large to build "
-                f"(more than {self.limit:,} steps): split it into smaller rules"
-            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic import formula as f
+from pytest_rvads.logic.budget import Budget
 
-__all__ = ["LETTER_LIMIT", "assign", "conj", "disj", "evaluate", "holds", "letters", "neg"]
+__all__ = ["LETTER_LIMIT", "assign", "conj", "disj", "evaluate", "holds", "iff", "letters", "neg"]
 
 LETTER_LIMIT = 1024
 """Most letters a monitor may have."""
+_ATOM_LIMIT = 200
+"""Most propositions that guards may have in common; keeps the recursion over them inside Python's limit."""
 
 
 def neg(body: f.Formula) -> f.Formula:
@@ -78,46 +81,54 @@ def iff(left: f.Formula, right: f.Formula) -> f.Formula:
     return f.TRUE if left == right else f.Iff(left, right)
 
 
-def letters(guards: tuple[f.Formula, ...]) -> tuple[int, ...]:
+def letters(guards: tuple[f.Formula, ...], budget: Budget) -> tuple[int, ...]:
     """Return every joint valuation of `guards` that some state of the world realises.
 
     Bit k of a valuation is the value of guard k. Guards without a common atom vary independently; the others are
     split by Shannon expansion, equal remainders only once.
 
     Raises:
-        FormulaError: there are more than `LETTER_LIMIT`.
+        FormulaError: there are more than `LETTER_LIMIT`, or finding them takes more than the budget.
     """
-    groups: list[tuple[set[f.Atom], list[int]]] = []
-    for k, guard in enumerate(guards):
-        own, members = set(f.atoms(guard)), [k]
-        apart = []
-        for names, others in groups:
-            if names & own:
-                own |= names
-                members = others + members
-            else:
-                apart.append((names, others))
-        groups = [*apart, (own, members)]
     choices = []
     total = 1
-    for _, members in groups:
+    for members in _groups(guards):
         memo: dict[tuple[f.Formula, ...], frozenset[int]] = {}
-        cells = _cells(tuple(guards[k] for k in members), memo)
+        cells = _cells(tuple(guards[k] for k in members), memo, budget, 0)
         total *= len(cells)
         _check(total)
         choices.append([sum((code >> i & 1) << k for i, k in enumerate(members)) for code in sorted(cells)])
     return tuple(sorted(sum(parts) for parts in product(*choices)))
 
 
-def _cells(guards: tuple[f.Formula, ...], memo: dict[tuple[f.Formula, ...], frozenset[int]]) -> frozenset[int]:
+def _groups(guards: tuple[f.Formula, ...]) -> list[list[int]]:
+    """Return the guards that are connected by common atoms, by number."""
+    home: dict[f.Atom, list[int]] = {}
+    for k, guard in enumerate(guards):
+        merged = [k]
+        own = f.atoms(guard)
+        for group in {id(home[a]): home[a] for a in own if a in home}.values():
+            merged += group
+        for a in (*own, *(a for g in merged for a in f.atoms(guards[g]))):
+            home[a] = merged
+    return [sorted(group) for group in {id(g): g for g in home.values()}.values()]
+
+
+def _cells(
+    guards: tuple[f.Formula, ...], memo: dict[tuple[f.Formula, ...], frozenset[int]], budget: Budget, deep: int
+) -> frozenset[int]:
     if guards in memo:
         return memo[guards]
+    budget.spend(16 * sum(map(f.size, guards)))  # what simplifying them twice takes
+    if deep > _ATOM_LIMIT:
+        raise FormulaError(f"the formula joins more than {_ATOM_LIMIT} propositions in one state: split it into rules")
     atom = next((a for g in guards for a in f.atoms(g)), None)
     if atom is None:
         found = frozenset([sum(1 << k for k, g in enumerate(guards) if g == f.TRUE)])
     else:
-        found = frozenset().union(*(_cells(tuple(assign(g, atom, v) for g in guards), memo) for v in (False, True)))
-        _check(max(len(found), len(memo) // 8))
+        rests = (tuple(assign(g, atom, v) for g in guards) for v in (False, True))
+        found = frozenset().union(*(_cells(rest, memo, budget, deep + 1) for rest in rests))
+        _check(len(found))
     memo[guards] = found
     return found
 

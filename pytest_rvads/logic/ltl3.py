@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.logic import formula as f
-from pytest_rvads.logic.automaton import Budget, Nfa, prefixes
+from pytest_rvads.logic.automaton import Nfa, prefixes
 from pytest_rvads.logic.boolean import letters
+from pytest_rvads.logic.budget import Budget
 from pytest_rvads.logic.normal import Pool
 
 __all__ = ["WORK_LIMIT", "Machine", "Truth", "synthesize"]
@@ -89,7 +90,7 @@ def synthesize(formula: f.Formula, limit: int = WORK_LIMIT) -> Machine:
     budget.spend(f.size(formula))
     yes, no = pool.add(formula), pool.add(formula, False)
     guards = tuple(pool.guards)
-    codes = letters(guards)
+    codes = letters(guards, budget)
     full = (1 << len(codes)) - 1
     where = tuple(sum(1 << i for i, code in enumerate(codes) if code >> k & 1) for k in range(len(guards)))
     can = prefixes(pool, yes, where, full, budget)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 
 from pytest_rvads.logic import formula as f
-from pytest_rvads.logic.boolean import conj, disj
+from pytest_rvads.logic.boolean import conj, disj, iff, neg
 
 __all__ = ["Kind", "Node", "Pool"]
 
@@ -46,9 +46,19 @@ class Pool:
     guards: list[f.Formula] = field(default_factory=list)
     _numbers: dict[Node, int] = field(default_factory=dict)
     _guard_numbers: dict[f.Formula, int] = field(default_factory=dict)
+    _known: dict[tuple[int, bool], int] = field(default_factory=dict)
+    _alive: list[f.Formula] = field(default_factory=list)
+    """What `_known` knows by identity must not be collected."""
 
     def add(self, formula: f.Formula, positive: bool = True) -> int:
         """Return the number of the node for `formula`, or for its negation."""
+        key = (id(formula), positive)  # equivalences ask for both signs of both sides, again and again
+        if key not in self._known:
+            self._known[key] = self._add(formula, positive)
+            self._alive.append(formula)
+        return self._known[key]
+
+    def _add(self, formula: f.Formula, positive: bool) -> int:
         if f.is_boolean(formula):
             return self._guard(formula, positive)
         match formula:
@@ -67,27 +77,25 @@ class Pool:
                 a, b = self.add(left, positive), self.add(right, positive)
                 return self._release(a, b) if positive else self._until(a, b)
             case f.WeakUntil(left, right):  # a W b = b R (a | b)
-                either = f.Or((left, right))
-                a, b = self.add(right, positive), self.add(either, positive)
+                a, b = self.add(right, positive), self.add(f.Or((left, right)), positive)
                 return self._release(a, b) if positive else self._until(a, b)
             case f.Implies(left, right):
-                return self.add(f.Or((f.Not(left), right)), positive)
-            case f.Iff(left, right):
-                both = f.And((left, right))
-                none = f.And((f.Not(left), f.Not(right)))
-                return self.add(f.Or((both, none)), positive)
+                return self._join((f.Not(left), right), positive, conjunction=False)
+            case f.Iff(left, right):  # (a & b) | (!a & !b), and its negation (a & !b) | (!a & b)
+                same = self.join(Kind.AND, [self.add(left, True), self.add(right, positive)])
+                other = self.join(Kind.AND, [self.add(left, False), self.add(right, not positive)])
+                return self.join(Kind.OR, [same, other])
             case f.And(parts) | f.Or(parts):
-                return self._join(formula, parts, positive)
+                return self._join(parts, positive, conjunction=isinstance(formula, f.And))
         raise TypeError(f"quantifiers must be unfolded before a monitor is built: {formula}")
 
-    def _join(self, formula: f.Formula, parts: tuple[f.Formula, ...], positive: bool) -> int:
+    def _join(self, parts: tuple[f.Formula, ...], positive: bool, *, conjunction: bool) -> int:
         # The parts without temporal operators make one guard together.
         plain = [p for p in parts if f.is_boolean(p)]
-        whole = conj(plain) if isinstance(formula, f.And) else disj(plain)
         numbers = [self.add(p, positive) for p in parts if not f.is_boolean(p)]
         if plain:
-            numbers.insert(0, self._guard(whole, positive))
-        return self.join(Kind.AND if isinstance(formula, f.And) is positive else Kind.OR, numbers)
+            numbers.insert(0, self._guard(conj(plain) if conjunction else disj(plain), positive))
+        return self.join(Kind.AND if conjunction is positive else Kind.OR, numbers)
 
     def join(self, kind: Kind, numbers: list[int]) -> int:
         """Return the conjunction or disjunction of nodes, flat and without repetitions."""
@@ -153,17 +161,13 @@ def _fold(formula: f.Formula) -> f.Formula:
     """Simplify the constants out of a boolean formula."""
     match formula:
         case f.Not(body):
-            inner = _fold(body)
-            if isinstance(inner, f.Const):
-                return f.FALSE if inner.value else f.TRUE
-            return inner.body if isinstance(inner, f.Not) else f.Not(inner)
+            return neg(_fold(body))
         case f.And(parts):
             return conj(map(_fold, parts))
         case f.Or(parts):
             return disj(map(_fold, parts))
         case f.Implies(left, right):
-            return disj((_fold(f.Not(left)), _fold(right)))
+            return disj((neg(_fold(left)), _fold(right)))
         case f.Iff(left, right):
-            a, b = _fold(left), _fold(right)
-            return conj((disj((_fold(f.Not(a)), b)), disj((a, _fold(f.Not(b))))))
+            return iff(_fold(left), _fold(right))
     return formula

@@ -48,18 +48,18 @@ def answer(line: str) -> dict[str, Any]:
     Returns:
         ``{"id", "states", "verdicts", "finite"}``, or ``{"id", "error"}`` for what can't be understood or is refused.
     """
-    name: Any = None
     try:
         task = json.loads(line)
-        name = task.get("id") if isinstance(task, dict) else None
+    except (ValueError, RecursionError) as error:
+        return {"id": None, "error": f"not a JSON object: {error}"}
+    name = task.get("id") if isinstance(task, dict) else None
+    try:
         formula, words = _read(task)
         machine = synthesize(formula)
         verdicts = [[str(v) for v in verdicts_on(machine, word)] for word in words]
         finite = [holds_on(formula, word) for word in words]
     except FormulaError as error:
         return {"id": name, "error": str(error)}
-    except (ValueError, RecursionError) as error:
-        return {"id": name, "error": f"not a JSON object: {error}"}
     return {"id": name, "states": machine.states, "verdicts": verdicts, "finite": finite}
 
 

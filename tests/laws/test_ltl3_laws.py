@@ -108,7 +108,7 @@ def outcomes(formula: f.Formula, prefix: list[list[str]]) -> set[bool]:
 WANTED = {(True,): Truth.TRUE, (False,): Truth.FALSE, (False, True): Truth.UNKNOWN}
 
 
-@LAW
+@settings(LAW, max_examples=1000)
 @given(FORMULAS, WORDS)
 def test_the_verdict_is_what_the_continuations_say(formula: f.Formula, word: list[list[str]]) -> None:
     got = [Truth(int(synthesize(formula).output[0])), *verdicts_on(synthesize(formula), word)]

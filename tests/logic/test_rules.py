@@ -138,6 +138,9 @@ def test_what_is_static_folds_away(make: Make) -> None:
     assert instances("forall a. turn(a, right) U a@j") == [inside[0], f.Eventually(inside[1])]
     assert instances("forall a. a@j W turn(a, left)") == [f.Always(inside[0]), f.Always(inside[1])]
     assert instances("forall a. turn(a, right) W a@j") == [inside[0]]
+    assert instances("forall a. turn(a, right) W turn(a, left)") == [f.FALSE]
+    assert instances("forall a. a@j R turn(a, right)") == [f.FALSE]
+    assert instances("forall a. a@j U turn(a, right)") == [f.FALSE]
     assert instances("forall a. turn(a, right) R a@j") == [f.Always(inside[0]), inside[1]]
     assert instances("forall a. N turn(a, right) | N a@j") == [
         f.Next(inside[0]),

@@ -52,6 +52,28 @@ def test_verdicts_and_finite_values_by_hand(formula: str, word: str, verdicts: s
     }
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "G p & F !p",
+        "X(G p & F !p)",
+        "F G p & G F !p",
+        "F(G p & G F !p)",
+        "(p U q) & G !q",
+        "q | !q U (G p & X X !p)",
+        "G(p & X !p)",
+        "G(p -> X !p) & G(!p -> X p) & F G p",
+    ],
+)
+def test_contradictions_are_seen_at_once(text: str) -> None:
+    # The last disjunct of the sixth can never come, but the first always holds.
+    wanted = "T" if text.startswith("q") else "F"
+    assert ask(text, "p|q")["states"] == 1
+    assert ask(text, "p|q")["verdicts"] == [[wanted, wanted]]
+    negation = {"T": "F", "F": "T"}[wanted]
+    assert ask(f"!({text})", "p|q")["verdicts"] == [[negation, negation]]
+
+
 def test_an_empty_word_has_no_verdicts_and_weak_formulas_hold() -> None:
     line = json.dumps({"id": 1, "formula": "G p", "words": [[]]})
     assert answer(line) == {"id": 1, "states": 2, "verdicts": [[]], "finite": [True]}
@@ -84,6 +106,39 @@ def test_a_blow_up_is_refused_with_the_size() -> None:
     with pytest.raises(FormulaError, match=r"of size 17, needs a monitor too large to build"):
         synthesize(formula)
     assert time.perf_counter() - start < 5
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        " & ".join(f"G p{i}" for i in range(2000)),
+        " & ".join(f"(a{i} | b{i})" for i in range(900)),
+        " U ".join(f"p{i}" for i in range(100)),
+        " <-> ".join(f"F p{i}" for i in range(12)),
+        "G F " * 70 + "p",
+        " ^ ".join(f"X X X (p{i} U q)" for i in range(9)),
+    ],
+    ids=["many always", "wide guard", "chain of until", "equivalences", "deep", "exclusive"],
+)
+def test_large_formulas_are_refused_not_left_to_run(text: str) -> None:
+    start = time.process_time()
+    with pytest.raises(FormulaError, match="split it into"):
+        synthesize(parse_ltl(text))
+    assert time.process_time() - start < 5
+
+
+@pytest.mark.parametrize(
+    ("text", "states"),
+    [
+        (" <-> ".join(f"p{i}" for i in range(140)), 3),
+        (" <-> ".join("(a U X b)" for _ in range(60)), 1),
+        ("X " * 140 + "p", 143),
+        ("(" * 40 + "a" + " U b)" * 40, 3),
+    ],
+    ids=["parity", "the same on both sides", "next", "nested until"],
+)
+def test_large_formulas_with_small_monitors_are_answered(text: str, states: int) -> None:
+    assert synthesize(parse_ltl(text)).states == states
 
 
 def test_wide_guards_are_no_blow_up() -> None:

@@ -1,0 +1,32 @@
+"""What a synthesis may cost: counted in steps, not in seconds, so that the same formula always gets the same answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pytest_rvads.errors import FormulaError
+
+__all__ = ["Budget"]
+
+
+@dataclass(slots=True)
+class Budget:
+    """Counts the work of one synthesis, so that a formula that blows up is refused instead of left to run."""
+
+    limit: int
+    size: int
+    """Of the formula, for the message."""
+    spent: int = 0
+
+    def spend(self, work: int) -> None:
+        """Add `work`.
+
+        Raises:
+            FormulaError: the limit is exceeded.
+        """
+        self.spent += work
+        if self.spent > self.limit:
+            raise FormulaError(
+                f"the formula, of size {self.size}, needs a monitor too large to build "
+                f"(more than {self.limit:,} steps): split it into smaller rules"
+            )
