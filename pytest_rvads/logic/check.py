@@ -80,7 +80,7 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
         story.near = nearest_miss(prepared.templates, values)
     if status in (Status.FAIL, Status.OPEN):
         story.cycle = _cycle(rule, run, values, itinerary)
-    if window > 0 and status is not Status.NA:
+    if window > 0:
         exact = _overall(judge(prepared.templates, Values(run, standing=standing)))
         if exact is not status:
             story.notes.append(f"the tie window of {window:g} s decides: without it the verdict would be {exact}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -45,8 +46,12 @@ def check_runs(runs: Sequence[Run], spec: str | Rule | Sequence[str | Rule] = "p
 
     Raises:
         FormulaError: an unknown rule.
+        RunError: two runs have the same label, so that one verdict would hide the other.
     """
     rules = rules_for(spec)
+    for label, count in Counter(run.label for run in runs).items():
+        if count > 1:
+            raise RunError(f"{count} runs are called {label!r}: give each its own name")
     return {run.label: {rule.name: check(run, rule) for rule in rules} for run in runs}
 
 
