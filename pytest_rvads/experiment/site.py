@@ -23,7 +23,7 @@ __all__ = ["TOLERANCE", "Lengths", "build_junction", "fit_shape"]
 
 APPROACH = 120.0
 """Length of approaches and exit roads [m]."""
-TOLERANCE = 1.0
+TOLERANCE = 2.5
 """A movement may be this much longer or shorter than recorded [m]."""
 _EVEN = 0.05
 """Weight of evenness against the recorded lengths."""

@@ -175,7 +175,7 @@ def recorded(path: Path, control: str) -> Iterator[tuple[dict[str, Any], dict[st
     data = json.loads(path.read_text())
     sources = {edge["id"]: edge["source"] for edge in data["graph"]["edges"]}
     first = next(run for run in data["runs"] if run["name"].endswith("r=0"))
-    order = [sources[first["vehicles"][f"c{i}"]["itinerary"][1]] for i in range(3)]
+    order = [sources[first["vehicles"][f"c{i}"]["itinerary"][1]] for i in range(len(first["vehicles"]))]
     for run in data["runs"]:
         directions, distances, speeds, rotation = run["name"].split("_", 1)[1].rsplit("_", 3)
         yield (
@@ -212,6 +212,14 @@ def test_the_recorded_t_junctions_are_predicted(shared: Path) -> None:
     assert runs == 64
     assert same / cells >= 0.9
     assert orders / runs >= 0.9
+
+
+@pytest.mark.parametrize(("name", "control"), [("4-way-stop", "stop"), ("4-way-light", "lights")])
+def test_the_recorded_xs_give_the_published_verdicts_at_their_own_lengths(shared: Path, name: str, control: str) -> None:
+    # The constants were fitted on the built-in junctions, whose lengths are only about those of the recorded ones.
+    for asked, verdicts, _ in recorded(shared / "runs" / f"{name}.json", control):
+        if asked["rotation"] % 2 == 0:
+            assert json.loads(answer(json.dumps(asked)))["verdicts"] == verdicts
 
 
 def test_the_edges_of_a_recorded_graph_give_all_movements(shared: Path) -> None:

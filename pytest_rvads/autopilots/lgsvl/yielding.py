@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pytest_rvads.autopilots.conflicts import in_the_way
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.semantics.itinerary import ENTRANCE_ZONE
 from pytest_rvads.semantics.states import Colour, Observation, VehicleState, Zone
 
 __all__ = ["listed", "oncoming", "prior_on_red"]
@@ -53,7 +52,7 @@ def _comes(seen: Observation, other: VehicleState) -> bool:
         return False
     if seen.lights[other.entrance] is Colour.RED and other.speed < 1.0:
         return False
-    return other.station > -NEAR or other.station > -ENTRANCE_ZONE
+    return other.station > -NEAR
 
 
 def _mine(seen: Observation) -> tuple[int, int]:
