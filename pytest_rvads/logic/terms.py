@@ -26,7 +26,7 @@ class Var:
 class Element:
     """A constant that a variable stands for: an agent, a light, an entrance ... of the model."""
 
-    sort: Sort
+    sort: Sort = field(hash=False)  # hashing an enum is slow, and the name tells the sort
     index: int
     """Column of an agent, number of an entrance, exit, light or road."""
     name: str
