@@ -88,13 +88,13 @@ def _judge(template: Template, values: Values, failed: int | None, before: int, 
 
 def _since(template: Template, values: Values, end: int) -> int:
     """Return the first tick whose obligation is not met by what happened before tick `end`."""
+    if not isinstance(template.formula, f.Always):
+        return 0
     cut = {a: values[a][:end] for a in template.atoms}
     shape = template.shape
     owed = ~settle(shape.obligation, cut, end)
     if shape.premise is not None:
         owed &= settle(shape.premise, cut, end)
-    if shape.kind is Kind.OTHER and shape.premise is None:
-        return 0
     return int(np.argmax(owed)) if owed.any() else end - 1
 
 

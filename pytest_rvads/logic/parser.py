@@ -12,7 +12,6 @@ from functools import cache
 from typing import Any
 
 from lark import Lark, UnexpectedInput
-from lark.exceptions import VisitError
 
 from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic import formula as f
@@ -64,10 +63,6 @@ def _parse(grammar: str, text: str) -> tuple[Any, ...]:
         parsed: tuple[Any, ...] = _parser(grammar).parse(text)  # type: ignore[assignment]
     except UnexpectedInput as error:
         raise FormulaError(_unexpected(error, text)) from None
-    except VisitError as error:
-        if isinstance(error.orig_exc, Mistake):
-            raise FormulaError(caret(error.orig_exc.message, text, error.orig_exc.at)) from None
-        raise
     except Mistake as error:
         raise FormulaError(caret(error.message, text, error.at)) from None
     return parsed

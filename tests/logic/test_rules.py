@@ -101,6 +101,24 @@ def test_rules_of_other_shapes_are_never_vacuous(make: Make) -> None:
     assert check(run, objects).status == "PASS", "a stop sign at every entrance"
 
 
+def test_the_trigger_is_the_first_state_whose_obligation_is_not_met(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200)}, 300)
+
+    def instance(text: str) -> tuple[object, ...]:
+        worst = check(run, Rule("x", text)).instances[0]
+        return worst.status, worst.trigger, worst.failed, worst.broken
+
+    assert instance("forall a. G !a@j") == ("FAIL", 50, 50, ("a0 is in the junction",))
+    assert instance("forall a. G(a@j -> F !a@j)") == ("PASS", 50, None, ())
+    assert instance("forall a. G F a@j") == ("OPEN", 200, None, ())
+    assert instance("forall a. F a.wt > 2") == ("OPEN", 0, None, ())
+    assert instance("forall a. (!a@j) U a.wt > 2") == ("FAIL", 0, 50, ("a0 is in the junction",))
+    # Either of two atoms would have saved it, and neither changed in that state: both are named.
+    assert instance("forall a, j.en. N(a@j | a@j.en)") == ("FAIL", 0, 1, ("a0 is not in the junction", "a0 is not at entrance 0"))
+    # It has to be in the junction two states after it arrived: only the state in between tells that from other states.
+    assert instance("forall a, j.en. G(a@j.en & a.wt <= 0.01 -> N N a@j)") == ("FAIL", 10, 12, ("a0 is not in the junction",))
+
+
 def test_places_and_colours(make: Make) -> None:
     lights = {0: [(0, Colour.GREEN), (100, Colour.YELLOW)], 1: [(0, Colour.RED)], 2: [(0, Colour.GREEN)], 3: [(0, Colour.RED)]}
     run = make("light4", {0: (2, 10, 50, 200)}, 300, lights)
