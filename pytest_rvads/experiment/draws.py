@@ -36,8 +36,8 @@ def crossing_wait(setup: Setup | None = None) -> float:
     """Return the wait [s] after which a right turn on red enters while a crossing vehicle is at its entrance.
 
     In configuration J of class 4, p5 is violated only by a draw from a narrow window: the right turn has to set off so
-    that it enters while the vehicle with green passes its entrance zone. Two dry runs tell: with the longest draw,
-    when the crossing vehicle is at its entrance, and how long the right turn needs from the end of its wait to the line.
+    that it enters while the vehicle with green passes its entrance zone. A dry run with the longest draw tells when the
+    crossing vehicle is at its entrance, and how long the right turn needs from the end of its wait to the line.
 
     Raises:
         RunError: the vehicles of the dry run do not get that far.

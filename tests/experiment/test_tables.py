@@ -1,6 +1,10 @@
 """The paper's two tables: as published for the classes they were fitted on, and as the text says for the others."""
 
+import ast
 import json
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -95,3 +99,16 @@ def test_a_table_that_knows_only_rule_and_configuration_gets_117_cells() -> None
 def test_runs_are_the_same_in_another_process() -> None:
     one = compute(tables=(STOP,), numbers=(1,), workers=2)
     assert one == compute(tables=(STOP,), numbers=(1,), workers=1)
+
+
+@pytest.mark.slow
+def test_halving_the_step_changes_no_verdict(verdicts: dict[Key, str], tmp_path: Path) -> None:
+    package = Path(__file__).parents[2] / "pytest_rvads"
+    shutil.copytree(package, tmp_path / "pytest_rvads", ignore=shutil.ignore_patterns("__pycache__"))
+    run = tmp_path / "pytest_rvads" / "semantics" / "run.py"
+    source = run.read_text()
+    assert source.count("\nDT = 0.01\n") == 1
+    run.write_text(source.replace("\nDT = 0.01\n", "\nDT = 0.005\n"))
+    code = "from pytest_rvads.experiment.paper import compute; print(repr(compute(workers=1)))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert ast.literal_eval(done.stdout) == verdicts
