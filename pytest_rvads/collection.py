@@ -97,17 +97,20 @@ def scenario(
         aggression: braking level 1, 2 or 3.
         wait: the random draw of autopilots that have one [s].
     """
-    mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(**locals())
+    given = locals()
+    if not isinstance(junction, str):
+        raise ScenarioError(f"write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got {junction!r}")
+    mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(**given)
     return mark
 
 
-def known(name: str, *, reason: str = "", **where: str | int | tuple[str | int, ...]) -> pytest.MarkDecorator:
+def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | int]) -> pytest.MarkDecorator:
     """Mark the cells of a known deficiency: they must fail (a strict xfail), and a pass is reported.
 
     Args:
         name: of the deficiency, as it shall appear in reports.
         reason: what goes wrong.
-        where: values, or tuples of values, for any of junction, cls, scenario, cfg, rotation, seat, rule.
+        where: values, or several of them, for any of junction, cls, scenario, cfg, rotation, seat, rule.
 
     Raises:
         ScenarioError: another keyword.
@@ -115,7 +118,8 @@ def known(name: str, *, reason: str = "", **where: str | int | tuple[str | int, 
     for key in where:
         if key not in KEYS:
             raise ScenarioError(f"@rvads.known selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
-    mark: pytest.MarkDecorator = pytest.mark.rvads_known(name, reason=reason, **where)
+    values = {key: (value,) if isinstance(value, str | int) else tuple(value) for key, value in where.items()}
+    mark: pytest.MarkDecorator = pytest.mark.rvads_known(name, reason=reason, **values)
     return mark
 
 
@@ -141,13 +145,15 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
     name = metafunc.definition.nodeid
     if not marks:
         raise pytest.Collector.CollectError(f"{name} asks for a run, but no @rvads.scenario(...) says which: add the mark")
-    if "rvads_cell" not in metafunc.fixturenames:
+    if not {"run", "monitor"} & set(metafunc.fixturenames):
         raise pytest.Collector.CollectError(f"{name} has @rvads.scenario(...) but takes neither run nor monitor: add an argument")
+    declared = list(metafunc.definition.iter_markers("rvads_known"))
     try:
         cells = list(dict.fromkeys(cell for mark in marks for cell in _cells(mark, metafunc, options)))
+        _distinct(cells)
+        _in_use([mark for mark in metafunc.definition.own_markers if mark.name == "rvads_known"], cells)
     except RvadsError as error:
         raise pytest.Collector.CollectError(f"{name}: {error}") from error
-    declared = list(metafunc.definition.iter_markers("rvads_known"))
     params = [pytest.param(cell, id=cell.id, marks=_marks(cell, declared)) for cell in cells]
     metafunc.parametrize("rvads_cell", params, indirect=True)
 
@@ -157,19 +163,41 @@ def _nearest(definition: pytest.Function) -> list[pytest.Mark]:
     return [mark for node, mark in found if node is found[0][0]]
 
 
+def _distinct(cells: Sequence[Cell]) -> None:
+    """Refuse cells that differ only in what is not part of their id."""
+    seen: dict[str, Cell] = {}
+    for cell in cells:
+        if seen.setdefault(cell.id, cell) != cell:
+            raise ScenarioError(
+                f"two different scenarios have the id {cell.id!r}: they differ in duration, aggression, wait or map, which ids "
+                "do not tell; put them into two tests"
+            )
+
+
+def _in_use(declared: Sequence[pytest.Mark], cells: Sequence[Cell]) -> None:
+    """Refuse a mark of a known deficiency that matches no cell of the test it stands on."""
+    for mark in declared:
+        if not any(_known(mark, cell.keys) for cell in cells):
+            where = ", ".join(f"{k}={v!r}" for k, v in mark.kwargs.items() if k != "reason")
+            raise ScenarioError(f"@rvads.known({mark.args[0]!r}, {where}) matches none of the {len(cells)} cells of this test")
+
+
+def _known(mark: pytest.Mark, keys: Mapping[str, str | int]) -> bool:
+    return all(keys.get(key) in values for key, values in mark.kwargs.items() if key != "reason")
+
+
 def _marks(cell: Cell, declared: Sequence[pytest.Mark]) -> list[pytest.MarkDecorator]:
     keys = cell.keys
     marks = [pytest.mark.rvads(**keys)]
     for mark in declared:
-        where = {key: value for key, value in mark.kwargs.items() if key != "reason"}
-        if all(keys.get(key) in (value if isinstance(value, tuple | list) else (value,)) for key, value in where.items()):
+        if _known(mark, keys):
             reason = ": ".join(filter(None, (mark.args[0], mark.kwargs["reason"])))
             marks.append(pytest.mark.xfail(strict=True, raises=(RuleViolation, OpenObligation), reason=reason))
     return marks
 
 
 def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> Iterator[Cell]:
-    from pytest_rvads.logic.rules import rules_for
+    from pytest_rvads.logic.rules import Rule, rules_for
     from pytest_rvads.maps.finder import find
     from pytest_rvads.scenarios.selection import Selection
 
@@ -181,9 +209,9 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
         file,
         junction.ways,
         _configurations(ask, junction, options),
-        classes=ask["classes"],
-        scenarios=ask["scenarios"],
-        cover=ask["cover"] or options.cover,
+        classes=_several("classes", ask["classes"], int, "class numbers"),
+        scenarios=_several("scenarios", ask["scenarios"], str, "direction strings such as '1133'"),
+        cover=options.cover if ask["cover"] is None else ask["cover"],
         duration=ask["duration"],
         aggression=ask["aggression"],
         wait=ask["wait"],
@@ -192,8 +220,13 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
         _register(options.rules)
     rules: Sequence[Rule | None] = [None]
     if "rule" in metafunc.fixturenames:
-        # Where a rulebook has nothing to say about this kind of junction, its rules run and give NA with their reason.
-        rules = rules_for(ask["rules"], junction.control) or rules_for(ask["rules"])
+        named = _several("rules", ask["rules"], (str, Rule), "rules or names of rules or rulebooks")
+        rules = rules_for("paper" if named is None else named, junction.control)
+        if not rules:
+            raise ScenarioError(
+                f"no rule of {ask['rules']!r} is about a junction with control {junction.control.value!r} like "
+                f"{junction.name!r}: name rules outright, `rvads rules` lists them"
+            )
     rows, points = selection.count(), len(selection.configurations)
     if rows * points * len(rules) > options.max_items:
         raise ScenarioError(
@@ -204,6 +237,23 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
         scenario_.fit()
         for rule in rules:
             yield Cell(scenario_, rule)
+
+
+def _several(name: str, value: Any, kind: type | tuple[type, ...], what: str) -> tuple[Any, ...] | None:
+    """Return one value or several as a tuple, None as it is.
+
+    Raises:
+        ScenarioError: values of another type, or none at all.
+    """
+    if value is None or isinstance(value, kind):
+        return None if value is None else (value,)
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        values = tuple(value)
+        if not values:
+            raise ScenarioError(f"{name} is empty: name {what}, or leave it out")
+        if all(isinstance(v, kind) and not isinstance(v, bool) for v in values):
+            return values
+    raise ScenarioError(f"{name} takes {what}, one or several, got {value!r}")
 
 
 @lru_cache
@@ -227,10 +277,11 @@ def _configurations(ask: Mapping[str, Any], junction: Junction, options: Options
     from pytest_rvads.scenarios.grid import explicit, grid, outside
 
     if ask["distances"] is None and ask["speeds"] is None:
-        return grid(ask["grid"] or options.grid, junction.ways, junction.control)
+        names = _several("grid", ask["grid"], str, "letters of configurations or 'paper'")
+        return grid(options.grid if names is None else names, junction.ways, junction.control)
     if ask["grid"] is not None or ask["distances"] is None:
         raise ScenarioError("give either grid=, or distances= with speeds=")
-    points = explicit(ask["distances"], ask["speeds"] or 0.0, junction.ways)
+    points = explicit(ask["distances"], 0.0 if ask["speeds"] is None else ask["speeds"], junction.ways)
     if ask["probe"]:
         return points
     from pytest_rvads.physics.braking import vmax

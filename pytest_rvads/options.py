@@ -57,7 +57,7 @@ class Options:
                 raise RvadsError(f"{dest} must be one of {', '.join(choices)}, got {value!r}")
             values[name] = value
         count = values["max-items"]
-        if not (count.isdigit() and int(count) > 0):
+        if not (count.isdecimal() and int(count) > 0):
             raise RvadsError(f"rvads_max_items must be a whole number above 0, got {count!r}")
         report = values["report"]
         if report and Path(report).suffix not in FORMATS:

@@ -46,6 +46,15 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         expand(metafunc, metafunc.config.stash[OPTIONS])
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Refuse a mark on what can't be parametrized, so that it is not silently a plain test."""
+    for item in items:
+        if item.get_closest_marker("rvads_scenario") and "rvads_cell" not in getattr(item, "fixturenames", ()):
+            raise pytest.UsageError(
+                f"{item.nodeid} has @rvads.scenario(...), which works on functions and classes of pytest only"
+            )
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Give every item of ours a record."""

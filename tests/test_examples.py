@@ -25,11 +25,12 @@ def test_the_example_of_an_own_map_runs_on_town07(
     [("169", "Town07.169"), ("4-way all-way stop with 30 m of approach", "Town07.169"), ("430", "Town07.430")],
 )
 def test_junctions_of_a_file_work_like_built_in_ones(pytester: pytest.Pytester, shared: Path, junction: str, named: str) -> None:
+    file = str(shared / "maps" / "Town07.xodr")
     pytester.makepyfile(
         f"""
         import pytest_rvads as rvads
 
-        @rvads.scenario(junction={junction!r}, map={str(shared / "maps" / "Town07.xodr")!r}, classes=2, grid="E", rules=("p1", "p3"))
+        @rvads.scenario(junction={junction!r}, map={file!r}, classes=2, grid="E", rules=("p1", "p3"))
         def test_stop(run, rule, monitor):
             assert monitor.check(rule)
         """

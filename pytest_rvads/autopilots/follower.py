@@ -47,8 +47,15 @@ class Follower:
         return math.sqrt(2.0 * deceleration * distance) if distance > 0.0 else 0.0
 
     def control(self, seen: Observation) -> Control:
-        """Return throttle, brake and steering."""
-        return self.drive(seen, self.towards(seen, self.target_speed(seen)))
+        """Return throttle, brake and steering.
+
+        Raises:
+            ValueError: a target speed that is negative or not finite.
+        """
+        target = self.target_speed(seen)
+        if not 0.0 <= target < math.inf:
+            raise ValueError(f"target_speed returned {target!r}, expected a finite speed of 0 m/s or more")
+        return self.drive(seen, self.towards(seen, target))
 
     def towards(self, seen: Observation, target: float) -> float:
         """Return the acceleration [m/s^2] that leads to `target` [m/s], or to what the bend ahead allows."""

@@ -10,6 +10,7 @@ import math
 import traceback
 from collections.abc import Callable, Sequence
 from numbers import Real
+from pathlib import Path
 from typing import Any
 
 from pytest_rvads.errors import AutopilotError, RunError, ScenarioError
@@ -37,6 +38,10 @@ class Halt(RunError):
         super().__init__(reason)
         self.agent = agent
         self.reason = reason
+
+
+_MISHAPS = (Exception, SystemExit)
+"""What an autopilot may raise without ending more than its run; a request to stop the session, such as Ctrl-C, passes."""
 
 
 class Seat:
@@ -70,7 +75,7 @@ class Seat:
         if step % self._every == 0:
             try:
                 answer = self._ask(seen)
-            except Exception as error:
+            except _MISHAPS as error:
                 raise Halt(
                     self.agent.name, f"{self.name} driving {self.agent.name} {_describe(error)} at {seen.time:.2f} s"
                 ) from error
@@ -173,7 +178,7 @@ def _hire(factory: Factory, agents: Sequence[Agent]) -> list[Seat]:
 def _make(factory: Factory, agent: Agent) -> Any:
     try:
         return factory()
-    except Exception as error:
+    except _MISHAPS as error:
         raise Halt(agent.name, f"making {name_of(factory)} for {agent.name} {_describe(error)}") from error
 
 
@@ -181,7 +186,7 @@ def _delegate(system: Any, agents: Sequence[Agent]) -> list[Seat]:
     name = type(system).__qualname__
     try:
         made = list(system.autopilots(tuple(agents)))
-    except Exception as error:
+    except _MISHAPS as error:
         raise Halt(agents[0].name, f"{name}.autopilots {_describe(error)}") from error
     if len(made) != len(agents):
         raise Halt(
@@ -190,8 +195,11 @@ def _delegate(system: Any, agents: Sequence[Agent]) -> list[Seat]:
     return [Seat(agent, one) for agent, one in zip(agents, made, strict=True)]
 
 
-def _describe(error: Exception) -> str:
-    """Return "raised Type: text (file:line)" for the place where `error` came up."""
+def _describe(error: BaseException) -> str:
+    """Return "raised Type: text (file:line)" for the place where `error` came up.
+
+    The file goes by its name alone: the reason is part of the run's hash, which must not depend on the checkout.
+    """
     frames = traceback.extract_tb(error.__traceback__)
     text = " ".join(str(error).split())
-    return f"raised {type(error).__name__}{': ' if text else ''}{text} ({frames[-1].filename}:{frames[-1].lineno})"
+    return f"raised {type(error).__name__}{': ' if text else ''}{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})"

@@ -18,7 +18,7 @@ SUMMARY_LIMIT = 900 * 1024
 """GitHub drops a job summary above 1 MiB as a whole [bytes]."""
 
 
-def save(path: Path, records: Sequence[Record], totals: dict[int, tuple[int, int]]) -> None:
+def save(path: Path, records: Sequence[Record], totals: dict[int, tuple[int, int]], exitstatus: int = 0) -> None:
     """Write a report in the format that the ending of `path` names.
 
     Raises:
@@ -29,9 +29,15 @@ def save(path: Path, records: Sequence[Record], totals: dict[int, tuple[int, int
         raise RvadsError(f"a report is a {' or '.join(FORMATS)} file, got {str(path)!r}")
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".md":
-        path.write_text(markdown(records, totals), encoding="utf-8")
+        path.write_text(markdown(records, totals, exitstatus), encoding="utf-8")
         return
-    content = {"format": "rvads-report", "version": VERSION, "totals": {str(k): v for k, v in totals.items()}, "records": records}
+    content = {
+        "format": "rvads-report",
+        "version": VERSION,
+        "exitstatus": exitstatus,
+        "totals": {str(k): v for k, v in totals.items()},
+        "records": records,
+    }
     path.write_text(json.dumps(content, indent=1), encoding="utf-8")
 
 
@@ -51,9 +57,17 @@ def load(path: Path) -> list[Record]:
     return records
 
 
-def markdown(records: Sequence[Record], totals: dict[int, tuple[int, int]]) -> str:
-    """Return the causes first, then coverage and verdict matrices."""
+def markdown(records: Sequence[Record], totals: dict[int, tuple[int, int]], exitstatus: int = 0) -> str:
+    """Return the causes first, then coverage and verdict matrices.
+
+    Args:
+        records: of the session.
+        totals: per number of ways, how many classes and how many full scenarios exist.
+        exitstatus: of pytest; above 1 the session did not end by itself.
+    """
     lines = ["# rvads verdicts", ""]
+    if exitstatus > 1:
+        lines += [f"**The session did not end by itself (exit status {exitstatus}): verdicts are missing.**", ""]
     groups = causes(records)
     if groups:
         lines += ["## Causes of failures", "", "| items | rule | cause | first |", "|---:|---|---|---|"]

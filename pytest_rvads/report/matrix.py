@@ -58,19 +58,26 @@ def _rule(record: Record) -> str:
 
 
 def _text(records: Sequence[Record]) -> str:
-    """Return what a cell says: the worst status, with its share where the rows differ."""
+    """Return what a cell says: its status, or where the rows differ the bad ones with their share; known failures apart."""
     if not records:
         return ""
-    known = sorted({r["known"].partition(":")[0] for r in records if r["known"]})
+    kinds = Counter(_kind(r) for r in records)
+    if len(kinds) == 1:
+        return next(iter(kinds))
+    bad = [kind for kind in _BAD if kinds[kind]] + sorted(kind for kind in kinds if kind.startswith("xfail"))
+    shown = bad or [kind for kind in ("NOT JUDGED", "NOT RUN", "pass", "NA") if kinds[kind]]
+    return ", ".join(f"{kinds[kind]}/{len(records)} {kind.lower() if kind in _BAD else kind}" for kind in shown)
+
+
+_BAD = ("ERROR", "FAIL", "OPEN")
+
+
+def _kind(record: Record) -> str:
+    known: str | None = record["known"]
+    status: str = record["status"]
     if known:
-        return "xfail " + ",".join(known)
-    counts = Counter(r["status"] for r in records)
-    for status, word in (("ERROR", "ERROR"), ("FAIL", "FAIL"), ("OPEN", "OPEN"), ("PASS", "pass"), ("NA", "NA")):
-        if counts[status] == len(records):
-            return word
-        if counts[status] and status not in ("PASS", "NA"):
-            return f"{counts[status]}/{len(records)} {word.lower()}"
-    return f"{counts['PASS']} pass {counts['NA']} NA"
+        return f"xfail {known.partition(':')[0]}"
+    return "pass" if status == "PASS" else status
 
 
 def _spans(numbers: Sequence[int]) -> str:
@@ -90,7 +97,7 @@ def causes(records: Sequence[Record]) -> list[Cause]:
     for record in records:
         if record["outcome"] == "failed":
             verdict = next((v for v in record["verdicts"] if v["status"] == record["status"]), None)
-            cause = verdict["cause"] if verdict else record["message"].partition("\n")[0]
+            cause = verdict["cause"] if verdict else record["message"].strip().partition("\n")[0]
             groups.setdefault((_rule(record), cause), []).append(record)
     found = [Cause(rule, text, len(group), group[0]["nodeid"]) for (rule, text), group in groups.items()]
     return sorted(found, key=lambda c: -c.count)
@@ -107,10 +114,11 @@ def coverage(records: Sequence[Record], totals: dict[int, tuple[int, int]]) -> l
     for junction in dict.fromkeys(r["junction"] for r in records):
         here = [r for r in records if r["junction"] == junction]
         classes, scenarios = totals[here[0]["ways"]]
-        seen = {r["cls"] for r in here} - {0}
-        members = {r["scenario"] for r in here if r["cls"]}
-        runs = {(r["scenario"], r["cfg"], r["rotation"], r["seat"]) for r in here}
-        counts = Counter(r["status"] for r in here)
+        ran = [r for r in here if r.get("hash") and r["status"] != "ERROR"]
+        seen = {r["cls"] for r in ran} - {0}
+        members = {r["scenario"] for r in ran if r["cls"]}
+        runs = {r["hash"] for r in ran}
+        counts = Counter("known" if r["known"] else r["status"] for r in here)
         verdicts = ", ".join(f"{counts[s]} {w}" for s, w in _WORDS if counts[s])
         idle = sorted({_rule(r) for r in here} - {_rule(r) for r in here if r["status"] != "NA"})
         lines.append(
@@ -120,4 +128,13 @@ def coverage(records: Sequence[Record], totals: dict[int, tuple[int, int]]) -> l
     return lines
 
 
-_WORDS = (("PASS", "pass"), ("FAIL", "fail"), ("OPEN", "open"), ("NA", "NA"), ("ERROR", "error"))
+_WORDS = (
+    ("PASS", "pass"),
+    ("FAIL", "fail"),
+    ("OPEN", "open"),
+    ("known", "known failures"),
+    ("NA", "NA"),
+    ("ERROR", "error"),
+    ("NOT JUDGED", "not judged"),
+    ("NOT RUN", "not run"),
+)

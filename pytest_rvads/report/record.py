@@ -25,7 +25,17 @@ def cell_record(nodeid: str, line: int, test: str, keys: dict[str, str | int], w
     return {"nodeid": nodeid, "line": line, "test": test, "ways": ways, "seat": None, "rule": None, **keys}
 
 
-def conclude(record: Record, verdicts: Sequence[Record], when: str, outcome: str, known: str | None, text: str) -> None:
+def conclude(
+    record: Record,
+    verdicts: Sequence[Record],
+    when: str,
+    outcome: str,
+    *,
+    known: str | None = None,
+    text: str = "",
+    asserted: bool = True,
+    monitored: bool = True,
+) -> None:
     """Complete a record when its item is over.
 
     Args:
@@ -35,17 +45,23 @@ def conclude(record: Record, verdicts: Sequence[Record], when: str, outcome: str
         outcome: pytest's outcome.
         known: reason of the xfail that matched, or None.
         text: of the exception, or empty.
+        asserted: whether the exception, if any, is a failed assertion; any other one is an error of the test.
+        monitored: whether the test has a rule or a monitor to judge with.
 
-    The status is that of the verdicts, worst first; a test that asserts on the run without a rule counts as
-    PASS or FAIL by its outcome, and whatever kept a run from being judged is an ERROR.
+    The status is that of the verdicts, worst first. A test of a run without rule and monitor is PASS or FAIL by its
+    assertions. A test that has one and never judged is NOT JUDGED, one that was skipped by somebody NOT RUN; neither
+    ever counts as a pass, and no failed test as anything but a failure.
     """
     given = [v["status"] for v in verdicts]
-    if when != "call":
-        status = "ERROR" if outcome == "failed" else "NOT RUN"
-    elif given:
-        status = min(given, key=_WORST.index)
+    worst = min(given, key=_WORST.index, default=None)
+    if outcome == "failed":
+        status = worst if worst in ("ERROR", "FAIL", "OPEN") else "FAIL" if when == "call" and asserted else "ERROR"
+    elif worst:
+        status = worst
+    elif when != "call" or outcome == "skipped":
+        status = "NOT RUN"
     else:
-        status = {"passed": "PASS", "failed": "FAIL", "skipped": "NOT RUN"}[outcome]
+        status = "NOT JUDGED" if monitored else "PASS"
     record |= {"status": status, "verdicts": list(verdicts), "known": known, "outcome": outcome, "message": text}
 
 

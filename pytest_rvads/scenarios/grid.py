@@ -51,9 +51,8 @@ def configuration(letter: str, ways: int) -> Configuration:
         "J": tuple(_CLOSE if i % 2 else _FAR for i in range(ways)),
     }
     if letter not in distances:
-        raise ScenarioError(
-            f"unknown configuration {letter!r}: the paper's are A..J, or give distances= and speeds={suggest(letter, distances)}"
-        )
+        hint = suggest(letter.upper(), distances)
+        raise ScenarioError(f"unknown configuration {letter!r}: the paper's are A..J, or give distances= and speeds={hint}")
     return Configuration(letter, distances[letter], (_FAST if letter in "DI" else 0.0,) * ways)
 
 
@@ -116,6 +115,8 @@ def per_entrance(name: str, value: float | Sequence[float], ways: int) -> tuple[
     Raises:
         ScenarioError: another count, or a number that is negative or not finite.
     """
+    if isinstance(value, str) or not isinstance(value, int | float | Sequence):
+        raise ScenarioError(f"{name} takes numbers, got {value!r}")
     values = (value,) * ways if isinstance(value, int | float) else tuple(value)
     if len(values) != ways:
         raise ScenarioError(f"{name} needs one value, or one per entrance ({ways}), got {len(values)}: {values!r}")

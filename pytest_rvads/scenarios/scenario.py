@@ -84,6 +84,9 @@ class Scenario:
             raise ScenarioError(f"rotation must be one of 0..{ways - 1} for {ways} entrances, got {rotation!r}")
         if aggression not in (1, 2, 3):
             raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")
+        for name, seconds in (("duration", duration), ("wait", wait)):
+            if isinstance(seconds, bool) or not isinstance(seconds, int | float):
+                raise ScenarioError(f"{name} must be a number of seconds, got {seconds!r}")
         if not (math.isfinite(duration) and 0 < duration <= 3600):
             raise ScenarioError(f"duration must lie above 0 and up to 3600 s, got {duration!r}")
         if not (math.isfinite(wait) and wait >= 0):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from pytest_rvads.errors import ScenarioError
@@ -11,7 +11,6 @@ from pytest_rvads.scenarios.classes import (
     classes,
     count_classes,
     count_scenarios,
-    label,
     members,
     parse,
     rotations,
@@ -55,11 +54,6 @@ class Selection:
         for number in self.numbers or ():
             if not isinstance(number, int) or not 1 <= number <= total:
                 raise ScenarioError(f"a {self.ways}-way junction has classes 1..{total}, got {number!r}")
-        for code in self.scenarios or ():
-            if len(code) != self.ways:
-                raise ScenarioError(
-                    f"scenario {label(code)!r} names {len(code)} entrances, junction {self.junction!r} has {self.ways}"
-                )
 
     @classmethod
     def of(
@@ -69,19 +63,19 @@ class Selection:
         ways: int,
         configurations: tuple[Configuration, ...],
         *,
-        classes: int | Iterable[int] | None = None,
-        scenarios: str | Iterable[str] | None = None,
+        classes: tuple[int, ...] | None = None,
+        scenarios: tuple[str, ...] | None = None,
         cover: str = "class",
         duration: float = 60.0,
         aggression: int = 1,
         wait: float = 1.5,
     ) -> Selection:
-        """Build a selection from the loose forms of the mark: one value or several."""
-        numbers = None if classes is None else (classes,) if isinstance(classes, int) else tuple(classes)
-        codes = (
-            None if scenarios is None else tuple(parse(s) for s in ((scenarios,) if isinstance(scenarios, str) else scenarios))
-        )
-        return cls(junction, map, ways, configurations, cover, numbers, codes, duration, aggression, wait)
+        """Build a selection from class numbers or direction strings."""
+        for code in scenarios or ():
+            if len(code) != ways:
+                raise ScenarioError(f"scenario {code!r} names {len(code)} entrances, junction {junction!r} has {ways}")
+        codes = None if scenarios is None else tuple(parse(s) for s in scenarios)
+        return cls(junction, map, ways, configurations, cover, classes, codes, duration, aggression, wait)
 
     def count(self) -> int:
         """Return how many abstract scenarios (rows) are selected, without listing a whole arity."""

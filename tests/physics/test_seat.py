@@ -2,6 +2,7 @@
 
 import functools
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -71,7 +72,7 @@ def test_an_exception_becomes_a_fault_that_says_where() -> None:
     run = simulate(SCENARIO, Broken)
     assert run.fault.agent == "a2"
     assert run.fault.time == pytest.approx(0.02)
-    assert f"{Broken.__qualname__} driving a2 raised ZeroDivisionError: no way ({__file__}:" in run.fault.reason
+    assert f"{Broken.__qualname__} driving a2 raised ZeroDivisionError: no way ({Path(__file__).name}:" in run.fault.reason
     assert run.fault.reason.endswith("at 0.02 s")
 
 

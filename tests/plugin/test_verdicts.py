@@ -179,7 +179,7 @@ def test_summary_shows_matrix_causes_and_coverage(files: pytest.Pytester) -> Non
             "causes of failures",
             "*1 x p1: *",
             "*first: pytest *",
-            "stop4: 1/24 classes, 1/81 scenarios, 1 runs, 6 verdicts: 1 pass, 1 fail, 4 NA*(never applicable: p3, p4)*",
+            "stop4: 1/24 classes, 1/81 scenarios, 2 runs, 6 verdicts: 1 pass, 1 fail, 4 NA*(never applicable: p3, p4)*",
         ]
     )
 

@@ -21,7 +21,8 @@ def record(
     keys = {"junction": "stop4", "cls": cls, "scenario": scenario, "cfg": cfg, "rotation": 0, "rule": rule}
     made = cell_record(f"t.py::test[{cls}-{scenario}-{cfg}-{rule}]", 3, "test", keys, 4)
     outcome = "skipped" if status == "NA" or known else "passed" if status == "PASS" else "failed"
-    conclude(made, [{"status": status, "cause": cause}], "call", outcome, known, f"{rule} at t=1.00 s")
+    conclude(made, [{"status": status, "cause": cause}], "call", outcome, known=known, text=f"{rule} at t=1.00 s")
+    made["hash"] = f"{cls} {scenario} {cfg}"
     return made
 
 
@@ -53,7 +54,7 @@ def test_causes_group_unexpected_failures() -> None:
 def test_coverage_counts_what_was_exercised() -> None:
     (line,) = coverage(RECORDS, TOTALS)
     assert line.startswith("stop4: 4/24 classes, 3/81 scenarios, ")
-    assert line.endswith("9 verdicts: 3 pass, 3 fail, 1 open, 2 NA")
+    assert line.endswith("9 verdicts: 3 pass, 2 fail, 1 open, 1 known failures, 2 NA")
     (idle,) = coverage(RECORDS[:2], TOTALS)
     assert idle.endswith("(never applicable: p2)")
 
@@ -61,18 +62,43 @@ def test_coverage_counts_what_was_exercised() -> None:
 def test_an_item_that_never_ran_is_an_error_or_not_run() -> None:
     keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0}
     broken, skipped = cell_record("a", 1, "t", keys, 4), cell_record("b", 2, "t", keys, 4)
-    conclude(broken, [], "setup", "failed", None, "autopilot raised")
-    conclude(skipped, [], "setup", "skipped", None, "")
+    conclude(broken, [], "setup", "failed", text="autopilot raised")
+    conclude(skipped, [], "setup", "skipped")
     assert (broken["status"], skipped["status"]) == ("ERROR", "NOT RUN")
     assert [(c.rule, c.text) for c in causes([broken, skipped])] == [("run", "autopilot raised")]
 
 
 def test_several_verdicts_count_by_the_worst() -> None:
     made = record(1, "C", "p1", "PASS")
-    conclude(made, [{"status": s} for s in ("PASS", "NA", "FAIL", "OPEN")], "call", "failed", None, "")
+    conclude(made, [{"status": s} for s in ("PASS", "NA", "FAIL", "OPEN")], "call", "failed")
     assert made["status"] == "FAIL"
-    conclude(made, [{"status": s} for s in ("NA", "PASS")], "call", "passed", None, "")
+    conclude(made, [{"status": s} for s in ("NA", "PASS")], "call", "passed")
     assert made["status"] == "PASS"
+
+
+def test_nothing_but_a_judged_pass_is_a_pass() -> None:
+    def status(verdicts: list[str], outcome: str, **more: Any) -> str:
+        made = record(1, "C", "p1", "PASS")
+        conclude(made, [{"status": s} for s in verdicts], "call", outcome, **more)
+        found: str = made["status"]
+        return found
+
+    assert status([], "passed") == "NOT JUDGED"
+    assert status([], "passed", monitored=False) == "PASS"
+    assert status([], "skipped") == "NOT RUN"
+    assert status(["PASS"], "failed") == "FAIL", "an assertion after the verdict failed, or a known failure passed"
+    assert status([], "failed", asserted=False) == "ERROR"
+    assert status(["NA"], "failed", asserted=False) == "ERROR"
+
+
+def test_a_known_failure_does_not_hide_an_unexpected_one() -> None:
+    mixed = [
+        record(9, "C", "p2", "FAIL", scenario="1213", known="I3"),
+        record(9, "C", "p2", "FAIL", scenario="3121"),
+        record(9, "C", "p2", "PASS", scenario="1312"),
+    ]
+    assert matrices(mixed)[0].rows[0][1] == ("1/3 fail, 1/3 xfail I3",)
+    assert sum(c.count for c in causes(mixed)) == 1
 
 
 def test_properties_are_builtins() -> None:

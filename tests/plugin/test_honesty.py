@@ -1,0 +1,266 @@
+"""Nothing is silently green: no verdict of another run, no pass without judging, no session that judged nothing."""
+
+import json
+
+import pytest
+
+PILOT = """
+    import pytest
+    import pytest_rvads as rvads
+
+    class Pilot(rvads.Follower):
+        def target_speed(self, seen):
+            return {speed}
+
+    @pytest.fixture
+    def rvads_autopilot():
+        return lambda: Pilot()
+
+    @rvads.scenario("stop4", classes=7, grid="C")
+    def test_speed(run):
+        assert {low} < run.speed.max() < {high}
+"""
+
+
+def test_equal_code_in_two_files_drives_two_runs(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        test_slow=PILOT.format(speed=2.0, low=1.8, high=2.2),
+        test_fast=PILOT.format(speed=4.0, low=3.8, high=4.2),
+    )
+    pytester.runpytest().assert_outcomes(passed=2)
+
+
+def test_a_fixture_that_changes_its_class_between_items(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import pytest
+        import pytest_rvads as rvads
+
+        class Pilot(rvads.Follower):
+            wanted = 0.0
+
+            def target_speed(self, seen):
+                return self.wanted
+
+        @pytest.fixture(params=[2.0, 4.0])
+        def speed(request):
+            return request.param
+
+        @pytest.fixture
+        def rvads_autopilot(speed, monkeypatch):
+            monkeypatch.setattr(Pilot, "wanted", speed)
+            return Pilot
+
+        @rvads.scenario("stop4", classes=7, grid="C")
+        def test_speed(run, speed):
+            assert abs(run.speed.max() - speed) < 0.2
+        """
+    )
+    pytester.runpytest().assert_outcomes(passed=2)
+
+
+@pytest.mark.parametrize("speed", ["float('nan')", "-1.0", "float('inf')", "float('nan') if seen.time > 3 else 2.0"])
+def test_a_target_speed_that_is_none_is_an_error(pytester: pytest.Pytester, speed: str) -> None:
+    pytester.makepyfile(PILOT.format(speed=speed, low=0, high=99))
+    result = pytester.runpytest()
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines(["*target_speed returned *, expected a finite speed of 0 m/s or more*"])
+
+
+def test_sys_exit_ends_its_run_and_nothing_else(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import sys
+        import pytest
+        import pytest_rvads as rvads
+
+        class Quits(rvads.Reference):
+            def control(self, seen):
+                if seen.time > 1:
+                    sys.exit(3)
+                return super().control(seen)
+
+        @pytest.fixture
+        def rvads_autopilot(request):
+            return Quits if "quits" in request.function.__name__ else rvads.Reference
+
+        @rvads.scenario("stop4", classes=7, grid="C", rules=("p1", "p3"))
+        def test_quits(run, rule, monitor):
+            monitor.check(rule)
+
+        @rvads.scenario("stop4", classes=7, grid="C", rules="p1")
+        def test_stays(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest()
+    result.assert_outcomes(errors=2, passed=1)
+    result.stdout.fnmatch_lines(["*Quits driving a0 raised SystemExit: 3*"])
+
+
+def test_a_rule_without_a_judge_is_refused_or_not_judged(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=7, grid="C", rules="p1")
+        def test_forgot(run, rule):
+            rvads.check(run, rule)
+        """
+    )
+    pytester.runpytest().stdout.fnmatch_lines(["stop4: *1 verdicts: 1 not judged*"])
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=7, grid="C", rules="p1")
+        def test_forgot(rule): ...
+        """
+    )
+    pytester.runpytest().stdout.fnmatch_lines(["*takes neither run nor monitor*"])
+
+
+def test_an_assertion_after_a_pass_is_a_failure_in_every_report(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=7, grid="E", rules="p1")
+        def test_more(run, rule, monitor):
+            monitor.check(rule)
+            assert run.duration < 1.0
+        """
+    )
+    result = pytester.runpytest("--rvads-report=out.json")
+    result.stdout.fnmatch_lines(["*07*FAIL*", "*1 x p1: assert *"])
+    assert json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"][0]["status"] == "FAIL"
+
+
+@pytest.mark.parametrize("options", [(), ("-n", "1")])
+def test_a_session_that_judged_nothing_is_not_green(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=7, grid="C", rules="p4")
+        def test_rules(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest_subprocess(*options)
+    result.assert_outcomes(skipped=1)
+    assert result.ret == pytest.ExitCode.NO_TESTS_COLLECTED
+    result.stdout.fnmatch_lines(["*nothing was judged*"])
+
+
+def test_a_rulebook_with_nothing_to_say_is_refused(pytester: pytest.Pytester, shared: object) -> None:
+    pytester.makepyfile(
+        f"""
+        import pytest_rvads as rvads
+
+        @rvads.scenario("123", map={str(shared / "maps" / "Town07.xodr")!r})  # a junction without signs and lights
+        def test_rules(run, rule, monitor): ...
+        """  # type: ignore[operator]
+    )
+    pytester.runpytest().stdout.fnmatch_lines(["*no rule of 'paper' is about a junction with control 'none'*"])
+
+
+def test_a_report_that_can_t_be_written_is_no_success(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(PILOT.format(speed=2.0, low=0, high=99))
+    result = pytester.runpytest("--rvads-report=/proc/nowhere/out.json")
+    result.assert_outcomes(passed=1)
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    result.stdout.fnmatch_lines(["*the report could not be written*"])
+
+
+def test_an_interrupted_session_says_so_and_keeps_what_it_has(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=(1, 2), grid="E", rules="p1")
+        def test_rules(run, rule, monitor):
+            if run.label.startswith("stop4-class02"):
+                raise KeyboardInterrupt
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest_subprocess("--rvads-report=out.json")
+    assert result.ret == pytest.ExitCode.INTERRUPTED
+    result.stdout.fnmatch_lines(["stop4: 1/24 classes*1 verdicts: 1 pass*", "*did not end by itself*"])
+    content = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))
+    assert (content["exitstatus"], len(content["records"])) == (2, 1)
+
+
+def test_a_picture_that_fails_costs_no_verdict(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import pytest
+        import pytest_rvads as rvads
+        import pytest_rvads.draw.replay
+
+        class Racer(rvads.Follower):
+            def target_speed(self, seen):
+                return 8.0
+
+        @pytest.fixture
+        def rvads_autopilot():
+            return Racer
+
+        @pytest.fixture(autouse=True)
+        def broken(monkeypatch):
+            def fails(*args):
+                raise ValueError("no ink")
+            monkeypatch.setattr(pytest_rvads.draw.replay, "replay", fails)
+            yield
+
+        @rvads.scenario("stop4", classes=7, grid="C", rules="p1")
+        def test_rules(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest()
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["look      not drawn: ValueError: no ink", 'rerun     pytest "*"'])
+
+
+@pytest.mark.parametrize(
+    ("mark", "says"),
+    [
+        ("@rvads.scenario", "*write @rvads.scenario('stop4', ...)*"),
+        ("@rvads.scenario(169)", "*write @rvads.scenario('stop4', ...)*"),
+        (
+            '@rvads.known("I1", rule="p9")\n@rvads.scenario("stop4")',
+            "*@rvads.known('I1', rule=('p9',)) matches none of the 360 cells*",
+        ),
+        ('@rvads.scenario("stop4", scenarios=[])', "*scenarios is empty*"),
+        ('@rvads.scenario("stop4", rules=())', "*rules is empty*"),
+        ('@rvads.scenario("stop4", classes=7.0)', "*classes takes class numbers, one or several, got 7.0*"),
+        ('@rvads.scenario("stop4", grid=3)', "*grid takes letters of configurations*got 3*"),
+        ('@rvads.scenario("stop4", duration="60")', "*duration must be a number of seconds, got '60'*"),
+        ('@rvads.scenario("stop4", distances="20")', "*distances takes numbers, got '20'*"),
+        ('@rvads.scenario("stop4", scenarios="113")', "*scenario '113' names 3 entrances, junction 'stop4' has 4*"),
+        ('@rvads.scenario("stop4")\n@rvads.scenario("stop4", aggression=3)', "*two different scenarios have the id*"),
+    ],
+)
+def test_marks_that_mean_nothing_are_refused(pytester: pytest.Pytester, mark: str, says: str) -> None:
+    pytester.makepyfile(f"import pytest_rvads as rvads\n\n{mark}\ndef test_it(run, rule, monitor): ...\n")
+    result = pytester.runpytest()
+    assert result.ret == pytest.ExitCode.INTERRUPTED
+    result.stdout.fnmatch_lines([says])
+
+
+def test_a_mark_where_nothing_can_be_expanded_is_refused(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import unittest
+        import pytest_rvads as rvads
+
+        class TestOld(unittest.TestCase):
+            @rvads.scenario("stop4")
+            def test_it(self): ...
+        """
+    )
+    result = pytester.runpytest()
+    assert result.ret != 0
+    result.stderr.fnmatch_lines(["*test_it has @rvads.scenario(...), which works on functions and classes of pytest only*"])
