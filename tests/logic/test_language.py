@@ -167,6 +167,10 @@ def test_errors_show_only_the_line_and_a_window_of_it() -> None:
     with pytest.raises(FormulaError) as caught:
         parse_ltl("p & " * 500 + "& q")
     assert max(map(len, str(caught.value).splitlines())) < 120
+    _, line, mark = str(caught.value).splitlines()
+    assert line.startswith("  ...")
+    assert line[mark.index("^")] == "&", "the caret stands below the second &"
+    assert line[: mark.index("^")].endswith("p & ")
 
 
 def test_a_formula_without_limits_is_refused() -> None:
@@ -174,6 +178,8 @@ def test_a_formula_without_limits_is_refused() -> None:
         parse_ltl("p" * 1_000_000)
     with pytest.raises(FormulaError, match=rf"nests 5001 operators, at most {DEPTH_LIMIT}"):
         parse_ltl("!" * 5000 + "p")
+    with pytest.raises(FormulaError, match=r"the formula '!{40}\.\.\.' nests"):
+        parse_ltl("!" * 200 + "p")
     assert f.size(parse_ltl("(" * 5000 + "p" + ")" * 5000)) == 1, "brackets alone do no harm"
     with pytest.raises(FormulaError, match="binds a variable twice"):
         parse("forall a, a. G a@j")

@@ -9,6 +9,7 @@ import pytest
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic import formula as f
 from pytest_rvads.logic.check import check, extract, ground, simplify, unfold
+from pytest_rvads.logic.ground import domain
 from pytest_rvads.logic.rulefile import load_rules
 from pytest_rvads.logic.rules import Rule, get_rule, rule, rulebook, rules_for
 from pytest_rvads.logic.signature import parse, predicate
@@ -169,6 +170,20 @@ def test_what_is_static_folds_away(make: Make) -> None:
     assert str(unfold(parse("exists lt. G lt.cl = red"), static)) == "false"
     assert str(unfold(parse("!(forall lt. G lt.cl = red)"), static)) == "!true"
     assert ground(parse("forall lt. G lt.cl = red"), static).instances == ()
+
+
+def test_vertices_are_entrances_and_exits_and_each_agent_has_one_of_each(make: Make) -> None:
+    static = extract(make("stop4", {0: (2, 10, 50, 200)}, 300))
+    agent = f.Element(Sort.AGENT, 0, "a0")
+
+    def places(text: str) -> list[str]:
+        return [str(i.formula) for i in ground(parse(text), static).instances if i.formula != f.FALSE]
+
+    assert [e.name for e in domain(Sort.VERTEX, static)] == [f"j.{kind}{i}" for kind in ("en", "ex") for i in range(4)]
+    assert places("forall a, v. F a@v") == ["F a0@j.en0", "F a0@j.ex2"]
+    assert places("forall a, j.ex. F a@j.ex") == ["F a0@j.ex2"]
+    assert places("forall a, r. F a@r") == ["F a0@r0", "F a0@r6"], "roads in are 0 to 3, roads out 4 to 7"
+    assert agent in {e for i in ground(parse("forall a. F a@j"), static).instances for _, e in i.binding}
 
 
 def test_every_step_of_the_pipeline_prints(make: Make) -> None:
