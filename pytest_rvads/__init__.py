@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pytest_rvads.autopilots import Follower, Reference, RollingStop
+    from pytest_rvads.autopilots.lgsvl import LgsvlLike
     from pytest_rvads.collection import known, scenario
     from pytest_rvads.errors import (
         AutopilotError,
@@ -39,6 +40,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "autopilots": ["Follower", "Reference", "RollingStop"],
+    "autopilots.lgsvl": ["LgsvlLike"],
     "collection": ["known", "scenario"],
     "errors": [
         "AutopilotError",
@@ -85,6 +87,7 @@ __all__ = [
     "FormulaError",
     "Itinerary",
     "Junction",
+    "LgsvlLike",
     "MapError",
     "Observation",
     "OpenObligation",
