@@ -136,7 +136,7 @@ def _map(options: argparse.Namespace) -> int:
         state = "usable" if junction["usable"] else f"not usable: {junction['reason']}"
         print(f"  {junction['id']:>6}  {junction['ways']}-way {junction['control']:<7} {approach}  {state}")
     for warning in found["warnings"]:
-        print(f"warning: {warning['message'] if isinstance(warning, dict) else warning}", file=sys.stderr)
+        print(f"warning: {warning['message']}", file=sys.stderr)
     return 0
 
 
