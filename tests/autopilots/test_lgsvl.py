@@ -21,18 +21,18 @@ from pytest_rvads.semantics.states import Zone
 ALL = ("i1", "i2", "i3", "i4", "i5")
 # The deficiency, where the paper's analysis puts it (class, configuration), and the rules that it breaks there.
 SHOWN = [
-    ("i1", Entry(STOP, 1, 0, "A"), {"p1"}),
-    ("i1", Entry(LIGHT, 3, 0, "F"), {"p4", "p6"}),
-    ("i2", Entry(STOP, 1, 0, "B"), {"p1"}),
-    ("i2", Entry(STOP, 1, 0, "C"), {"p1"}),
-    ("i3", Entry(STOP, 1, 0, "E"), {"p2"}),
-    ("i3", Entry(STOP, 1, 2, "E"), {"p2"}),
-    ("i4", Entry(LIGHT, 4, 0, "J"), {"p5"}),
-    ("i4", Entry(LIGHT, 4, 3, "J"), {"p5"}),
-    ("i5", Entry(LIGHT, 3, 0, "G"), {"p6"}),
-    ("i5", Entry(LIGHT, 3, 1, "H"), {"p6"}),
-    ("i5", Entry(LIGHT, 3, 2, "I"), {"p6"}),
-    ("i5", Entry(LIGHT, 3, 3, "J"), {"p6"}),
+    ("i1", Entry(STOP, 1, 0, "A"), "p1"),
+    ("i1", Entry(LIGHT, 3, 0, "F"), "p4 p6"),
+    ("i2", Entry(STOP, 1, 0, "B"), "p1"),
+    ("i2", Entry(STOP, 1, 0, "C"), "p1"),
+    ("i3", Entry(STOP, 1, 0, "E"), "p2"),
+    ("i3", Entry(STOP, 1, 2, "E"), "p2"),
+    ("i4", Entry(LIGHT, 4, 0, "J"), "p5"),
+    ("i4", Entry(LIGHT, 4, 3, "J"), "p5"),
+    ("i5", Entry(LIGHT, 3, 0, "G"), "p6"),
+    ("i5", Entry(LIGHT, 3, 1, "H"), "p6"),
+    ("i5", Entry(LIGHT, 3, 2, "I"), "p6"),
+    ("i5", Entry(LIGHT, 3, 3, "J"), "p6"),
 ]
 
 
@@ -41,12 +41,12 @@ def name(value: object) -> str:
 
 
 @pytest.mark.parametrize(("deficiency", "entry", "broken"), SHOWN, ids=name)
-def test_a_deficiency_alone_is_caught(deficiency: str, entry: Entry, broken: set[str]) -> None:
+def test_a_deficiency_alone_is_caught(deficiency: str, entry: Entry, broken: str) -> None:
     setup = Setup(off=tuple(x for x in ALL if x != deficiency))
     # Without the creep of I1 a right turn needs longer to its line, so the draw that shows I4 is another one.
     setup = replace(setup, wait=crossing_wait(setup)) if deficiency == "i4" else setup
     found = outcome(run_entry(entry, setup), entry.table.rules)
-    assert {rule for rule, value in found.items() if value == "FAIL"} >= broken
+    assert {rule for rule, value in found.items() if value == "FAIL"} >= set(broken.split())
 
 
 @pytest.mark.parametrize("entry", sorted({entry for _, entry, _ in SHOWN}, key=name), ids=name)
