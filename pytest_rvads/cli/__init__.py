@@ -1,0 +1,46 @@
+"""The command ``rvads``: what can be asked without pytest.
+
+Standard output holds only the answer; warnings and errors go to standard error, an error in one line with
+exit status 2.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+
+from pytest_rvads import __version__
+from pytest_rvads.cli import driving, judging, junctions
+from pytest_rvads.errors import RvadsError
+
+__all__ = ["main"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit status."""
+    options = _parser().parse_args(arguments)
+    command: Callable[[argparse.Namespace], int] = options.command
+    try:
+        return command(options)
+    except BrokenPipeError:  # the reader, such as `head`, had enough; nothing more can be written
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (RvadsError, OSError) as error:
+        # A formula's error shows its place in lines of their own; programs that read ours get one line.
+        text = str(error) if sys.stderr.isatty() else " ".join(str(error).split())
+        print(f"rvads: {text}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("rvads: interrupted", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="rvads", description="Validate autonomous-driving controllers against traffic rules.")
+    parser.add_argument("--version", action="version", version=f"rvads {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    for module in (junctions, judging, driving):
+        module.declare(commands)
+    return parser

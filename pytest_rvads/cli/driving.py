@@ -1,0 +1,70 @@
+"""``rvads braking``, ``rvads paper`` and ``rvads simulate``: what is answered by simulating."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from pytest_rvads.cli.common import Subparsers, progress
+
+__all__ = ["declare"]
+
+_DISTANCES = (0.01, 0.3, 1.0, 3.0, 5.0, 10.0, 15.0, 20.0)
+"""Distances of the braking table: those of the configurations, and some between [m]."""
+
+
+def declare(commands: Subparsers) -> None:
+    """Add the commands of this module."""
+    braking = commands.add_parser("braking", help="show v(d)max: how fast a vehicle may be that far before the stopping line")
+    braking.add_argument("--json", action="store_true", help="print one JSON object: aggression, distance, speed")
+    braking.set_defaults(command=_braking)
+
+    paper = commands.add_parser("paper", help="simulate the two tables of the paper and mark where they disagree with it")
+    paper.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    paper.add_argument("--svg", metavar="OUT", help="also draw the tables into this file")
+    paper.add_argument("--strict", action="store_true", help="exit 1 when a cell is not as published")
+    paper.add_argument("--sweep", action="store_true", help="give the shares of every verdict over the range of the random draw")
+    paper.set_defaults(command=_paper)
+
+    simulate = commands.add_parser("simulate", help="simulate scenarios at junctions that are given by the lengths of their ways")
+    simulate.add_argument("--jsonl", action="store_true", required=True, help="read a JSON object per line, write one for each")
+    simulate.set_defaults(command=_simulate)
+
+
+def _braking(options: argparse.Namespace) -> int:
+    from pytest_rvads.physics.braking import envelope
+
+    curves = envelope(_DISTANCES)
+    if options.json:
+        print(json.dumps({str(a): dict(zip(map(str, _DISTANCES), speeds, strict=True)) for a, speeds in curves.items()}))
+        return 0
+    print("v(d)max [m/s], full service brake\n d [m]" + "".join(f"  aggression {a}" for a in curves))
+    for row, distance in enumerate(_DISTANCES):
+        cells = (speeds[row] for speeds in curves.values())
+        print(f"{distance:6.2f}" + "".join(f"{'unsafe' if v is None else f'{v:.2f}':>14}" for v in cells))
+    return 0
+
+
+def _paper(options: argparse.Namespace) -> int:
+    from pytest_rvads.experiment import paper, report
+
+    if options.sweep:
+        shares = paper.sweep(progress=progress)
+        print(json.dumps(paper.nested(shares)) if options.json else report.text_sweep(shares))
+        return 0
+    verdicts = paper.compute(progress=progress)
+    if options.svg:
+        Path(options.svg).write_text(report.svg_tables(verdicts), encoding="utf-8")
+    print(json.dumps(paper.nested(verdicts)) if options.json else report.text_tables(verdicts))
+    return 1 if options.strict and report.disagreements(verdicts) else 0
+
+
+def _simulate(_: argparse.Namespace) -> int:
+    from pytest_rvads.experiment.prediction import answer
+
+    for line in sys.stdin:
+        if line.strip():
+            print(answer(line), flush=True)
+    return 0
