@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from typing import Any
 
 from pytest_rvads.cli.common import Subparsers
+from pytest_rvads.errors import RunError
 
 __all__ = ["declare"]
 
@@ -19,10 +21,13 @@ def declare(commands: Subparsers) -> None:
 
     check = commands.add_parser("check", help="judge runs that were recorded (.json) or kept by --rvads-keep (.npz)")
     check.add_argument("file", metavar="FILE")
-    check.add_argument("--rule", action="append", metavar="RULE", help="a rule or rulebook, may be repeated (default: paper)")
+    check.add_argument(
+        "--rule", action="append", metavar="RULE", help="a rule, rulebook or file of rules, may be repeated (default: paper)"
+    )
     check.add_argument(
         "--json", action="store_true", help="print one JSON object: run, rule, status; exit 0 whatever the verdicts"
     )
+    check.add_argument("--kpis", action="store_true", help="with --json, also the key performance indicators of every run")
     check.set_defaults(command=_check)
 
     monitor = commands.add_parser("monitor", help="show the LTL3 monitor of a formula, or monitor words")
@@ -45,20 +50,37 @@ def _rules(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from pytest_rvads.logic.commands import check_runs, doubts, read_runs
+    from pytest_rvads.logic.commands import check_runs, doubts, named_rules, read_runs
+    from pytest_rvads.semantics.kpis import describe, kpis
+    from pytest_rvads.semantics.validate import damage
 
+    rules = named_rules(options.rule or ["paper"])
     runs = read_runs(options.file)
     for doubt in doubts(runs):
         print(f"warning: {doubt}", file=sys.stderr)
-    verdicts = check_runs(runs, options.rule or "paper")
+    verdicts = check_runs(runs, rules)
+    measured = {run.label: kpis(run) for run in runs if not damage(run)}
+    given = [v for by_rule in verdicts.values() for v in by_rule.values()]
     if options.json:
-        print(json.dumps({run: {rule: v.status.value for rule, v in by_rule.items()} for run, by_rule in verdicts.items()}))
-        return 0
-    for run, by_rule in verdicts.items():
-        print(run)
-        for verdict in by_rule.values():
-            print(f"  {verdict.status.value:5} {verdict.message}")
-    return 1 if any(v.status in ("FAIL", "OPEN") for by_rule in verdicts.values() for v in by_rule.values()) else 0
+        answer: dict[str, dict[str, Any]] = {
+            run: {rule: v.status.value for rule, v in by_rule.items()} for run, by_rule in verdicts.items()
+        }
+        if options.kpis:
+            for run, found in measured.items():
+                answer[run]["kpis"] = found.record()
+        print(json.dumps(answer))
+    else:
+        for run, by_rule in verdicts.items():
+            print(run)
+            for verdict in by_rule.values():
+                told = verdict.message.removeprefix(f"{verdict.rule} {verdict.status}: ")
+                print(f"  {verdict.status.value:5} {told if told.startswith(verdict.rule) else f'{verdict.rule}: {told}'}")
+            for line in describe(measured[run]) if run in measured else ():
+                print(f"  {line}")
+    unfit = {run: v.reason for run, by_rule in verdicts.items() for v in by_rule.values() if v.status == "ERROR"}
+    if unfit:
+        raise RunError("; ".join(f"{run} can't be judged: {reason}" for run, reason in unfit.items()))
+    return 1 if not options.json and any(v.status in ("FAIL", "OPEN") for v in given) else 0
 
 
 def _monitor(options: argparse.Namespace) -> int:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.cycle import Cycle, find_cycle
 from pytest_rvads.logic.evaluate import Values
@@ -20,6 +18,7 @@ from pytest_rvads.logic.verdicts import Status, Verdict
 from pytest_rvads.maps.junction import JunctionControl
 from pytest_rvads.semantics.predicates import extract
 from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.validate import damage
 
 __all__ = ["check", "extract", "ground", "simplify", "unfold"]
 
@@ -94,15 +93,11 @@ def _overall(found: list[Judgement]) -> Status:
 
 
 def _trouble(run: Run) -> str:
-    """Say why a run can't be judged, in words that are the same for the same cause."""
+    """Say why a run can't be judged."""
     if run.fault:
         return run.fault.reason
-    if not run.steps:
-        return "the run is empty: it has no states"
-    for name, array in (("station", run.station), ("speed", run.speed), ("pose", run.pose)):
-        if array is not None and not np.isfinite(array).all():
-            return f"the {name}s of the run are not all finite numbers"
-    return ""
+    found = damage(run)
+    return str(found[0]) if found else ""
 
 
 def _cycle(rule: Rule, run: Run, values: Values, itinerary: bool) -> Cycle | None:

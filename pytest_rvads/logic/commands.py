@@ -12,6 +12,7 @@ from pytest_rvads.logic.check import check
 from pytest_rvads.logic.export import describe
 from pytest_rvads.logic.ltl3 import synthesize
 from pytest_rvads.logic.parser import parse_ltl
+from pytest_rvads.logic.rulefile import load_rules
 from pytest_rvads.logic.rules import Rule, rulebook, rules_for, user_rules
 from pytest_rvads.logic.verdicts import Verdict
 from pytest_rvads.semantics.recorded import read_recorded
@@ -19,7 +20,7 @@ from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.runfile import load_run
 from pytest_rvads.semantics.validate import validate
 
-__all__ = ["check_runs", "doubts", "list_rules", "read_runs", "show_monitor"]
+__all__ = ["check_runs", "doubts", "list_rules", "named_rules", "read_runs", "show_monitor"]
 
 
 def read_runs(path: str | Path) -> list[Run]:
@@ -34,6 +35,18 @@ def read_runs(path: str | Path) -> list[Run]:
     if suffix == ".npz":
         return [load_run(path)]
     raise RunError(f"{path}: expected recorded runs (.json) or a kept run (.npz), got a file ending in {suffix or 'nothing'!r}")
+
+
+def named_rules(names: Sequence[str]) -> tuple[Rule, ...]:
+    """Return the rules of names that people give: of a rule, a rulebook, or a file of rules (``.rules``), each rule once.
+
+    Raises:
+        FormulaError: an unknown name, or a file of rules with a mistake.
+    """
+    found: list[Rule] = []
+    for name in names:
+        found += load_rules(name) if name.endswith(".rules") else rules_for(name)
+    return rules_for(found)
 
 
 def doubts(runs: Sequence[Run]) -> list[str]:

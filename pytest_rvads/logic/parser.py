@@ -25,7 +25,26 @@ LENGTH_LIMIT = 20_000
 DEPTH_LIMIT = 150
 """Deepest nesting of operators; keeps recursion over formulas well inside Python's limit."""
 
-_KEYWORDS = ("forall", "exists", "right-of", "opposite", "entex", "true", "false", "take", "turn")
+_KEYWORDS = {
+    LTL: ("true", "false"),
+    RULE: ("forall", "exists", "right-of", "opposite", "entex", "true", "false", "take", "turn"),
+}
+_SIGNS = {
+    "not": "!",
+    "and": "&",
+    "or": "|",
+    "xor": "^",
+    "implies": "->",
+    "iff": "<->",
+    "next": "N",
+    "always": "G",
+    "globally": "G",
+    "eventually": "F",
+    "finally": "F",
+    "until": "U",
+    "release": "R",
+}
+"""Operators that people write as words."""
 
 
 @cache
@@ -62,7 +81,7 @@ def _parse(grammar: str, text: str) -> tuple[Any, ...]:
     try:
         parsed: tuple[Any, ...] = _parser(grammar).parse(text)  # type: ignore[assignment]
     except UnexpectedInput as error:
-        raise FormulaError(_unexpected(error, text)) from None
+        raise FormulaError(_unexpected(error, text, _KEYWORDS[grammar])) from None
     except Mistake as error:
         raise FormulaError(caret(error.message, text, error.at)) from None
     return parsed
@@ -76,7 +95,7 @@ def _bounded(formula: f.Formula, text: str) -> f.Formula:
     return formula
 
 
-def _unexpected(error: UnexpectedInput, text: str) -> str:
+def _unexpected(error: UnexpectedInput, text: str, keywords: tuple[str, ...]) -> str:
     """Say what was got and expected; a misspelt keyword is often read as a name, and the mistake shows one word later."""
     at = error.pos_in_stream if isinstance(error.pos_in_stream, int) and error.pos_in_stream >= 0 else len(text)
     token = getattr(error, "token", None)
@@ -87,7 +106,11 @@ def _unexpected(error: UnexpectedInput, text: str) -> str:
         got = repr(str(token) if token is not None else text[at : at + 1])
     before = re.search(r"([A-Za-z_][A-Za-z_-]*)\s*$", text[:at])
     for word, place in ((before and before[1], before and before.start(1)), (str(token or ""), at)):
-        if word and len(word) > 2 and place is not None and (hint := suggest(word, [k for k in _KEYWORDS if k != word])):
+        if not word or place is None:
+            continue
+        sign = _SIGNS.get(word.lower())
+        hint = f"; did you mean {sign!r}?" if sign else suggest(word, [k for k in keywords if k != word]) if len(word) > 2 else ""
+        if hint:
             return caret(f"unexpected {word!r}{hint}", text, place)
     expected = "a formula" if "ALWAYS" in wanted else "a closing bracket or an operator" if wanted & {"RPAR", "RSQB"} else ""
     expected = expected or ("a name" if wanted == {"NAME"} else "an operator or the end" if "$END" in wanted else "")

@@ -59,6 +59,7 @@ def simulate(scenario: Scenario, autopilot: Factory, *, vehicle: Vehicle | None 
         "autopilot": name_of(autopilot),
         "traffic": name_of(traffic),
         "vehicle": asdict(vehicle),
+        "speed_limit": SPEED_LIMIT,
         "end": loop.end,
         "versions": _versions(),
     }

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import causes, coverage, matrices
 from pytest_rvads.report.record import Record
 
@@ -73,7 +74,7 @@ def markdown(records: Sequence[Record], totals: dict[int, tuple[int, int]], exit
         lines += ["## Causes of failures", "", "| items | rule | cause | first |", "|---:|---|---|---|"]
         lines += [f"| {c.count} | {_cell(c.rule)} | {_cell(c.text)} | `{_cell(c.example)}` |" for c in groups]
         lines.append("")
-    lines += [f"- {_cell(line)}" for line in coverage(records, totals)]
+    lines += [f"- {_cell(line)}" for line in (*coverage(records, totals), *extremes(records))]
     for matrix in matrices(records):
         lines += ["", f"## {matrix.title}", ""]
         lines.append("| class | " + " | ".join(f"{cfg} {rule}" for cfg, rule in matrix.columns) + " |")

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import Matrix, causes, coverage, matrices
 from pytest_rvads.report.record import Record
 
@@ -24,7 +25,7 @@ _STYLES = {"pass": "green", "NA": "dim", "FAIL": "bold red", "fail": "red", "OPE
 
 
 def summary(records: Sequence[Record], totals: dict[int, tuple[int, int]], *, colour: bool, width: int, unicode: bool) -> str:
-    """Return the verdict matrix, the cause groups and the coverage lines.
+    """Return the verdict matrix, the cause groups, the extreme indicators and the coverage lines.
 
     Args:
         records: of the session.
@@ -52,7 +53,7 @@ def summary(records: Sequence[Record], totals: dict[int, tuple[int, int]], *, co
             console.print(Text(f'         first: pytest "{cause.example}"'), soft_wrap=True)
     if len(groups) > _MOST:
         console.print(f"  ... and {len(groups) - _MOST} more: --rvads-report=FILE.md lists them all")
-    for line in coverage(records, totals):
+    for line in (*extremes(records), *coverage(records, totals)):
         console.print(Text(line), soft_wrap=True)
     return out.getvalue()
 

@@ -16,18 +16,17 @@ from pytest_rvads.maps.junction import Junction
 from pytest_rvads.maps.segment import Segment
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Zone
-from pytest_rvads.semantics.vehicle import Vehicle
 
 __all__ = [
     "BLOCKING_TIME",
     "CONFLICT_WIDTH",
     "LINE_TOLERANCE",
-    "SPEED_LIMIT",
     "SPEED_TOLERANCE",
     "STANDSTILL",
     "blocks",
     "collide",
     "conflicts",
+    "speed_limit",
     "speeding",
     "standing_time",
     "stopped",
@@ -41,8 +40,6 @@ LINE_TOLERANCE = 0.1
 """How far over the stopping line a bumper may stand and still have stopped before it [m]."""
 BLOCKING_TIME = 3.0
 """A vehicle that stands in the junction for longer than this blocks it [s]."""
-SPEED_LIMIT = 11.176
-"""Of the paper's city map, where the run does not name another [m/s]."""
 SPEED_TOLERANCE = 0.5
 """How much faster than the limit is still within what a speed control holds [m/s]."""
 CONFLICT_WIDTH = 2.6
@@ -52,10 +49,26 @@ _SPACING = 0.5
 
 
 def vehicle_size(run: Run) -> tuple[float, float]:
-    """Return length and width of the vehicles of a run [m]; those of a passenger car where the run does not tell."""
+    """Return length and width of the vehicles of a run [m].
+
+    Raises:
+        RunError: the run does not record them in ``meta["vehicle"]``.
+    """
     recorded = run.meta.get("vehicle") or {}
-    default = Vehicle()
-    return float(recorded.get("length", default.length)), float(recorded.get("width", default.width))
+    if not {"length", "width"} <= set(recorded):
+        raise RunError("the run holds no size of its vehicles")
+    return float(recorded["length"]), float(recorded["width"])
+
+
+def speed_limit(run: Run) -> float:
+    """Return the speed limit [m/s].
+
+    Raises:
+        RunError: the run does not record it in ``meta["speed_limit"]``.
+    """
+    if run.meta.get("speed_limit") is None:
+        raise RunError("the run holds no speed limit")
+    return float(run.meta["speed_limit"])
 
 
 def _speed(run: Run, agent: int) -> NDArray[np.float64]:
@@ -108,8 +121,7 @@ def blocks(run: Run, agent: int) -> NDArray[np.bool_]:
 
 def speeding(run: Run, agent: int) -> NDArray[np.bool_]:
     """The agent drives faster than the limit and the tolerance."""
-    limit = float(run.meta.get("speed_limit", SPEED_LIMIT))
-    found: NDArray[np.bool_] = _speed(run, agent) > limit + SPEED_TOLERANCE
+    found: NDArray[np.bool_] = _speed(run, agent) > speed_limit(run) + SPEED_TOLERANCE
     return found
 
 

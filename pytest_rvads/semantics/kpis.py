@@ -2,11 +2,12 @@
 
 Surrogate safety measures as in the literature: time to collision (Hayward, Near miss determination through use of a scale
 of danger, HRB 1972), post-encroachment time (Allen, Shin, Cooper, Analysis of traffic conflicts and collisions, TRR 1978).
-What a run does not record is None.
+What a run does not record is None, and named in `Kpis.unavailable`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import combinations
 from typing import Any
@@ -14,12 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.semantics.conduct import SPEED_LIMIT, stretches, vehicle_size
+from pytest_rvads.errors import RunError
+from pytest_rvads.semantics.conduct import speed_limit, stretches, vehicle_size
 from pytest_rvads.semantics.predicates import ticks
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Zone
 
-__all__ = ["WINDOW", "Kpis", "PairKpis", "VehicleKpis", "kpis"]
+__all__ = ["WINDOW", "Kpis", "PairKpis", "VehicleKpis", "describe", "kpis"]
 
 WINDOW = 0.1
 """Accelerations and jerks are differences over this time [s]: ten steps, so that single steps don't dominate."""
@@ -52,7 +54,7 @@ class PairKpis:
     on a collision course."""
     pet: float | None
     """Time from when the rear of one leaves the stretch where their movements conflict to when the other enters it [s];
-    negative where both are in it; None if they don't conflict or one of them never came there."""
+    negative where both are in it, at the end of the run at most; None if they don't conflict or one never came there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +63,8 @@ class Kpis:
 
     vehicles: tuple[VehicleKpis, ...]
     pairs: tuple[PairKpis, ...]
+    unavailable: tuple[str, ...] = ()
+    """Indicators that the run does not record enough for; a None of any other one says that there was nothing to measure."""
 
     @property
     def ttc(self) -> float | None:
@@ -75,29 +79,101 @@ class Kpis:
     def record(self) -> dict[str, Any]:
         """Return builtins."""
         pairs = [{**asdict(p), "agents": list(p.agents)} for p in self.pairs]
-        return {"vehicles": [asdict(v) for v in self.vehicles], "pairs": pairs, "ttc": self.ttc, "pet": self.pet}
+        return {
+            "vehicles": [asdict(v) for v in self.vehicles],
+            "pairs": pairs,
+            "ttc": self.ttc,
+            "pet": self.pet,
+            "unavailable": list(self.unavailable),
+        }
 
 
 def kpis(run: Run) -> Kpis:
-    """Compute the indicators of a run."""
+    """Compute the indicators of a run; those that it does not record enough for are named as unavailable."""
+    missing = _unavailable(run)
     columns = range(len(run.agents))
-    pairs = tuple(
-        PairKpis((run.agents[i].name, run.agents[k].name), _ttc(run, i, k), _pet(run, i, k)) for i, k in combinations(columns, 2)
+
+    def measure(name: str, function: Callable[..., float | None], *where: int) -> float | None:
+        return None if name in missing else function(run, *where)
+
+    vehicles = tuple(
+        VehicleKpis(
+            run.agents[i].name,
+            _rounded(float((run.zone[:, i] == Zone.ENTRANCE).sum()) * run.dt),
+            measure("delay", _delay, i),
+            measure("deceleration", _deceleration, i),
+            measure("jerk", _jerk, i),
+        )
+        for i in columns
     )
-    return Kpis(tuple(_vehicle(run, i) for i in columns), pairs)
+    pairs = tuple(
+        PairKpis((run.agents[i].name, run.agents[k].name), measure("ttc", _ttc, i, k), measure("pet", _pet, i, k))
+        for i, k in combinations(columns, 2)
+    )
+    return Kpis(vehicles, pairs, missing)
 
 
-def _vehicle(run: Run, column: int) -> VehicleKpis:
-    waiting = float((run.zone[:, column] == Zone.ENTRANCE).sum()) * run.dt
-    deceleration = jerk = None
+def _unavailable(run: Run) -> tuple[str, ...]:
+    recorded = {
+        "delay": run.station is not None and _tells(speed_limit, run),
+        "deceleration": run.speed is not None,
+        "jerk": run.speed is not None,
+        "ttc": run.pose is not None and run.speed is not None and _tells(vehicle_size, run),
+        "pet": run.station is not None and run.junction.geometry is not None and _tells(vehicle_size, run),
+    }
+    return tuple(name for name, there in recorded.items() if not there)
+
+
+def _tells(question: Callable[[Run], object], run: Run) -> bool:
+    try:
+        question(run)
+    except RunError:
+        return False
+    return True
+
+
+_NAMES = {
+    "waiting": ("waiting", "s"),
+    "delay": ("delay", "s"),
+    "deceleration": ("braking", "m/s^2"),
+    "jerk": ("jerk", "m/s^3"),
+    "ttc": ("time to collision", "s"),
+    "pet": ("post-encroachment time", "s"),
+}
+
+
+def describe(found: Kpis) -> list[str]:
+    """Return the indicators as lines for a person: one per indicator that there is, then what the run does not record."""
+    record = found.record()
+    lines = []
+    for key, (name, unit) in _NAMES.items():
+        entries = [e for e in (*record["vehicles"], *record["pairs"]) if e.get(key) is not None]
+        shown = (f"{e.get('agent') or ' '.join(e['agents'])} {e[key]:.2f}" for e in entries)
+        if entries:
+            lines.append(f"{name} [{unit}]  {', '.join(shown)}")
+    if found.unavailable:
+        lines.append(f"not recorded: {', '.join(_NAMES[key][0] for key in found.unavailable)}")
+    return lines
+
+
+def _accelerations(run: Run, column: int) -> tuple[NDArray[np.float64], int]:
+    """Return the mean acceleration over every window while the vehicle was there [m/s^2], and the window in steps."""
     step = max(ticks(run, WINDOW), 1)
-    if run.speed is not None and run.steps > 2 * step:
-        driven = run.speed[run.zone[:, column] != Zone.GONE, column]
-        acceleration = (driven[step:] - driven[:-step]) / (step * run.dt)
-        if len(acceleration) > step:
-            deceleration = _rounded(max(0.0, -float(acceleration.min())))
-            jerk = _rounded(float(np.abs(acceleration[step:] - acceleration[:-step]).max()) / (step * run.dt))
-    return VehicleKpis(run.agents[column].name, _rounded(waiting), _delay(run, column), deceleration, jerk)
+    if run.speed is None:  # excluded by the caller; tells the type checker
+        return np.empty(0), step
+    driven = run.speed[run.zone[:, column] != Zone.GONE, column]
+    return (driven[step:] - driven[:-step]) / (step * run.dt), step
+
+
+def _deceleration(run: Run, column: int) -> float | None:
+    acceleration, _ = _accelerations(run, column)
+    return _rounded(max(0.0, -float(acceleration.min()))) if len(acceleration) else None
+
+
+def _jerk(run: Run, column: int) -> float | None:
+    acceleration, step = _accelerations(run, column)
+    change = np.abs(acceleration[step:] - acceleration[:-step])
+    return _rounded(float(change.max()) / (step * run.dt)) if len(change) else None
 
 
 def _delay(run: Run, column: int) -> float | None:
@@ -105,9 +181,8 @@ def _delay(run: Run, column: int) -> float | None:
     if run.station is None or not len(left):
         return None
     agent = run.agents[column]
-    limit = float(run.meta.get("speed_limit", SPEED_LIMIT))
     way = run.junction.movements[agent.entrance, agent.exit].length - float(run.station[0, column])
-    return _rounded(float(left[0]) * run.dt - way / limit)
+    return _rounded(float(left[0]) * run.dt - way / speed_limit(run))
 
 
 def _ttc(run: Run, one: int, two: int) -> float | None:
@@ -168,9 +243,9 @@ def _pet(run: Run, one: int, two: int) -> float | None:
         outside = np.flatnonzero(station - length > end)
         if not len(inside):
             return None
-        spans.append((int(inside[0]), int(outside[0]) if len(outside) else None))
-    (_, left), (entered, _) = sorted(spans, key=lambda s: s[0])
-    return None if left is None else _rounded((entered - left) * run.dt)
+        spans.append((int(inside[0]), int(outside[0]) if len(outside) else run.steps))
+    (_, left), (entered, _) = sorted(spans)
+    return _rounded((entered - left) * run.dt)
 
 
 def _rounded(value: float) -> float:

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.semantics.conduct import vehicle_size
 from pytest_rvads.semantics.itinerary import ENTRANCE_ZONE, Itinerary
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Agent, Colour, Zone
 
-__all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "agree", "validate"]
+__all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "agree", "damage", "validate"]
 
 PROGRESS_TOLERANCE = (0.005, 0.3)
 """Progress of a step may differ from speed times time by this much [m] and this share: the bumper swings in bends, where
@@ -47,15 +46,21 @@ def validate(run: Run) -> tuple[Finding, ...]:
 
     What a run does not record is not looked at.
     """
-    found = list(_values(run))
-    if found:
-        return tuple(found)
+    broken = damage(run)
+    if broken:
+        return broken
+    found: list[Finding] = []
     for column, agent in enumerate(run.agents):
         found += _zones(run, column, agent)
         found += _progress(run, column, agent)
         found += _itinerary(run, column, agent)
     found += _colours(run)
     return tuple(sorted(found, key=lambda f: f.time))
+
+
+def damage(run: Run) -> tuple[Finding, ...]:
+    """Find what makes a run unfit to be judged: no states, arrays that don't fit together, values that mean nothing."""
+    return tuple(_values(run))
 
 
 def _values(run: Run) -> Iterator[Finding]:
@@ -68,7 +73,7 @@ def _values(run: Run) -> Iterator[Finding]:
         ("pose", run.pose, (*shape, 3)),
     ]
     if not run.steps:
-        yield Finding("values", 0.0, "the run has no states")
+        yield Finding("values", 0.0, "the run is empty: it has no states")
     if not (np.isfinite(run.dt) and run.dt > 0):
         yield Finding("values", 0.0, f"the time between two states must be positive, got {run.dt} s")
     for name, array, wanted in shapes:
@@ -77,12 +82,16 @@ def _values(run: Run) -> Iterator[Finding]:
         if array.shape != wanted:
             yield Finding("values", 0.0, f"{name} must have shape {wanted}, got {array.shape}")
         elif array.dtype.kind == "f" and not np.isfinite(array).all():
-            where = np.argwhere(~np.isfinite(array))[0]
-            time = float(where[0]) * run.dt
-            yield Finding("values", time, f"{name} of {run.agents[where[1]].name} at {time:.2f} s is not a finite number")
+            tick, column, *_ = np.argwhere(~np.isfinite(array))[0]
+            time = float(tick) * run.dt
+            yield Finding("values", time, f"{name} of {run.agents[column].name} at {time:.2f} s is not a finite number")
     for name, codes, allowed in (("zone", run.zone, Zone), ("colour", run.lights, Colour)):
         if codes.size and not np.isin(codes, [int(v) for v in allowed]).all():
             yield Finding("values", 0.0, f"the run has a {name} that is none of {', '.join(v.name.lower() for v in allowed)}")
+    for agent in run.agents:
+        if (agent.entrance, agent.exit) not in run.junction.movements:
+            where = f"goes from entrance {agent.entrance} to exit {agent.exit}"
+            yield Finding("values", 0.0, f"{agent.name} {where}, where junction {run.junction.name!r} has no movement")
 
 
 def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
@@ -190,7 +199,7 @@ def agree(one: Run, two: Run) -> tuple[Finding, ...]:
     """
     if one.station is None or two.station is None or one.agents != two.agents or not one.steps or not two.steps:
         return ()
-    if vehicle_size(one) != vehicle_size(two) or not np.array_equal(one.station[0], two.station[0]):
+    if one.meta.get("vehicle") != two.meta.get("vehicle") or not np.array_equal(one.station[0], two.station[0]):
         return ()
     last = one.station[-1]
     same = np.flatnonzero((np.abs(two.station - last) < 1e-9).all(axis=1))

@@ -8,9 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from pytest_rvads.autopilots import Reference
 from pytest_rvads.cli import main
 from pytest_rvads.logic.check import check
-from pytest_rvads.semantics.runfile import load_run
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.semantics.kpis import kpis
+from pytest_rvads.semantics.runfile import load_run, save_run
 
 RVADS = str(Path(sys.executable).with_name("rvads"))
 
@@ -112,6 +116,49 @@ def test_a_kept_run_gets_the_verdict_it_had(pytester: pytest.Pytester, capsys: p
     capsys.readouterr()
     assert main(["check", str(files[0]), "--rule", "p1"]) == 0
     assert "PASS" in capsys.readouterr().out
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("kept") / "run.npz"
+    save_run(simulate(Scenario("light4", "1230", distance=5.0, duration=5.0), Reference), path)
+    return path
+
+
+def test_indicators_are_shown_to_people_and_on_request_to_programs(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wanted = kpis(load_run(kept)).record()
+    main(["check", str(kept), "--json"])
+    (plain,) = json.loads(capsys.readouterr().out).values()
+    main(["check", str(kept), "--json", "--kpis"])
+    (full,) = json.loads(capsys.readouterr().out).values()
+    assert set(plain) == {"p1", "p2", "p3", "p4", "p5", "p6"}
+    assert full == {**plain, "kpis": wanted}
+    main(["check", str(kept)])
+    waiting = ", ".join(f"{v['agent']} {v['waiting']:.2f}" for v in wanted["vehicles"])
+    assert f"\n  waiting [s]  {waiting}\n" in capsys.readouterr().out
+
+
+def test_rules_of_a_file_judge_kept_runs(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = tmp_path / "own.rules"
+    own.write_text("[gets_in]\ntext = forall a. F a@j\n", encoding="utf-8")
+    assert main(["check", str(kept), "--rule", str(own), "--rule", "p1", "--json"]) == 0
+    assert [list(v) for v in json.loads(capsys.readouterr().out).values()] == [["gets_in", "p1"]]
+    assert main(["check", str(kept), "--rule", str(tmp_path / "none.rules")]) == 2
+
+
+@pytest.mark.parametrize("json_too", [[], ["--json"]])
+def test_a_run_that_could_not_be_judged_is_no_success(
+    kept: Path, tmp_path: Path, json_too: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = load_run(kept)
+    speed = run.speed
+    assert speed is not None
+    speed[3, 1] = float("nan")
+    save_run(run, tmp_path / "nan.npz")
+    assert main(["check", str(tmp_path / "nan.npz"), *json_too]) == 2
+    out, err = capsys.readouterr()
+    assert "ERROR" in out
+    assert err.splitlines()[-1].endswith("can't be judged: speed of a1 at 0.03 s is not a finite number")
 
 
 def test_monitor_answers_line_by_line() -> None:

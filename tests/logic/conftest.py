@@ -93,7 +93,7 @@ def drive() -> Make:
             speed=speed,
             pose=np.zeros((steps, len(agents), 3)),
             collisions=tuple(Collision(tick * 0.01, (one, two), 1.0) for tick, one, two in collisions),
-            meta=meta,
+            meta={"speed_limit": 11.176, "vehicle": {"length": 4.6, "width": 1.86}, **meta},
         )
 
     return build

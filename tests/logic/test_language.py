@@ -147,6 +147,8 @@ ERRORS = [
     ("forall a, a'. a < a'", "can't compare agent with agent, only numbers have an order", 16),
     ("forall a, a'. a.wt = a.wt'", "unknown attribute \"wt'\"; did you mean 'wt'?", 21),
     ("forall a. p", "'p' is neither a formula nor a known predicate", 10),
+    ("forall a. not a@j", "unexpected 'not'; did you mean '!'?", 10),
+    ("forall a. G(a@j until a@j)", "unexpected 'until'; did you mean 'U'?", 16),
     ("d(a) := a@j; forall a. d(a, a)", "d takes 1 arguments, got 2", 23),
 ]
 
@@ -159,6 +161,13 @@ def test_errors_name_the_place_and_the_nearest_word(text: str, message: str, col
     assert message in first
     assert line == "  " + text
     assert mark == "  " + " " * column + "^"
+
+
+def test_propositional_formulas_are_not_told_words_of_rules() -> None:
+    for text, message in (("always p", "did you mean 'G'"), ("entx p", "unexpected 'p', expected an operator or the end\n")):
+        with pytest.raises(FormulaError) as caught:
+            parse_ltl(text)
+        assert message in str(caught.value)
 
 
 def test_errors_show_only_the_line_and_a_window_of_it() -> None:

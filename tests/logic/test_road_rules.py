@@ -128,8 +128,8 @@ def test_a_stop_counts_only_before_the_line_and_in_this_approach(drive: Make) ->
 
 def test_a_body_blocks_until_its_rear_has_left(drive: Make) -> None:
     length = find("stop4").movements[0, 2].length
-    stands = drive("stop4", {0: (2, length + 4.5, [STAND])}, 400, vehicle={"length": 4.6})
-    clear = drive("stop4", {0: (2, length + 4.7, [STAND])}, 400, vehicle={"length": 4.6})
+    stands = drive("stop4", {0: (2, length + 4.5, [STAND])}, 400, vehicle={"length": 4.6, "width": 1.8})
+    clear = drive("stop4", {0: (2, length + 4.7, [STAND])}, 400, vehicle={"length": 4.6, "width": 1.8})
     assert blocks(stands, 0).tolist() == [k >= 300 for k in range(400)]
     assert not blocks(clear, 0).any()
 
@@ -138,6 +138,15 @@ def test_the_limit_of_the_run_counts(drive: Make) -> None:
     slow = drive("stop4", {0: (2, -10.0, [(0, 9.0)])}, 10, speed_limit=8.0)
     assert speeding(slow, 0).all()
     assert not speeding(drive("stop4", {0: (2, -10.0, [(0, 9.0)])}, 10), 0).any()
+
+
+@pytest.mark.parametrize(
+    ("rule", "meta", "what"),
+    [("speed_limit", {"speed_limit": None}, "no speed limit"), ("keep_clear", {"vehicle": None}, "no size of its vehicles")],
+)
+def test_what_a_run_does_not_record_is_not_guessed(drive: Make, rule: str, meta: dict[str, None], what: str) -> None:
+    verdict = check(drive("stop4", {0: (2, -10.0, [(0, 30.0)])}, 10, **meta), rule)
+    assert (verdict.status, verdict.reason) == ("NA", f"not recorded: the run holds {what}")
 
 
 def test_conflicts_in_an_x() -> None:

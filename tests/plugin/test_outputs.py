@@ -60,6 +60,8 @@ def test_xdist_gives_the_same_verdicts_ids_and_hashes(tests: pytest.Pytester) ->
         return result.outlines[start : start + 8]
 
     assert table(one) == table(two), "the summary does not depend on who ran what"
+    for result in (one, two):
+        result.stdout.fnmatch_lines(["nearest: time to collision 0.00 s (a? and a? in test_rules[[]stop4-class0*[]])*"])
 
 
 def test_junit_carries_the_cell_and_its_verdict(tests: pytest.Pytester) -> None:

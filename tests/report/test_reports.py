@@ -8,6 +8,7 @@ import pytest
 
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.files import load, markdown, save
+from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import causes, coverage, matrices
 from pytest_rvads.report.record import cell_record, conclude, properties
 from pytest_rvads.report.terminal import summary
@@ -138,6 +139,29 @@ def test_unknown_endings_and_missing_files_are_refused(tmp_path: Path) -> None:
 def test_markdown_keeps_its_tables_whole() -> None:
     text = markdown([record(1, "C", "p1", "FAIL", cause="a | b\nc")], TOTALS)
     assert "a \\| b c" in text
+
+
+def measured(cls: int, **vehicle: float | None) -> Any:
+    made = record(cls, "C", "p1", "PASS")
+    one = {"agent": "a0", "waiting": 1.0, "delay": None, "deceleration": 2.0, "jerk": 3.0}
+    pair = {"agents": ["a0", "a1"], "ttc": 2.5 - cls, "pet": None}
+    vehicles = [one, {**one, "agent": "a1", **vehicle}]
+    return made | {
+        "run": f"run{cls}",
+        "kpis": {"vehicles": vehicles, "pairs": [pair]},
+    }
+
+
+def test_extremes_name_value_vehicle_and_run() -> None:
+    runs = [measured(1, waiting=7.0), measured(2, deceleration=4.0, waiting=7.0)]
+    assert extremes(runs) == [
+        "nearest: time to collision 0.50 s (a0 and a1 in test[run2])",
+        "most: braking 4.00 m/s^2 (a1 in test[run2]), waiting 7.00 s (a1 in test[run1])",
+    ]
+    assert extremes(RECORDS) == [], "records of items whose run never came to be have none"
+    text = summary(runs, TOTALS, colour=False, width=60, unicode=False)
+    assert all(line in text for line in extremes(runs))
+    assert all(f"- {line}\n" in markdown(runs, TOTALS) for line in extremes(runs))
 
 
 def test_the_terminal_summary_is_plain_where_the_terminal_is() -> None:

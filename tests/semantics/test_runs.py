@@ -13,10 +13,12 @@ from pytest_rvads.autopilots import Reference
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.check import check
 from pytest_rvads.maps.finder import find
+from pytest_rvads.maps.segment import Turn
 from pytest_rvads.physics.simulation import simulate
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.semantics.conduct import stretches
 from pytest_rvads.semantics.itinerary import Itinerary
-from pytest_rvads.semantics.kpis import kpis
+from pytest_rvads.semantics.kpis import describe, kpis
 from pytest_rvads.semantics.run import Collision, Fault, Run
 from pytest_rvads.semantics.runfile import VERSION, load_run, save_run
 from pytest_rvads.semantics.states import Agent, Colour, Zone
@@ -42,7 +44,10 @@ def moving(vehicles: dict[tuple[int, int], tuple[float, list[float]]], **changes
         columns.append((zone, station, speed, pose))
     zone, station, speed, pose = (np.stack([c[k] for c in columns], axis=1) for k in range(4))
     lights = np.zeros((len(zone), 4), dtype=np.int8)
-    return replace(Run("moving", place, tuple(agents), zone, lights, station=station, speed=speed, pose=pose), **changes)
+    meta = {"speed_limit": 11.176, "vehicle": {"length": 4.6, "width": 1.86}}
+    return replace(
+        Run("moving", place, tuple(agents), zone, lights, station=station, speed=speed, pose=pose, meta=meta), **changes
+    )
 
 
 # Files
@@ -106,6 +111,10 @@ def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]
         (lambda h, a: h.pop("label"), "damaged: 'label' is missing"),
         (lambda h, a: a.pop("zone"), "damaged: 'zone' is missing"),
         (lambda h, a: a.pop("header"), "damaged: 'header' is missing"),
+        (lambda h, a: h.update(meta=[]), "damaged: 'list' object has no attribute 'get'"),
+        (lambda h, a: h["meta"].update(speed_limit="fast"), "damaged: speed_limit in meta must be a positive number, got 'fast'"),
+        (lambda h, a: h["meta"]["vehicle"].update(width=-1), "damaged: width in meta must be a positive number, got -1"),
+        (lambda h, a: a.update(zone=np.int8(1)), "damaged: zone must have 2 dimensions, got 0"),
         (lambda h, a: h["junction"].update(control="roundabout"), "damaged: 'roundabout' is not a valid"),
         (lambda h, a: h["junction"]["movements"].pop(), "damaged: junction 'light4' needs one movement"),
     ],
@@ -164,6 +173,8 @@ def without(run: Run, ticks: slice) -> Run:
         (lambda: replace(straight(), speed=np.zeros((5, 1))), "values", "speed must have shape (400, 1), got (5, 1)"),
         (lambda: changed("zone", (7, 0), 9), "values", "the run has a zone that is none of approach"),
         (lambda: replace(straight(), dt=0.0), "values", "must be positive, got 0.0 s"),
+        (lambda: replace(straight(), agents=(Agent("a0", 0, 7, Turn.LEFT),)), "values", "goes from entrance 0 to exit 7, where"),
+        (lambda: replace(straight(), agents=()), "values", "zone must have shape (400, 0), got (400, 1)"),
         (lambda: changed("zone", (slice(20, None), 0), Zone.EXIT), "jump", "at 0.20 s: from approach to exit in one step"),
         (lambda: changed("zone", (slice(20, None), 0), Zone.ENTRANCE), "zone", "zone entrance, but its station is -3.40 m"),
         (lambda: changed("speed", slice(10, None), 5.0), "progress", "to the next state, speed times time is 0.050 m"),
@@ -171,7 +182,7 @@ def without(run: Run, ticks: slice) -> Run:
         (lambda: changed("pose", (slice(100, None), 0, 0), 999.0), "itinerary", "m off its itinerary at 1.00 s"),
         (lambda: changed("lights", (slice(50, None), 1), Colour.RED), "colour", "from none to red at 0.50 s, out of order"),
     ],
-    ids=["nan", "shape", "code", "dt", "jump", "zone", "progress", "missing", "itinerary", "colour"],
+    ids=["nan", "shape", "code", "dt", "way", "nobody", "jump", "zone", "progress", "missing", "itinerary", "colour"],
 )  # fmt: skip
 def test_what_breaks_the_model_is_found(run: Callable[[], Run], kind: str, message: str) -> None:
     finding = next(f for f in validate(run()) if f.kind == kind)
@@ -198,7 +209,9 @@ def test_colours_in_order_are_fine() -> None:
 
 def test_a_damaged_run_is_not_judged_as_if_it_were_fine() -> None:
     verdict = check(changed("speed", (7, 0), np.nan), "p1")
-    assert (verdict.status, verdict.reason) == ("ERROR", "the speeds of the run are not all finite numbers")
+    assert (verdict.status, verdict.reason) == ("ERROR", "speed of a0 at 0.07 s is not a finite number")
+    for broken in (changed("zone", (7, 0), 9), replace(straight(), speed=np.zeros((5, 1))), replace(straight(), dt=np.nan)):
+        assert check(broken, "p1").status == "ERROR"
 
 
 def test_two_runs_between_equal_states_agree() -> None:
@@ -240,7 +253,7 @@ def test_delay_against_the_speed_limit() -> None:
     way = find("stop4").movements[0, 2].length + 5.0
     (one,) = kpis(run).vehicles
     assert one.delay == pytest.approx(way / 8.0 - way / 11.176, abs=0.011), "up to one step"
-    limited = replace(run, meta={"speed_limit": 8.0})
+    limited = replace(run, meta={**run.meta, "speed_limit": 8.0})
     assert kpis(limited).vehicles[0].delay == pytest.approx(0.0, abs=0.011)
 
 
@@ -266,8 +279,6 @@ def test_post_encroachment_time_by_hand() -> None:
     # Two crossing straight movements; the second starts 40 m further back at the same speed, that is 5 s later.
     near, far = (0, 2), (1, 3)
     run = moving({near: (-10.0, [8.0] * 1600), far: (-50.0, [8.0] * 1600)})
-    from pytest_rvads.semantics.conduct import stretches
-
     shared = stretches(find("stop4"))
     assert shared is not None
     (_, end), (start, _) = shared[near, far]
@@ -277,6 +288,44 @@ def test_post_encroachment_time_by_hand() -> None:
     assert kpis(together).pairs[0].pet is not None
     assert kpis(together).pet < 0  # type: ignore[operator]
     assert kpis(moving({(0, 2): (-10.0, [8.0] * 900), (2, 0): (-10.0, [8.0] * 900)})).pet is None, "they never meet"
+
+
+def test_who_never_leaves_the_place_of_conflict_is_met_there() -> None:
+    # Both drive to the middle and stand there: the second enters the shared stretch with the first one in it.
+    speeds = [8.0] * 340 + [0.0] * 110
+    run = moving({(0, 2): (-10.0, speeds), (1, 3): (-16.0, speeds)})
+    shared = stretches(find("stop4"))
+    assert shared is not None
+    _, (start, _) = shared[(0, 2), (1, 3)]
+    entered = (16.0 + start) / 8.0
+    assert kpis(run).pet == pytest.approx(entered - 4.5, abs=0.011), "at least as long as the run lasted"
+
+
+def test_what_is_not_recorded_is_named() -> None:
+    run = moving({(0, 2): (-16.5, [8.0] * 50), (1, 3): (-16.5, [8.0] * 50)})
+    assert kpis(run).unavailable == ()
+    lacking = {
+        ("delay",): replace(run, meta={"vehicle": run.meta["vehicle"]}),
+        ("ttc", "pet"): replace(run, meta={"speed_limit": 8.0, "vehicle": {"length": 4.6}}),
+        ("deceleration", "jerk", "ttc"): replace(run, speed=None),
+        ("delay", "pet"): replace(run, station=None),
+        ("ttc",): replace(run, pose=None),
+        ("pet",): replace(run, junction=replace(run.junction, geometry=None)),
+    }
+    for names, lacks in lacking.items():
+        assert kpis(lacks).unavailable == names
+        assert kpis(lacks).record()["unavailable"] == list(names)
+
+
+def test_indicators_are_told_in_words() -> None:
+    speeds = [8.0] * 100 + [8.0 - 0.04 * k for k in range(200)] + [0.0] * 101
+    run = moving({(0, 2): (-16.5, speeds), (1, 3): (-50.0, [0.0] * 401)})
+    assert describe(kpis(run)) == [
+        f"waiting [s]  a0 {kpis(run).vehicles[0].waiting:.2f}, a1 0.00",
+        "braking [m/s^2]  a0 4.00, a1 0.00",
+        "jerk [m/s^3]  a0 40.00, a1 0.00",
+    ]
+    assert describe(kpis(replace(run, speed=None)))[-1] == "not recorded: braking, jerk, time to collision"
 
 
 def test_records_are_builtins(real: Run) -> None:
