@@ -49,7 +49,9 @@ def test_four_vehicles_for_twenty_seconds(benchmark, case: Scenario) -> None:
     assert benchmark.stats["min"] <= BUDGET
 
 
-def test_braking_envelope(benchmark) -> None:
+def test_braking_envelope(benchmark, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RVADS_CACHE", "")
+
     def table() -> list[float | None]:
         _vmax.cache_clear()
         stopping_distance.cache_clear()

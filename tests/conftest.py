@@ -1,5 +1,6 @@
 """Fixtures shared by the tests of all packages."""
 
+import os
 from importlib import import_module
 from pathlib import Path
 
@@ -8,6 +9,8 @@ import pytest
 import pytest_rvads
 
 pytest_plugins = ["pytester"]
+
+os.environ["RVADS_CACHE"] = ""  # no test depends on, or leaves, what earlier ones found
 
 # Inner sessions of pytester forget the modules they load: that costs a second each, and modules in C can't be loaded twice.
 for _name in pytest_rvads.__all__:

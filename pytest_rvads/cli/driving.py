@@ -13,12 +13,16 @@ __all__ = ["declare"]
 
 _DISTANCES = (0.01, 0.3, 1.0, 3.0, 5.0, 10.0, 15.0, 20.0)
 """Distances of the braking table: those of the configurations, and some between [m]."""
+_CURVE = (0.01, 0.1, 0.2, 0.3, *(0.5 * k for k in range(1, 41)))
+"""Distances of the curves of its picture [m]."""
 
 
 def declare(commands: Subparsers) -> None:
     """Add the commands of this module."""
     braking = commands.add_parser("braking", help="show v(d)max: how fast a vehicle may be that far before the stopping line")
     braking.add_argument("--json", action="store_true", help="print one JSON object: aggression, distance, speed")
+    braking.add_argument("--autopilot", metavar="NAME", help="what this autopilot reaches of it: reference, lgsvl or rolling")
+    braking.add_argument("--svg", metavar="OUT", help="also draw the curves into this file")
     braking.set_defaults(command=_braking)
 
     paper = commands.add_parser("paper", help="simulate the two tables of the paper and mark where they disagree with it")
@@ -34,16 +38,29 @@ def declare(commands: Subparsers) -> None:
 
 
 def _braking(options: argparse.Namespace) -> int:
+    from pytest_rvads.draw.braking import draw_braking
     from pytest_rvads.physics.braking import envelope
 
     curves = envelope(_DISTANCES)
+    title = "v(d)max of the plant, full service brake"
+    if options.autopilot is not None:
+        from pytest_rvads.experiment.stopping import closed_envelope
+
+        curves = closed_envelope(options.autopilot, _DISTANCES, progress=progress)
+        title = f"v(d)max that the autopilot {options.autopilot} reaches, red light ahead"
+    if options.svg:
+        fine = envelope(_CURVE)
+        whole = {level: list(zip(_CURVE, speeds, strict=True)) for level, speeds in fine.items()}
+        found = {level: list(zip(_DISTANCES, speeds, strict=True)) for level, speeds in curves.items()}
+        picture = draw_braking(found, title, whole) if options.autopilot else draw_braking(whole, title)
+        Path(options.svg).write_text(picture, encoding="utf-8")
     if options.json:
         print(json.dumps({str(a): dict(zip(map(str, _DISTANCES), speeds, strict=True)) for a, speeds in curves.items()}))
         return 0
-    print("v(d)max [m/s], full service brake\n d [m]" + "".join(f"  aggression {a}" for a in curves))
+    print(f"{title} [m/s]\n d [m]" + "".join(f"  aggression {a}" for a in curves))
     for row, distance in enumerate(_DISTANCES):
         cells = (speeds[row] for speeds in curves.values())
-        print(f"{distance:6.2f}" + "".join(f"{'unsafe' if v is None else f'{v:.2f}':>14}" for v in cells))
+        print(f"{distance:6.2f}" + "".join(f"{'none' if v is None else f'{v:.2f}':>14}" for v in cells))
     return 0
 
 

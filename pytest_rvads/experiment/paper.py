@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 
 from pytest_rvads.experiment.draws import draw_range
+from pytest_rvads.experiment.pool import Progress, spread
 from pytest_rvads.experiment.published import Key
 from pytest_rvads.experiment.tables import ROWS, TABLES, Entry, Setup, Table, entries, outcome, run_entry
 from pytest_rvads.scenarios.classes import label, parse, rotate
 
-__all__ = ["Progress", "Shares", "compute", "nested", "sweep"]
+__all__ = ["Shares", "compute", "nested", "sweep"]
 
-Progress = Callable[[int, int], None]
-"""Called with the number of runs done and the number of all."""
 Shares = dict[str, float]
 """Per FAIL, PASS, NA the share of the range of the draw."""
 
 SWEEP_STEP = 0.05
 """Distance of the draws of a sweep [s]."""
-_BATCH = 4
 _Job = tuple[Entry, Setup]
 
 
@@ -50,7 +46,7 @@ def compute(
     wanted = [entry for table in tables for entry in entries(table) if entry.number in numbers]
     jobs = [(entry, setup or Setup()) for entry in wanted]
     verdicts: dict[Key, str] = {}
-    for entry, found in zip(wanted, _map(jobs, workers, progress), strict=True):
+    for entry, found in zip(wanted, spread(_work, jobs, workers, progress), strict=True):
         for rule, value in found.items():
             verdicts[entry.number, entry.row, entry.configuration, rule] = value
     return verdicts
@@ -68,7 +64,7 @@ def sweep(setup: Setup | None = None, *, workers: int | None = None, progress: P
             waits = [round(low + k * SWEEP_STEP, 6) for k in range(count)]
             jobs += [(entry, Setup(setup.constants, setup.off, wait)) for wait in waits]
     seen: dict[Key, list[str]] = {}
-    for (entry, _), found in zip(jobs, _map(jobs, workers, progress), strict=True):
+    for (entry, _), found in zip(jobs, spread(_work, jobs, workers, progress), strict=True):
         for rule, value in found.items():
             seen.setdefault((entry.number, entry.row, entry.configuration, rule), []).append(value)
     return {key: {word: values.count(word) / len(values) for word in ("FAIL", "PASS", "NA")} for key, values in seen.items()}
@@ -87,23 +83,6 @@ def nested(cells: dict[Key, str] | dict[Key, Shares]) -> dict[str, dict[str, dic
                         entry[letter] = found
                 result.setdefault(table.name, {}).setdefault(f"class{number}", {})[f"row{row + 1}"] = entry
     return result
-
-
-def _map(jobs: Sequence[_Job], workers: int | None, progress: Progress | None) -> Iterable[dict[str, str]]:
-    """Yield the verdicts of every job in order; what a run depends on travels with it, so any process gives the same."""
-    workers = min(workers or os.cpu_count() or 1, len(jobs))
-    if workers <= 1:
-        yield from _counted(map(_work, jobs), len(jobs), progress)
-        return
-    with ProcessPoolExecutor(workers) as pool:
-        yield from _counted(pool.map(_work, jobs, chunksize=_BATCH), len(jobs), progress)
-
-
-def _counted(results: Iterable[dict[str, str]], total: int, progress: Progress | None) -> Iterable[dict[str, str]]:
-    for done, result in enumerate(results, start=1):
-        if progress is not None:
-            progress(done, total)
-        yield result
 
 
 def _work(job: _Job) -> dict[str, str]:

@@ -7,21 +7,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pytest_rvads.autopilots import Reference
-from pytest_rvads.autopilots.lgsvl import LgsvlLike
-from pytest_rvads.errors import MapError, RvadsError, ScenarioError, suggest
+from pytest_rvads.autopilots.named import named
+from pytest_rvads.errors import MapError, RvadsError, ScenarioError
 from pytest_rvads.experiment.site import Lengths, build_junction
 from pytest_rvads.experiment.tables import outcome
 from pytest_rvads.maps.junction import Junction, JunctionControl
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.physics.seat import Factory
 from pytest_rvads.physics.simulation import simulate
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.semantics.run import Run
 
 __all__ = ["Site", "answer", "predict", "site_lengths"]
 
-AUTOPILOTS: Mapping[str, Factory] = {"lgsvl": LgsvlLike, "reference": Reference}
 RULES = {JunctionControl.STOP: ("p1", "p2", "p3"), JunctionControl.LIGHTS: ("p4", "p5", "p6")}
 DURATION = {JunctionControl.STOP: 30.0, JunctionControl.LIGHTS: 40.0}
 """Longest run, as in the paper's tables [s]."""
@@ -87,9 +84,7 @@ def predict(request: Mapping[str, Any]) -> tuple[Run, int]:
     Raises:
         RvadsError: a field is missing or has a value that does not fit; the message names it.
     """
-    name = _field(request, "autopilot", str, "lgsvl")
-    if name not in AUTOPILOTS:
-        raise ScenarioError(f"unknown autopilot {name!r}, expected one of {', '.join(AUTOPILOTS)}{suggest(name, AUTOPILOTS)}")
+    autopilot = named(_field(request, "autopilot", str, "lgsvl"))
     word = _field(request, "control", str)
     if word not in (JunctionControl.STOP, JunctionControl.LIGHTS):
         raise ScenarioError(f"control must be 'stop' or 'lights', got {word!r}")
@@ -107,7 +102,7 @@ def predict(request: Mapping[str, Any]) -> tuple[Run, int]:
         duration=DURATION[control],
         wait=DEFAULT_WAIT if wait is None else _number("wait", wait),
     )
-    return simulate(site, AUTOPILOTS[name]), rotation
+    return simulate(site, autopilot), rotation
 
 
 def site_lengths(graph: Mapping[str, Any], order: Sequence[str]) -> Lengths:

@@ -2,16 +2,19 @@
 
 It is found by iterated testing on the plant that drives in the simulations (paper, section 5.3): full service brake from
 the first step on, released never. The grids of scenarios keep to it, so a controller that brakes late is a finding.
+What was found once is kept on disk (`pytest_rvads.physics.cache`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from functools import lru_cache
 from itertools import pairwise
 
 from pytest_rvads.errors import RunError, ScenarioError
+from pytest_rvads.physics.cache import cached
 from pytest_rvads.physics.dynamics import Dynamics
 from pytest_rvads.physics.world import BulletWorld, Motion
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
@@ -71,28 +74,40 @@ def envelope(
     return table
 
 
-def greatest_safe(safe: Callable[[float], bool], limit: float) -> float | None:
+def greatest_safe(safe: Callable[[float], bool], limit: float, probes: int = 1) -> float | None:
     """Return the greatest speed up to `limit` [m/s] that is safe, to `RESOLUTION`.
 
     Args:
-        safe: the test; whoever is safe at some speed must be safe at every lower one.
-        limit: tried first.
+        safe: the test. Where a greater speed may be safe although a lower one is not, more `probes` find that out.
+        limit: returned where every speed tried is safe.
+        probes: speeds tried up to `limit`, evenly spaced; the answer lies below the first unsafe one.
 
     Returns:
         None where 0 m/s is not safe.
     """
-    if safe(limit):
-        return limit
-    if not safe(0.0):
-        return None
     low, high = 0, math.ceil(limit / RESOLUTION)
+    for k in range(1, probes):
+        probe = round(k * high / probes)
+        if not safe(_speed(probe)):
+            high = probe
+            break
+        low = probe
+    else:
+        if safe(limit):
+            return limit
+    if low == 0 and not safe(0.0):
+        return None
     while high - low > 1:
         middle = (low + high) // 2
-        if safe(round(middle * RESOLUTION, 9)):
+        if safe(_speed(middle)):
             low = middle
         else:
             high = middle
-    return round(low * RESOLUTION, 9)
+    return _speed(low)
+
+
+def _speed(steps: int) -> float:
+    return round(steps * RESOLUTION, 9)
 
 
 @lru_cache(maxsize=4096)
@@ -115,6 +130,11 @@ def stopping_distance(speed: float, aggression: int, vehicle: Vehicle) -> float:
 
 @lru_cache(maxsize=4096)
 def _vmax(distance: float, aggression: int, vehicle: Vehicle) -> float | None:
+    key = {"what": "plant", "distance": distance, "aggression": aggression, "vehicle": asdict(vehicle)}
+    return cached(key, lambda: _test(distance, aggression, vehicle))
+
+
+def _test(distance: float, aggression: int, vehicle: Vehicle) -> float | None:
     tried: dict[float, float] = {}
 
     def safe(speed: float) -> bool:

@@ -1,0 +1,109 @@
+"""A cache on disk for speeds that are found by testing; it saves time and never decides anything.
+
+An entry's key holds all that its value depends on: the parameters, the code of this package, the versions of what computes.
+So no entry ever becomes wrong, only unused. Every entry is a file of its own, written aside and moved into place, which
+lets processes write at the same time; one that is damaged or can't be read or written counts as absent.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+__all__ = ["VARIABLE", "cached", "folder"]
+
+VARIABLE = "RVADS_CACHE"
+"""Environment variable that names the folder of the cache; empty, it switches the cache off."""
+
+
+def cached(key: Mapping[str, Any], compute: Callable[[], float | None]) -> float | None:
+    """Return the number kept under `key`, or compute and keep it.
+
+    Args:
+        key: everything that the number depends on but code and versions, which are added; values that JSON knows.
+        compute: called where nothing is kept; what it raises is not kept.
+    """
+    where = folder()
+    if where is None:
+        return compute()
+    name = json.dumps([dict(key), _code(), _versions()], sort_keys=True)
+    path = where / f"{sha256(name.encode()).hexdigest()}.json"
+    kept = _read(path, name)
+    if kept is not None:
+        return kept[0]
+    value = compute()
+    _write(path, _entry(name, value))
+    return value
+
+
+def folder() -> Path | None:
+    """Return the folder of the cache, the user's unless the environment names one; None where it is switched off."""
+    chosen = os.environ.get(VARIABLE)
+    if chosen is not None:
+        return Path(chosen) if chosen else None
+    homes = {"win32": ("LOCALAPPDATA", "~/AppData/Local"), "darwin": ("", "~/Library/Caches")}
+    variable, default = homes.get(sys.platform, ("XDG_CACHE_HOME", "~/.cache"))
+    try:
+        return Path(os.environ.get(variable) or Path(default).expanduser()) / "pytest-rvads"
+    except RuntimeError:  # nobody's home
+        return None
+
+
+def _entry(name: str, value: float | None) -> str:
+    """Return the text of an entry: a checksum, then key and value."""
+    body = json.dumps({"key": name, "value": value})
+    return f"{sha256(body.encode()).hexdigest()}\n{body}"
+
+
+def _read(path: Path, name: str) -> tuple[float | None] | None:
+    """Return the value of an entry as a tuple of one, or None where there is no whole entry of this key."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        value = json.loads(text.split("\n", 1)[1])["value"]
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return None
+    finite = value is None or (type(value) is float and math.isfinite(value))
+    return (value,) if finite and text == _entry(name, value) else None
+
+
+def _write(path: Path, text: str) -> None:
+    """Put an entry into place, whole or not at all; a cache that can't be written is no reason to fail."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, aside = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
+    except OSError:
+        return
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        Path(aside).replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            Path(aside).unlink()
+
+
+@lru_cache(maxsize=1)
+def _code() -> str:
+    """Return a checksum of all modules of this package."""
+    digest = sha256()
+    root = Path(__file__).parents[1]
+    for path in sorted(root.rglob("*.py")):
+        digest.update(f"{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+@lru_cache(maxsize=1)
+def _versions() -> list[str]:
+    libraries = [f"{name} {version(name)}" for name in ("pytest-rvads", "pybullet", "numpy")]
+    return [*libraries, platform.python_version(), platform.platform()]

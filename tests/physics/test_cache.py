@@ -1,0 +1,150 @@
+"""The cache on disk: whatever lies there, the number is the one that would be computed."""
+
+import json
+import os
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from pytest_rvads.physics import braking, cache
+from pytest_rvads.physics.braking import vmax
+from pytest_rvads.semantics.vehicle import Vehicle
+
+
+@pytest.fixture(autouse=True)
+def where(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv(cache.VARIABLE, str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+class Counter:
+    """Computes a number and counts how often it was asked to."""
+
+    def __init__(self, value: float | None) -> None:
+        self.value = value
+        self.asked = 0
+
+    def __call__(self) -> float | None:
+        self.asked += 1
+        return self.value
+
+
+@pytest.mark.parametrize("value", [0.1 + 0.2, 0.0, -1e-300, None])
+def test_a_number_is_computed_once_and_comes_back_bit_for_bit(value: float | None) -> None:
+    compute = Counter(value)
+    assert [cache.cached({"a": 1}, compute) for _ in range(3)] == [value] * 3
+    assert compute.asked == 1
+    assert cache.cached({"a": 2}, Counter(5.0)) == 5.0, "another key"
+
+
+def other_number(text: str) -> str:
+    return text.replace("0.5", "0.7")
+
+
+def not_finite(text: str) -> str:
+    return cache._entry(json.loads(text.split("\n")[1])["key"], float("nan"))
+
+
+def other_key(text: str) -> str:
+    return cache._entry("another", 0.7)
+
+
+DAMAGE: list[Callable[[str], str]] = [
+    lambda text: "",
+    lambda text: text[:-5],
+    lambda text: text * 2,
+    lambda text: "[" * 100_000,
+    lambda text: "x\n" + '{"value": "fast"}',
+    lambda text: "x\n[0.7]",
+    other_number,
+    not_finite,
+    other_key,
+]
+
+
+@pytest.mark.parametrize("damage", DAMAGE, ids=range(len(DAMAGE)))
+def test_a_damaged_entry_counts_as_absent(where: Path, damage: Callable[[str], str]) -> None:
+    cache.cached({"a": 1}, Counter(0.5))
+    (entry,) = where.iterdir()
+    entry.write_text(damage(entry.read_text()))
+    compute = Counter(0.5)
+    assert cache.cached({"a": 1}, compute) == 0.5
+    assert compute.asked == 1
+    assert cache.cached({"a": 1}, compute) == 0.5
+    assert compute.asked == 1, "mended"
+
+
+def test_what_can_t_be_kept_is_computed_all_the_same(where: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    where.write_text("a file where the folder should be")
+    assert cache.cached({"a": 1}, Counter(0.5)) == 0.5
+    monkeypatch.setenv(cache.VARIABLE, "")
+    compute = Counter(0.5)
+    assert [cache.cached({"a": 1}, compute) for _ in range(2)] == [0.5, 0.5]
+    assert compute.asked == 2, "switched off"
+    assert cache.folder() is None
+
+
+def test_an_entry_that_is_a_folder_is_left_alone(where: Path) -> None:
+    cache.cached({"a": 1}, Counter(0.5))
+    (entry,) = where.iterdir()
+    entry.unlink()
+    entry.mkdir()
+    assert cache.cached({"a": 1}, Counter(0.5)) == 0.5
+    assert list(where.iterdir()) == [entry], "nothing half-written stays behind"
+
+
+def test_an_error_is_not_kept() -> None:
+    def fail() -> float:
+        raise ValueError("no number")
+
+    with pytest.raises(ValueError, match="no number"):
+        cache.cached({"a": 1}, fail)
+    assert cache.cached({"a": 1}, Counter(0.5)) == 0.5
+
+
+def test_other_code_and_other_versions_are_other_keys(where: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cache.cached({"a": 1}, Counter(0.5))
+    monkeypatch.setattr(cache, "_code", lambda: "changed")
+    assert cache.cached({"a": 1}, Counter(0.7)) == 0.7
+    monkeypatch.setattr(cache, "_versions", lambda: ["pybullet 99"])
+    assert cache.cached({"a": 1}, Counter(0.9)) == 0.9
+    assert len(list(where.iterdir())) == 3
+
+
+def _many(place: str) -> list[float | None]:
+    os.environ[cache.VARIABLE] = place
+    return [cache.cached({"a": k % 5}, Counter(float(k % 5))) for k in range(200)]
+
+
+def test_processes_that_write_at_the_same_time_do_not_hurt_each_other(where: Path) -> None:
+    with ProcessPoolExecutor(4) as pool:
+        found = list(pool.map(_many, [str(where)] * 4))
+    assert found == [[float(k % 5) for k in range(200)]] * 4
+    assert len(list(where.iterdir())) == 5
+    assert all(path.suffix == ".json" for path in where.iterdir())
+
+
+def test_by_default_it_lies_in_the_user_s_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv(cache.VARIABLE)
+    monkeypatch.setattr(cache.sys, "platform", "linux")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache.folder() == tmp_path / "pytest-rvads"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert cache.folder() == tmp_path / ".cache" / "pytest-rvads"
+    monkeypatch.setattr(cache.sys, "platform", "darwin")
+    assert cache.folder() == tmp_path / "Library" / "Caches" / "pytest-rvads"
+
+
+def test_the_envelope_is_kept_by_what_it_depends_on(where: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    car = Vehicle(mass=1501.0)
+    braking._vmax.cache_clear()
+    first = vmax(3.3, 2, car)
+    braking._vmax.cache_clear()
+    monkeypatch.setattr(braking, "_test", lambda *_: pytest.fail("tested again"))
+    assert vmax(3.3, 2, car) == first
+    monkeypatch.setattr(braking, "_test", lambda *_: 1.0)
+    assert [vmax(3.4, 2, car), vmax(3.3, 1, car), vmax(3.3, 2, Vehicle(mass=1502.0))] == [1.0] * 3
+    braking._vmax.cache_clear()
