@@ -2,29 +2,48 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.report.files import FORMATS
 
 if TYPE_CHECKING:
     import pytest
 
 __all__ = ["Options", "declare"]
 
-_DECLARED: dict[str, tuple[str, str, tuple[str, ...] | None]] = {
-    "map": ("", "OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)", None),
-    "cover": ("", "what to run of every class where a test does not say", ("class", "scenario", "rotation")),
-    "grid": ("", "configurations where a test does not say: 'paper' or letters such as CD", None),
-    "max-items": ("10000", "refuse a test that would expand to more items than this", None),
-    "rules": ("", "file with rules of your own, see `rvads rules --file`", None),
-    "keep": ("", "folder to keep every run in, as .npz for `rvads check`", None),
-    "report": ("", "also write the verdicts to FILE.json or FILE.md", None),
-    "artefacts": (".rvads", "folder for the replay pages of failures, or 'none'", None),
-    "open": ("fail", "what an obligation still open at the end of a run does to its test", ("fail", "skip", "pass")),
+
+@dataclass(frozen=True, slots=True)
+class _Option:
+    """How an option is declared."""
+
+    help: str
+    default: str = ""
+    choices: tuple[str, ...] | None = None
+    metavar: str | None = None
+    """By default the last word of the option's name."""
+    several: bool = False
+    """The flag may be repeated; the ini holds one value per line."""
+
+
+_DECLARED = {
+    "map": _Option("OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)"),
+    "cover": _Option("what to run of every class where a test does not say", choices=("class", "scenario", "rotation")),
+    "grid": _Option("configurations where a test does not say: 'paper' or letters such as CD"),
+    "max-items": _Option("refuse a test that would expand to more items than this", "10000"),
+    "rules": _Option("file with rules of your own, see `rvads rules --file`"),
+    "keep": _Option("folder to keep every run in, as .npz for `rvads check`"),
+    "report": _Option("also write the verdicts to FILE.json or FILE.md; may be repeated", metavar="FILE", several=True),
+    "cov-fail-under": _Option(
+        "fail when less than N percent of the (class x configuration x rule) cells that the collected tests expand to, "
+        "before -k and -m, were exercised; NA exercises nothing",
+        metavar="N",
+    ),
+    "artefacts": _Option("folder for the replay pages of failures, or 'none'", ".rvads"),
+    "open": _Option("what an obligation still open at the end of a run does to its test", "fail", ("fail", "skip", "pass")),
 }
 
 
@@ -38,7 +57,10 @@ class Options:
     max_items: int
     rules: Path | None
     keep: Path | None
-    report: Path | None
+    reports: tuple[Path, ...]
+    """Files to write; the ending of each names its format."""
+    cov_fail_under: float | None
+    """Least share of the cells to be exercised [%]."""
     artefacts: str | None
     open: str
 
@@ -49,27 +71,17 @@ class Options:
         Raises:
             RvadsError: a value out of range.
         """
-        values: dict[str, str] = {}
-        for name, (default, _, choices) in _DECLARED.items():
-            dest = f"rvads_{name.replace('-', '_')}"
-            value = config.getoption(dest) or config.getini(dest) or default
-            if choices and value and value not in choices:
-                raise RvadsError(f"{dest} must be one of {', '.join(choices)}, got {value!r}")
-            values[name] = value
-        count = values["max-items"]
-        if not (count.isdecimal() and int(count) > 0):
-            raise RvadsError(f"rvads_max_items must be a whole number above 0, got {count!r}")
-        report = values["report"]
-        if report and Path(report).suffix not in FORMATS:
-            raise RvadsError(f"rvads_report must name a {' or '.join(FORMATS)} file, got {report!r}")
+        values = {name: _value(config, name) for name, option in _DECLARED.items() if not option.several}
+        here = config.invocation_params.dir
         return cls(
             map=_map(config),
             cover=values["cover"] or "class",
             grid=values["grid"] or "paper",
-            max_items=int(count),
+            max_items=_count("max-items", values["max-items"]),
             rules=config.rootpath / values["rules"] if values["rules"] else None,
-            keep=config.invocation_params.dir / values["keep"] if values["keep"] else None,
-            report=config.invocation_params.dir / report if report else None,
+            keep=here / values["keep"] if values["keep"] else None,
+            reports=_reports(config, here),
+            cov_fail_under=_number("cov-fail-under", values["cov-fail-under"], 100.0),
             artefacts=None if values["artefacts"] == "none" else values["artefacts"],
             open=values["open"],
         )
@@ -78,12 +90,57 @@ class Options:
 def declare(parser: pytest.Parser) -> None:
     """Add every option and its ini twin to pytest's parser."""
     group = parser.getgroup("rvads", "traffic-rule validation (pytest-rvads)")
-    for name, (default, text, choices) in _DECLARED.items():
-        dest = f"rvads_{name.replace('-', '_')}"
-        more: dict[str, Any] = {"choices": choices} if choices else {"metavar": name.rpartition("-")[2].upper()}
-        help_text = f"{text} (ini: {dest}{f', default {default}' if default else ''})"
-        group.addoption(f"--rvads-{name}", dest=dest, default=None, help=help_text, **more)
-        parser.addini(dest, help=text, default="")
+    for name, option in _DECLARED.items():
+        dest = _dest(name)
+        more: dict[str, Any] = {"action": "append"} if option.several else {}
+        more |= {"choices": option.choices} if option.choices else {"metavar": option.metavar or name.rpartition("-")[2].upper()}
+        help_text = f"{option.help} (ini: {dest}{f', default {option.default}' if option.default else ''})"
+        group.addoption(f"--rvads-{name}", dest=dest, default=None, help=help_text.replace("%", "%%"), **more)
+        if option.several:
+            parser.addini(dest, help=option.help, type="linelist", default=[])
+        else:
+            parser.addini(dest, help=option.help, type="string", default="")
+
+
+def _dest(name: str) -> str:
+    return f"rvads_{name.replace('-', '_')}"
+
+
+def _value(config: pytest.Config, name: str) -> str:
+    option, dest = _DECLARED[name], _dest(name)
+    value: str = config.getoption(dest) or config.getini(dest) or option.default
+    if option.choices and value and value not in option.choices:
+        raise RvadsError(f"{dest} must be one of {', '.join(option.choices)}, got {value!r}")
+    return value
+
+
+def _count(name: str, value: str) -> int:
+    if not (value.isdecimal() and int(value) > 0):
+        raise RvadsError(f"{_dest(name)} must be a whole number above 0, got {value!r}")
+    return int(value)
+
+
+def _number(name: str, value: str, most: float) -> float | None:
+    """Return a number from 0 to `most`, or None where nothing was said."""
+    if not value:
+        return None
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not 0 <= number <= most:
+        raise RvadsError(f"{_dest(name)} must be a number from 0 to {most:g}, got {value!r}")
+    return number
+
+
+def _reports(config: pytest.Config, here: Path) -> tuple[Path, ...]:
+    from pytest_rvads.report.files import FORMATS
+
+    names: list[str] = config.getoption("rvads_report") or config.getini("rvads_report")
+    for name in names:
+        if Path(name).suffix not in FORMATS:
+            raise RvadsError(f"rvads_report must name a {' or '.join(FORMATS)} file, got {name!r}")
+    return tuple(here / name for name in names)
 
 
 def _map(config: pytest.Config) -> str | None:

@@ -12,6 +12,7 @@ import pytest
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.fixtures.items import OPTIONS, attach, prepare
 from pytest_rvads.fixtures.judging import monitor, rule
+from pytest_rvads.fixtures.plan import Planner
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_runs
 from pytest_rvads.fixtures.session import Session
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_vehicle
@@ -34,8 +35,10 @@ def pytest_configure(config: pytest.Config) -> None:
     except RvadsError as error:
         raise pytest.UsageError(str(error)) from error
     register_marks(config)
+    planner = Planner(config)
+    config.pluginmanager.register(planner, "rvads_planner")
     if not hasattr(config, "workerinput"):
-        config.pluginmanager.register(Session(config), "rvads_session")
+        config.pluginmanager.register(Session(config, planner), "rvads_session")
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -6,14 +6,9 @@ In every step the state is sampled, every autopilot decides on that same state, 
 from __future__ import annotations
 
 import math
-import platform
 from collections.abc import Callable
 from dataclasses import asdict
-from importlib.metadata import version
 
-import numpy as np
-
-from pytest_rvads import __version__
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.physics.body import Body, OffRoute, start
 from pytest_rvads.physics.recorder import Recorder
@@ -23,6 +18,7 @@ from pytest_rvads.scenarios.scenario import SPEED_LIMIT, Scenario
 from pytest_rvads.semantics.run import DT, Collision, Fault, Run
 from pytest_rvads.semantics.states import Colour, Control, Observation, VehicleState, Zone
 from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.versions import versions
 
 __all__ = ["simulate"]
 
@@ -61,7 +57,7 @@ def simulate(scenario: Scenario, autopilot: Factory, *, vehicle: Vehicle | None 
         "vehicle": asdict(vehicle),
         "speed_limit": SPEED_LIMIT,
         "end": loop.end,
-        "versions": _versions(),
+        "versions": versions(),
     }
     return loop.recorder.run(scenario.name, loop.junction, tuple(loop.collisions), loop.fault, meta)
 
@@ -180,12 +176,3 @@ class _Loop:
 
 
 _IDLE = Control()
-
-
-def _versions() -> dict[str, str]:
-    return {
-        "pytest-rvads": __version__,
-        "pybullet": version("pybullet"),
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }

@@ -1,25 +1,26 @@
-"""A session's records on disk: JSON for programs, Markdown for people and for GitHub's job summary."""
+"""A session's report on disk: JSON for programs, Markdown for people and for GitHub's job summary."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.report.coverage import measure
+from pytest_rvads.report.document import Report
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import causes, coverage, matrices
-from pytest_rvads.report.record import Record
 
-__all__ = ["FORMATS", "SUMMARY_LIMIT", "load", "markdown", "save"]
+__all__ = ["FORMATS", "append_summary", "load", "markdown", "save"]
 
-VERSION = 1
-FORMATS = (".json", ".md")
+VERSION = 2
 SUMMARY_LIMIT = 900 * 1024
 """GitHub drops a job summary above 1 MiB as a whole [bytes]."""
+_REQUIRED = {"nodeid", "line", "test", "ways", "junction", "cls", "scenario", "cfg", "rule", "status", "verdicts", "outcome"}
 
 
-def save(path: Path, records: Sequence[Record], totals: dict[int, tuple[int, int]], exitstatus: int = 0) -> None:
+def save(path: Path, report: Report) -> None:
     """Write a report in the format that the ending of `path` names.
 
     Raises:
@@ -28,22 +29,24 @@ def save(path: Path, records: Sequence[Record], totals: dict[int, tuple[int, int
     """
     if path.suffix not in FORMATS:
         raise RvadsError(f"a report is a {' or '.join(FORMATS)} file, got {str(path)!r}")
+    text = FORMATS[path.suffix](report)
     path.parent.mkdir(parents=True, exist_ok=True)
-    if path.suffix == ".md":
-        path.write_text(markdown(records, totals, exitstatus), encoding="utf-8")
-        return
-    content = {
-        "format": "rvads-report",
-        "version": VERSION,
-        "exitstatus": exitstatus,
-        "totals": {str(k): v for k, v in totals.items()},
-        "records": records,
-    }
-    path.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
 
 
-def load(path: Path) -> list[Record]:
-    """Read the records of a JSON report.
+def append_summary(path: Path, report: Report) -> None:
+    """Append a report to the job summary of GitHub Actions, or say that it is too long for one.
+
+    Raises:
+        OSError: the file can't be written.
+    """
+    text = markdown(report).encode()
+    with path.open("ab") as out:
+        out.write(text if len(text) <= SUMMARY_LIMIT else b"rvads: too many verdicts for a job summary, see the log\n")
+
+
+def load(path: Path) -> Report:
+    """Read a JSON report.
 
     Raises:
         RvadsError: not a report, or one of another version.
@@ -54,27 +57,54 @@ def load(path: Path) -> list[Record]:
         raise RvadsError(f"{path} can't be read as a report of --rvads-report: {error}") from error
     if not isinstance(content, dict) or content.get("format") != "rvads-report" or content.get("version") != VERSION:
         raise RvadsError(f"{path} is not a report of version {VERSION} written by --rvads-report=FILE.json")
-    records: list[Record] = content["records"]
-    return records
+    try:
+        return _report(content)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise RvadsError(f"{path} is a damaged report ({type(error).__name__}: {error}): write it again") from error
 
 
-def markdown(records: Sequence[Record], totals: dict[int, tuple[int, int]], exitstatus: int = 0) -> str:
-    """Return the causes first, then coverage and verdict matrices.
+def _report(content: dict[str, Any]) -> Report:
+    for record in content["records"]:
+        if missing := sorted(_REQUIRED - record.keys()):
+            raise ValueError(f"a record has no {', '.join(missing)}")
+    return Report(
+        tuple(content["records"]),
+        {int(ways): (classes, scenarios) for ways, (classes, scenarios) in content["totals"].items()},
+        tuple((junction, cls, cfg, rule) for junction, cls, cfg, rule in content["planned"]),
+        dict(content["versions"]),
+        int(content["exitstatus"]),
+        tuple(content["notes"]),
+    )
 
-    Args:
-        records: of the session.
-        totals: per number of ways, how many classes and how many full scenarios exist.
-        exitstatus: of pytest; above 1 the session did not end by itself.
-    """
+
+def _json(report: Report) -> str:
+    content = {
+        "format": "rvads-report",
+        "version": VERSION,
+        "versions": report.versions,
+        "exitstatus": report.exitstatus,
+        "notes": report.notes,
+        "totals": {str(ways): total for ways, total in report.totals.items()},
+        "planned": report.planned,
+        "records": report.records,
+    }
+    return json.dumps(content, indent=1)
+
+
+def markdown(report: Report) -> str:
+    """Return a report as Markdown: the causes first, then coverage and verdict matrices."""
+    records = report.records
     lines = ["# rvads verdicts", ""]
-    if exitstatus > 1:
-        lines += [f"**The session did not end by itself (exit status {exitstatus}): verdicts are missing.**", ""]
+    if report.exitstatus > 1:
+        lines += [f"**The session did not end by itself (exit status {report.exitstatus}): verdicts are missing.**", ""]
+    lines += [line for note in report.notes for line in (f"**{_cell(note)}**", "")]
     groups = causes(records)
     if groups:
         lines += ["## Causes of failures", "", "| items | rule | cause | first |", "|---:|---|---|---|"]
         lines += [f"| {c.count} | {_cell(c.rule)} | {_cell(c.text)} | `{_cell(c.example)}` |" for c in groups]
         lines.append("")
-    lines += [f"- {_cell(line)}" for line in (*coverage(records, totals), *extremes(records))]
+    said = (*coverage(records, report.totals), *extremes(records), f"coverage: {measure(report)}")
+    lines += [f"- {_cell(line)}" for line in said]
     for matrix in matrices(records):
         lines += ["", f"## {matrix.title}", ""]
         lines.append("| class | " + " | ".join(f"{cfg} {rule}" for cfg, rule in matrix.columns) + " |")
@@ -85,3 +115,7 @@ def markdown(records: Sequence[Record], totals: dict[int, tuple[int, int]], exit
 
 def _cell(text: str) -> str:
     return text.replace("|", "\\|").replace("\n", " ")
+
+
+FORMATS = {".json": _json, ".md": markdown}
+"""How a report is written, by the ending of its file."""

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-__all__ = ["Record", "cell_record", "conclude", "properties"]
+__all__ = ["SEVERITY", "Record", "cell_record", "conclude", "not_run", "properties"]
 
 Record = dict[str, Any]
+
+SEVERITY = ("ERROR", "FAIL", "OPEN", "PASS", "NA", "NOT JUDGED", "NOT RUN")
+"""Every status of a record, the worst first."""
 
 _WORST = ("ERROR", "FAIL", "OPEN", "PASS", "NA")
 
@@ -63,6 +66,11 @@ def conclude(
     else:
         status = "NOT JUDGED" if monitored else "PASS"
     record |= {"status": status, "verdicts": list(verdicts), "known": known, "outcome": outcome, "message": text}
+
+
+def not_run(record: Record, reason: str) -> Record:
+    """Return the record of an item that was to run and did not, for a reason."""
+    return record | {"status": "NOT RUN", "verdicts": [], "known": None, "outcome": "", "message": reason}
 
 
 def properties(record: Record) -> list[tuple[str, Any]]:

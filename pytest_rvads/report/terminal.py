@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 from itertools import groupby
 
 from rich import box
@@ -11,9 +10,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from pytest_rvads.report.coverage import measure
+from pytest_rvads.report.document import Report
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import Matrix, causes, coverage, matrices
-from pytest_rvads.report.record import Record
 
 __all__ = ["summary"]
 
@@ -24,19 +24,18 @@ _MOST = 10
 _STYLES = {"pass": "green", "NA": "dim", "FAIL": "bold red", "fail": "red", "OPEN": "yellow", "ERROR": "bold magenta"}
 
 
-def summary(records: Sequence[Record], totals: dict[int, tuple[int, int]], *, colour: bool, width: int, unicode: bool) -> str:
+def summary(report: Report, *, colour: bool, width: int, unicode: bool) -> str:
     """Return the verdict matrix, the cause groups, the extreme indicators and the coverage lines.
 
     Args:
-        records: of the session.
-        totals: per number of ways, how many classes and how many full scenarios exist.
+        report: of the session.
         colour: whether the terminal shows colours.
         width: of the terminal, in characters.
         unicode: whether its encoding has box characters.
     """
     out = io.StringIO()
     console = Console(file=out, force_terminal=colour, no_color=not colour, width=width, highlight=False, legacy_windows=False)
-    for matrix in matrices(records):
+    for matrix in matrices(report.records):
         console.print(Text(matrix.title, style="bold"), soft_wrap=True)
         long = [c for c in dict.fromkeys(cfg for cfg, _ in matrix.columns) if len(c) > _LONG]
         short = {c: f"#{n}" for n, c in enumerate(long, start=1)}
@@ -45,7 +44,7 @@ def summary(records: Sequence[Record], totals: dict[int, tuple[int, int]], *, co
         for label in long:
             console.print(Text(f" {short[label]} = {label}"), soft_wrap=True)
         console.print()
-    groups = causes(records)
+    groups = causes(report.records)
     if groups:
         console.print("causes of failures")
         for cause in groups[:_MOST]:
@@ -53,7 +52,8 @@ def summary(records: Sequence[Record], totals: dict[int, tuple[int, int]], *, co
             console.print(Text(f'         first: pytest "{cause.example}"'), soft_wrap=True)
     if len(groups) > _MOST:
         console.print(f"  ... and {len(groups) - _MOST} more: --rvads-report=FILE.md lists them all")
-    for line in (*extremes(records), *coverage(records, totals)):
+    records = report.records
+    for line in (*extremes(records), *coverage(records, report.totals), f"coverage: {measure(report)}"):
         console.print(Text(line), soft_wrap=True)
     return out.getvalue()
 

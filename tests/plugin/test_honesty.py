@@ -187,9 +187,11 @@ def test_an_interrupted_session_says_so_and_keeps_what_it_has(pytester: pytest.P
     )
     result = pytester.runpytest_subprocess("--rvads-report=out.json")
     assert result.ret == pytest.ExitCode.INTERRUPTED
-    result.stdout.fnmatch_lines(["stop4: 1/24 classes*1 verdicts: 1 pass*", "*did not end by itself*"])
+    result.stdout.fnmatch_lines(
+        ["stop4: 1/24 classes*2 verdicts: 1 pass, 1 not run*", "*did not end by itself*1 item did not run*"]
+    )
     content = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))
-    assert (content["exitstatus"], len(content["records"])) == (2, 1)
+    assert (content["exitstatus"], [r["status"] for r in content["records"]]) == (2, ["PASS", "NOT RUN"])
 
 
 def test_a_picture_that_fails_costs_no_verdict(pytester: pytest.Pytester) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.report.document import Report
 from pytest_rvads.report.files import load, markdown, save
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import causes, coverage, matrices
@@ -38,6 +39,8 @@ RECORDS = [
     record(4, "C", "p1", "OPEN", cause="waits"),
     record(4, "C", "p2", "FAIL", cause="waits"),
 ]
+PLANNED = tuple(dict.fromkeys(("stop4", r["cls"], r["cfg"], r["rule"]) for r in RECORDS))
+REPORT = Report(tuple(RECORDS), TOTALS, PLANNED, {"numpy": "2.0"}, 1, ("a note",))
 
 
 def test_the_matrix_reads_like_a_table_of_the_paper() -> None:
@@ -115,10 +118,10 @@ def test_properties_are_builtins() -> None:
 
 
 def test_a_report_is_read_back(tmp_path: Path) -> None:
-    save(tmp_path / "out" / "r.json", RECORDS, TOTALS)
-    assert load(tmp_path / "out" / "r.json") == RECORDS
-    save(tmp_path / "r.md", RECORDS, TOTALS)
-    assert (tmp_path / "r.md").read_text(encoding="utf-8") == markdown(RECORDS, TOTALS)
+    save(tmp_path / "out" / "r.json", REPORT)
+    assert load(tmp_path / "out" / "r.json") == REPORT
+    save(tmp_path / "r.md", REPORT)
+    assert (tmp_path / "r.md").read_text(encoding="utf-8") == markdown(REPORT)
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", json.dumps({"format": "rvads-report", "version": 99, "records": []})])
@@ -131,13 +134,13 @@ def test_other_files_are_refused(tmp_path: Path, content: str) -> None:
 
 def test_unknown_endings_and_missing_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RvadsError, match=r"\.json or \.md"):
-        save(tmp_path / "r.txt", RECORDS, TOTALS)
+        save(tmp_path / "r.txt", REPORT)
     with pytest.raises(RvadsError, match="can't be read"):
         load(tmp_path / "none.json")
 
 
 def test_markdown_keeps_its_tables_whole() -> None:
-    text = markdown([record(1, "C", "p1", "FAIL", cause="a | b\nc")], TOTALS)
+    text = markdown(Report((record(1, "C", "p1", "FAIL", cause="a | b\nc"),), TOTALS))
     assert "a \\| b c" in text
 
 
@@ -159,14 +162,14 @@ def test_extremes_name_value_vehicle_and_run() -> None:
         "most: braking 4.00 m/s^2 (a1 in test[run2]), waiting 7.00 s (a1 in test[run1])",
     ]
     assert extremes(RECORDS) == [], "records of items whose run never came to be have none"
-    text = summary(runs, TOTALS, colour=False, width=60, unicode=False)
+    text = summary(Report(tuple(runs), TOTALS), colour=False, width=60, unicode=False)
     assert all(line in text for line in extremes(runs))
-    assert all(f"- {line}\n" in markdown(runs, TOTALS) for line in extremes(runs))
+    assert all(f"- {line}\n" in markdown(Report(tuple(runs), TOTALS)) for line in extremes(runs))
 
 
 def test_the_terminal_summary_is_plain_where_the_terminal_is() -> None:
-    text = summary(RECORDS, TOTALS, colour=False, width=100, unicode=False)
+    text = summary(REPORT, colour=False, width=100, unicode=False)
     assert "\x1b" not in text
     assert text.isascii()
     assert "1/2 fail" in text
-    assert "\x1b[" in summary(RECORDS, TOTALS, colour=True, width=100, unicode=True)
+    assert "\x1b[" in summary(REPORT, colour=True, width=100, unicode=True)

@@ -1,0 +1,67 @@
+"""Coverage: which cells of the tables a session exercised, of those that its tests ask for.
+
+A cell is (junction, class, configuration, rule). It is exercised when a rule judged a run in it: PASS, FAIL or
+OPEN, expected or not. NA exercises nothing, nor does an error, nor an item that did not run.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+from pytest_rvads.report.document import Cell, Report, cell_of
+
+__all__ = ["Coverage", "measure", "shortfall"]
+
+_JUDGED = ("PASS", "FAIL", "OPEN", "FLAKY")
+_REASONS = ("ERROR", "NOT JUDGED", "NA", "NOT RUN")
+"""Why a cell is not exercised, the first that applies to one of its items."""
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """How much of what the tests ask for was exercised."""
+
+    planned: int
+    """Cells that the collected tests expand to, before anything was deselected."""
+    exercised: int
+    idle: dict[str, int]
+    """Why the others were not: status of their items, or ``not selected``; with how many cells."""
+
+    @property
+    def percent(self) -> float:
+        """Share of the planned cells [%]; 0 where nothing was planned."""
+        return 100 * self.exercised / self.planned if self.planned else 0.0
+
+    def __str__(self) -> str:
+        # Rounded down: 99.96 % is not 100.0 %.
+        share = int(self.percent * 10) / 10
+        idle = ", ".join(f"{count} {why}" for why, count in self.idle.items())
+        return f"{self.exercised}/{self.planned} cells exercised ({share:.1f} %)" + (f": {idle}" if idle else "")
+
+
+def measure(report: Report) -> Coverage:
+    """Return the coverage of a session over (class x configuration x rule) cells."""
+    statuses: dict[Cell, set[str]] = {tuple(cell): set() for cell in report.planned}  # type: ignore[misc]
+    for record in report.records:
+        statuses.setdefault(cell_of(record), set()).add(record["status"])
+    idle: Counter[str] = Counter()
+    for found in statuses.values():
+        if not found & set(_JUDGED):
+            idle[next((reason for reason in _REASONS if reason in found), "not selected")] += 1
+    order = (*_REASONS, "not selected")
+    ordered = {why if why == "NA" else why.lower(): idle[why] for why in order if idle[why]}
+    return Coverage(len(statuses), len(statuses) - idle.total(), ordered)
+
+
+def shortfall(report: Report, least: float) -> str:
+    """Return why the coverage is not enough, in one sentence, or nothing.
+
+    Args:
+        report: a session or several merged.
+        least: share of the planned cells that have to be exercised [%].
+    """
+    found = measure(report)
+    if found.planned and 100 * found.exercised >= least * found.planned:
+        return ""
+    return f"coverage is below {least:g} %: {found}"

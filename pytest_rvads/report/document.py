@@ -1,0 +1,41 @@
+"""What a session leaves behind: its records, what its tests asked for, and under which versions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from pytest_rvads.report.record import Record
+
+__all__ = ["Cell", "Report", "cell_of", "in_order"]
+
+Cell = tuple[str, int, str, str]
+"""Junction, class, configuration, rule; where a test has no rule axis, its name stands for the rule."""
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A whole session, or several merged into one."""
+
+    records: tuple[Record, ...]
+    """One per selected item, in the order of the tests; what did not run has the status NOT RUN."""
+    totals: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """Per number of ways, how many classes and how many full scenarios exist."""
+    planned: tuple[Cell, ...] = ()
+    """Every cell that the collected tests expand to, before ``-k`` and ``-m`` deselect."""
+    versions: dict[str, str] = field(default_factory=dict)
+    """Of what the verdicts depend on: name to version."""
+    exitstatus: int = 0
+    """Of pytest; above 1 the session did not end by itself."""
+    notes: tuple[str, ...] = ()
+    """What is missing or doubtful, a sentence each."""
+
+
+def cell_of(record: Record) -> Cell:
+    """Return the cell of a table that a record belongs to; the rows of a class share it."""
+    return record["junction"], record["cls"], record["cfg"], record["rule"] or record["test"]
+
+
+def in_order(records: Sequence[Record]) -> tuple[Record, ...]:
+    """Return records as their tests stand in the files, so that no report depends on which worker was faster."""
+    return tuple(sorted(records, key=lambda r: (r["nodeid"].partition("::")[0], r["line"], r["nodeid"])))

@@ -1,0 +1,88 @@
+"""Merging the reports of several sessions, such as the shards of a CI job, into one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pytest_rvads.report.document import Cell, Report, in_order
+from pytest_rvads.report.record import SEVERITY, Record
+
+__all__ = ["merge"]
+
+_SHOWN = 10
+"""Contradictions listed; the rest is counted."""
+
+
+def merge(reports: Sequence[tuple[str, Report]]) -> Report:
+    """Return one report over what several sessions ran.
+
+    Of an item that several of them ran, the worst verdict counts, and a difference is noted: verdicts or runs that
+    differ come from other code or from an autopilot that is not deterministic. What did not run in one and did in
+    another has run.
+
+    Args:
+        reports: with the name to call each by.
+    """
+    records: dict[str, tuple[str, Record]] = {}
+    clashes: list[str] = []
+    for name, report in reports:
+        for record in report.records:
+            known = records.setdefault(record["nodeid"], (name, record))
+            if known[1] is not record:
+                clash = _clash(known, (name, record))
+                clashes += [clash] if clash else []
+                records[record["nodeid"]] = min(known, (name, record), key=lambda found: SEVERITY.index(found[1]["status"]))
+    notes = [f"{name}: {note}" for name, report in reports for note in report.notes]
+    notes += clashes[:_SHOWN]
+    if len(clashes) > _SHOWN:
+        notes.append(f"... and {len(clashes) - _SHOWN} more contradictions between the merged reports")
+    versions, differences = _versions(reports)
+    planned: dict[Cell, None] = dict.fromkeys(cell for _, report in reports for cell in report.planned)
+    merged = in_order([record for _, record in records.values()])
+    return Report(
+        merged,
+        {ways: total for _, report in reports for ways, total in report.totals.items()},
+        tuple(sorted(planned)),
+        versions,
+        _exitstatus([report for _, report in reports], merged, bool(clashes)),
+        tuple(differences + notes),
+    )
+
+
+def _clash(one: tuple[str, Record], other: tuple[str, Record]) -> str:
+    """Return how two records of the same item contradict each other, or nothing."""
+    (first, a), (second, b) = one, other
+    if "NOT RUN" in (a["status"], b["status"]):
+        return ""
+    if a["status"] != b["status"]:
+        return f"{a['nodeid']} is {a['status']} in {first} and {b['status']} in {second}"
+    if a.get("hash") != b.get("hash"):
+        return f"{a['nodeid']} is {a['status']} in both {first} and {second}, but of different runs"
+    return ""
+
+
+def _versions(reports: Sequence[tuple[str, Report]]) -> tuple[dict[str, str], list[str]]:
+    """Return the versions of all reports, and a sentence for each that differs between them."""
+    found: dict[str, dict[str, str]] = {}
+    for name, report in reports:
+        for package, version in report.versions.items():
+            found.setdefault(package, {}).setdefault(version, name)
+    differences = [
+        f"versions differ: {package} " + ", ".join(f"{version} in {name}" for version, name in where.items())
+        for package, where in found.items()
+        if len(where) > 1
+    ]
+    return {package: ", ".join(where) for package, where in found.items()}, differences
+
+
+def _exitstatus(reports: Sequence[Report], records: Sequence[Record], clashed: bool) -> int:
+    """Return the exit status of a session that had run all this.
+
+    A shard in which nothing was applicable (5) is no trouble as long as another one judged something.
+    """
+    worst = max((r.exitstatus for r in reports if r.exitstatus != 5), default=0)
+    if worst == 0 and (clashed or any(r["outcome"] == "failed" for r in records)):
+        return 1
+    if worst == 0 and not any(r["status"] not in ("NA", "NOT RUN") for r in records):
+        return 5
+    return worst

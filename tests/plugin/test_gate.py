@@ -1,0 +1,111 @@
+"""Coverage as a gate, and how shards of a session add up."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pytest_rvads.cli import main
+
+TESTS = """
+    import pytest_rvads as rvads
+
+    # Of four vehicles that arrive together nobody is first (p3 is NA in C); in E two arrive before the others.
+    @rvads.scenario("stop4", classes=(1, 2), grid="CE", rules=("p1", "p3"))
+    def test_rules(run, rule, monitor):
+        monitor.check(rule)
+"""
+
+
+@pytest.fixture
+def tests(pytester: pytest.Pytester) -> pytest.Pytester:
+    pytester.makepyfile(test_gate=TESTS)
+    return pytester
+
+
+@pytest.mark.parametrize("workers", [(), ("-n", "1")])
+def test_the_gate_counts_what_the_tests_ask_for(tests: pytest.Pytester, workers: tuple[str, ...]) -> None:
+    # Two classes x two configurations x two rules, of which p3 in C is NA.
+    result = tests.runpytest_subprocess("--rvads-cov-fail-under=75", *workers)
+    assert result.ret == 0
+    result.stdout.fnmatch_lines(["coverage: 6/8 cells exercised (75.0 %): 2 NA"])
+    result = tests.runpytest_subprocess("--rvads-cov-fail-under=75.1", *workers)
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    result.stdout.fnmatch_lines(["rvads: coverage is below 75.1 %: 6/8 cells exercised (75.0 %): 2 NA"])
+
+
+@pytest.mark.parametrize("workers", [(), ("-n", "1")])
+def test_deselecting_does_not_raise_coverage(tests: pytest.Pytester, workers: tuple[str, ...]) -> None:
+    result = tests.runpytest_subprocess("-k", "class01 and p1", "--rvads-cov-fail-under=50", *workers)
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    result.stdout.fnmatch_lines(["*coverage is below 50 %: 2/8 cells exercised (25.0 %): 6 not selected"])
+
+
+def test_the_gate_needs_something_to_judge(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("def test_plain(): ...")
+    assert pytester.runpytest().ret == 0
+    result = pytester.runpytest("--rvads-cov-fail-under=1")
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    result.stdout.fnmatch_lines(["rvads: coverage is below 1 %: 0/0 cells exercised*"])
+    pytester.makeini("[pytest]\nrvads_cov_fail_under = 2\n")
+    assert pytester.runpytest("--collect-only").ret == 0, "nothing is claimed where nothing should run"
+
+
+@pytest.mark.parametrize("value", ["101", "-1", "most", "nan"])
+def test_a_gate_out_of_range_is_refused(pytester: pytest.Pytester, value: str) -> None:
+    result = pytester.runpytest(f"--rvads-cov-fail-under={value}")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines([f"*rvads_cov_fail_under must be a number from 0 to 100, got '{value}'*"])
+
+
+def test_shards_merge_into_one_table(tests: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
+    shards = {"a": "class01", "b": "class02 and cfgC", "c": "class02 and cfgE"}
+    for name, keyword in shards.items():
+        tests.runpytest("-k", keyword, f"--rvads-report={name}.json", f"--rvads-report={name}.md")
+    assert (tests.path / "a.md").exists(), "the option may be repeated"
+    capsys.readouterr()
+    names = [str(tests.path / f"{name}.json") for name in shards]
+    assert main(["report", "merge", *names, "-o", str(tests.path / "all.json"), "--cov-fail-under", "75"]) == 0
+    said = capsys.readouterr()
+    assert "coverage: 6/8 cells exercised (75.0 %): 2 NA" in said.out
+    assert "01-02   pass   NA" in said.out
+    assert said.err == ""
+    tests.runpytest("--rvads-report=whole.json")
+    whole, merged = (json.loads((tests.path / f"{n}.json").read_text(encoding="utf-8")) for n in ("whole", "all"))
+    assert merged == whole, "three shards add up to the table of one session"
+    capsys.readouterr()
+    assert main(["report", "merge", *names[:2], "--cov-fail-under", "75"]) == 1
+    assert "rvads: coverage is below 75 %: 4/8" in capsys.readouterr().err
+
+
+def test_merging_what_is_no_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = tmp_path / "other.json"
+    other.write_text('{"format": "rvads-report", "version": 2, "records": [{}]}', encoding="utf-8")
+    assert main(["report", "merge", str(other)]) == 2
+    assert "damaged report" in capsys.readouterr().err
+    assert main(["report", "merge", str(tmp_path / "none.json")]) == 2
+    assert "can't be read" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["report", "merge", str(other), "--cov-fail-under", "many"])
+
+
+def test_a_worker_that_dies_loses_one_item_and_says_so(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import os
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=(1, 2, 3), grid="E", rules="p1")
+        def test_rules(run, rule, monitor):
+            if run.label.startswith("stop4-class02"):
+                os._exit(3)
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest_subprocess("-n", "1", "--rvads-report=out.json")
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    result.stdout.fnmatch_lines(["*1 x p1: the worker process crashed*", "stop4: *3 verdicts: 2 pass, 1 error"])
+    stopped = pytester.runpytest_subprocess("-n", "1", "--max-worker-restart=0", "--rvads-report=stopped.json")
+    assert stopped.ret != 0
+    records = json.loads((pytester.path / "stopped.json").read_text(encoding="utf-8"))["records"]
+    assert sorted(r["status"] for r in records) == ["ERROR", "NOT RUN", "PASS"]

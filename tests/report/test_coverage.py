@@ -1,0 +1,101 @@
+"""Coverage of cells and merging of shards, from records written by hand."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from pytest_rvads.report.coverage import measure, shortfall
+from pytest_rvads.report.document import Report
+from pytest_rvads.report.merge import merge
+from pytest_rvads.report.record import cell_record, conclude, not_run
+
+
+def record(cls: int, rule: str, status: str, *, row: int = 0, hash: str = "aa") -> dict[str, Any]:
+    keys = {"junction": "stop4", "cls": cls, "scenario": "1111", "cfg": "C", "rotation": row, "rule": rule}
+    made = cell_record(f"t.py::test[{cls}-r{row}-{rule}]", 3, "test", keys, 4)
+    if status == "NOT RUN":
+        return not_run(made, "the session ended before")
+    outcome = {"PASS": "passed", "NA": "skipped"}.get(status, "failed")
+    conclude(made, [] if status == "ERROR" else [{"status": status, "cause": "c"}], "call", outcome, asserted=status != "ERROR")
+    made["hash"] = hash
+    return made
+
+
+PLANNED = tuple(("stop4", cls, "C", rule) for cls in (1, 2) for rule in ("p1", "p2"))
+
+
+def report(*records: dict[str, Any], planned: Any = PLANNED, **more: Any) -> Report:
+    return Report(tuple(records), {4: (24, 81)}, planned, more.pop("versions", {"numpy": "2.0"}), **more)
+
+
+def test_a_cell_is_exercised_when_something_was_judged_in_it() -> None:
+    found = measure(report(record(1, "p1", "PASS"), record(1, "p2", "FAIL"), record(2, "p1", "NA"), record(2, "p2", "OPEN")))
+    assert (found.planned, found.exercised, found.idle) == (4, 3, {"NA": 1})
+    assert str(found) == "3/4 cells exercised (75.0 %): 1 NA"
+
+
+def test_what_exercises_nothing_is_said_why() -> None:
+    found = measure(report(record(1, "p1", "ERROR"), record(1, "p2", "NOT RUN"), record(2, "p1", "NA")))
+    assert found.exercised == 0
+    assert found.idle == {"error": 1, "NA": 1, "not run": 1, "not selected": 1}
+
+
+def test_one_row_of_a_class_exercises_its_cell() -> None:
+    assert measure(report(record(1, "p1", "NA"), record(1, "p1", "PASS", row=1), planned=PLANNED[:1])).percent == 100
+
+
+def test_the_share_is_rounded_down_and_the_gate_is_exact() -> None:
+    planned = tuple(("stop4", cls, "C", "p1") for cls in range(3000))
+    nearly = report(*(record(cls, "p1", "PASS") for cls in range(2999)), planned=planned)
+    assert "(99.9 %)" in str(measure(nearly))
+    assert shortfall(nearly, 100).startswith("coverage is below 100 %: 2999/3000")
+    assert not shortfall(nearly, 99.9)
+    assert shortfall(report(planned=()), 1), "nothing planned covers nothing"
+
+
+def test_three_shards_add_up() -> None:
+    shards = [
+        ("a.json", report(record(1, "p1", "PASS"), record(1, "p2", "NOT RUN"))),
+        ("b.json", report(record(1, "p2", "PASS"))),
+        ("c.json", report(record(2, "p1", "NA"), record(2, "p2", "NA"), exitstatus=5)),
+    ]
+    whole = merge(shards)
+    assert [(r["nodeid"], r["status"]) for r in whole.records] == [
+        ("t.py::test[1-r0-p1]", "PASS"),
+        ("t.py::test[1-r0-p2]", "PASS"),
+        ("t.py::test[2-r0-p1]", "NA"),
+        ("t.py::test[2-r0-p2]", "NA"),
+    ]
+    assert (measure(whole).exercised, whole.exitstatus, whole.notes) == (2, 0, ())
+    assert merge(list(reversed(shards))) == whole, "the order of shards does not matter"
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "says"),
+    [
+        (record(1, "p1", "PASS"), record(1, "p1", "FAIL"), "t.py::test[1-r0-p1] is PASS in a and FAIL in b"),
+        (record(1, "p1", "PASS"), record(1, "p1", "PASS", hash="bb"), "is PASS in both a and b, but of different runs"),
+    ],
+)
+def test_contradictions_are_said_and_are_no_success(one: Any, other: Any, says: str) -> None:
+    whole = merge([("a", report(one)), ("b", report(other))])
+    assert says in whole.notes[0]
+    assert whole.exitstatus == 1
+    assert whole.records[0]["status"] == other["status"], "the worse verdict counts"
+
+
+def test_versions_that_differ_are_said() -> None:
+    one, other = report(versions={"numpy": "2.0", "python": "3.11"}), report(versions={"numpy": "2.1", "python": "3.11"})
+    whole = merge([("a", one), ("b", other)])
+    assert whole.notes == ("versions differ: numpy 2.0 in a, 2.1 in b",)
+    assert whole.versions == {"numpy": "2.0, 2.1", "python": "3.11"}
+
+
+def test_the_merged_exit_status_is_that_of_one_session() -> None:
+    good, bad, nothing = report(record(1, "p1", "PASS")), report(record(1, "p2", "FAIL")), report(record(2, "p1", "NA"))
+    assert merge([("a", good)]).exitstatus == 0
+    assert merge([("a", good), ("b", bad)]).exitstatus == 1
+    assert merge([("a", good), ("b", replace(bad, exitstatus=2, notes=("stopped",)))]).exitstatus == 2
+    assert merge([("a", good), ("b", replace(bad, exitstatus=2, notes=("stopped",)))]).notes == ("b: stopped",)
+    assert merge([("a", nothing)]).exitstatus == 5
