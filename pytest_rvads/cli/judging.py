@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import sys
 from typing import Any
@@ -90,6 +91,8 @@ def _monitor(options: argparse.Namespace) -> int:
     if not options.jsonl:
         print(show_monitor(options.formula))
         return 0
+    if isinstance(sys.stdin, io.TextIOWrapper):
+        sys.stdin.reconfigure(errors="surrogateescape")  # a line that is not UTF-8 is refused like any other, the rest goes on
     for line in sys.stdin:
         if line.strip():
             print(json.dumps(answer(line)), flush=True)

@@ -55,7 +55,7 @@ def vehicle_size(run: Run) -> tuple[float, float]:
         RunError: the run does not record them in ``meta["vehicle"]``.
     """
     recorded = run.meta.get("vehicle") or {}
-    if not {"length", "width"} <= set(recorded):
+    if recorded.get("length") is None or recorded.get("width") is None:
         raise RunError("the run holds no size of its vehicles")
     return float(recorded["length"]), float(recorded["width"])
 

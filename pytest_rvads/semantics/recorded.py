@@ -25,7 +25,11 @@ from pytest_rvads.semantics.states import Agent, Colour, Zone
 
 __all__ = ["read_recorded"]
 
+_MOST_TICKS = 10_000_000
+"""Over a day in steps of 10 ms; more is a mistake in the file, not a run."""
 _ROTATION = re.compile(r"_r=(\d+)$")
+_NUMBER = re.compile(r"(\d+)$")
+"""Of a vehicle, in its name: c0, c1, ..."""
 
 
 def read_recorded(path: str | Path) -> list[Run]:
@@ -89,16 +93,20 @@ class _Fields:
     def optional(self, name: str) -> Any:
         return self._data.get(name)
 
+    def plain(self) -> dict[str, Any]:
+        return dict(self._data)
+
     def items(self) -> list[tuple[str, _Fields]]:
         return [(key, _Fields(value, f"{self.where}: {key}")) for key, value in self._data.items()]
 
-    def series(self, name: str, ticks: int) -> list[tuple[int, Any]]:
+    def series(self, name: str, ticks: int, kind: type) -> list[tuple[int, Any]]:
         """Return a run-length encoded series after checking that it covers the run in order."""
         found = self.array(name)
         pairs = [(p[0], p[1]) for p in found if isinstance(p, list) and len(p) == 2]
         starts = [p[0] for p in pairs]
-        if len(pairs) != len(found) or any(not isinstance(t, int) or isinstance(t, bool) for t in starts):
-            raise RunError(f"{self.where}: the series {name!r} must be a list of [tick, value]")
+        if len(pairs) != len(found) or any(type(t) is not int or type(v) is not kind for t, v in pairs):
+            what = "text" if kind is str else "number"
+            raise RunError(f"{self.where}: the series {name!r} must be a list of [tick, {what}]")
         if not pairs or starts[0] != 0 or any(b <= a for a, b in pairwise(starts)) or starts[-1] >= ticks:
             raise RunError(f"{self.where}: the ticks of the series {name!r} must start at 0, increase, and stay below {ticks}")
         return pairs
@@ -159,8 +167,8 @@ class _Topology:
         name = record.text("name")
         record.where = f"{record.where.rpartition(': ')[0]}: run {name!r}"
         ticks = record.number("ticks")
-        if ticks < 1 or ticks != int(ticks):
-            raise RunError(f"{record.where}: a run must have at least one tick, got {ticks:g}")
+        if not 1 <= ticks <= _MOST_TICKS or ticks != int(ticks):
+            raise RunError(f"{record.where}: a run must have at least one tick and at most {_MOST_TICKS:,}, got {ticks:g}")
         dt = record.number("dt")
         if dt <= 0:
             raise RunError(f"{record.where}: the field 'dt' must be positive, got {dt:g}")
@@ -174,7 +182,7 @@ class _Topology:
         if self.junction.control in (JunctionControl.LIGHTS, JunctionControl.PARTIAL) or record.optional("lights"):
             self._lights(record.object("lights"), lights)
         zone = np.column_stack(zones) if zones else np.zeros((steps, 0), dtype=np.int8)
-        meta = {"verdicts": dict(record.optional("verdicts") or {})}
+        meta = {"verdicts": record.object("verdicts").plain() if record.optional("verdicts") else {}}
         return Run(name, self.junction, tuple(agents), zone, lights, dt, meta=meta)
 
     def _vehicle(self, fields: _Fields, steps: int) -> tuple[Movement, NDArray[np.int8]]:
@@ -186,12 +194,12 @@ class _Topology:
         order = {e: Zone.APPROACH if k < ways[0] else Zone.EXIT for k, e in enumerate(itinerary)}
         order[itinerary[ways[0]]] = Zone.JUNCTION
         zone = np.empty(steps, dtype=np.int8)
-        for tick, edge in fields.series("edge", steps):
+        for tick, edge in fields.series("edge", steps, str):
             if edge not in order:
                 raise RunError(f"{fields.where}: edge {edge!r} at tick {tick} is not on its itinerary {itinerary}")
             zone[tick:] = order[edge]
         at = np.zeros(steps, dtype=np.bool_)
-        for tick, node in fields.series("at_entrance", steps):
+        for tick, node in fields.series("at_entrance", steps, str):
             if node and self.entrances.get(node) != movement.entrance:
                 raise RunError(f"{fields.where}: at entrance {node!r} at tick {tick}, which is not on its itinerary")
             at[tick:] = bool(node)
@@ -202,7 +210,7 @@ class _Topology:
     def _lights(self, records: _Fields, lights: NDArray[np.int8]) -> None:
         for name, fields in records.items():
             entrance = self.entrances.get(fields.text("node"))
-            for tick, colour in fields.series("color", len(lights)):
+            for tick, colour in fields.series("color", len(lights), int):
                 if colour not in (1, 2, 3):
                     raise RunError(f"{fields.where}: the color at tick {tick} must be 1, 2 or 3, got {colour!r}")
                 if entrance is not None:
@@ -226,28 +234,33 @@ def _count(
 ) -> dict[str, int]:
     """Number the entrances: vehicle i of a run in rotation r stands at entrance (i + r) mod n.
 
-    Without a run that tells, the first entrance of the chain of right-of gets number 0.
+    Where no vehicles tell all of them, they follow each other by right-of; where that doesn't tell either, as in the file.
     """
-    starts = {name: source for name, source, *_ in ways}
-    for run in runs:
-        rotation = _ROTATION.search(run.text("name"))
-        if not rotation:
-            continue
-        numbers: dict[str, int] = {}
-        for k, (_, vehicle) in enumerate(run.object("vehicles").items()):
-            source = next((starts[str(e)] for e in vehicle.array("itinerary") if str(e) in starts), None)
-            if source is not None:
-                numbers[source] = (k + int(rotation[1])) % len(nodes)
-        if sorted(numbers.values()) == list(range(len(nodes))):
-            return numbers
+    told = _told(nodes, ways, runs)
+    if sorted(told.values()) == list(range(len(nodes))):
+        return told
     follows = {left: right for right, left in right_of}
     first = next((n for n in nodes if n not in follows.values()), nodes[0] if nodes else "")
     order = [first]
     while order[-1] in follows and follows[order[-1]] not in order:
         order.append(follows[order[-1]])
-    if len(order) != len(nodes):
-        raise RunError("the entrances can't be put in order: no run names its rotation (`_r=0`), and right_of is not a chain")
-    return {n: k for k, n in enumerate(order)}
+    order = order if len(order) == len(nodes) else list(nodes)
+    shift = next((number - order.index(node) for node, number in told.items()), 0)
+    return {n: (k + shift) % len(nodes) for k, n in enumerate(order)}
+
+
+def _told(nodes: Sequence[str], ways: Sequence[tuple[str, str, str, str, float]], runs: Sequence[_Fields]) -> dict[str, int]:
+    """Return the numbers of the entrances at which a vehicle of a run that names its rotation starts."""
+    starts = {name: source for name, source, *_ in ways if source in nodes}
+    told: dict[str, int] = {}
+    for run in runs:
+        rotation = _ROTATION.search(run.text("name"))
+        for vehicle, fields in run.object("vehicles").items() if rotation else ():
+            number = _NUMBER.search(vehicle)
+            source = next((starts[str(e)] for e in fields.array("itinerary") if str(e) in starts), None)
+            if rotation and number and source is not None:
+                told.setdefault(source, (int(number[1]) + int(rotation[1])) % len(nodes))
+    return told
 
 
 def _control(kinds: Mapping[str, str], nodes: Sequence[str]) -> JunctionControl:

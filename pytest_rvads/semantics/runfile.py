@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 from pytest_rvads.errors import MapError, RunError
 from pytest_rvads.maps.junction import Geometry, Junction, JunctionControl, Movement
 from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.semantics.header import check_header
 from pytest_rvads.semantics.run import Collision, Fault, Run
 from pytest_rvads.semantics.states import Agent
 
 __all__ = ["FORMAT", "VERSION", "load_run", "save_run"]
 
 FORMAT, VERSION = "rvads-run", 1
-_ARRAYS = {"zone": 2, "lights": 2, "station": 2, "speed": 2, "pose": 3, "controls": 3}
-"""The arrays of a run and how many dimensions they have."""
+_ARRAYS = {"zone": (2, "i"), "lights": (2, "i"), "station": (2, "f"), "speed": (2, "f"), "pose": (3, "f"), "controls": (3, "f")}
+"""The arrays of a run: how many dimensions they have, and of which kind of numbers."""
 
 
 def save_run(run: Run, path: str | Path) -> None:
@@ -116,24 +117,15 @@ def load_run(path: str | Path) -> Run:
             raise RunError(f"{path}: not a run kept by rvads: its format is {header['format']!r}")
         if header["version"] != VERSION:
             raise RunError(f"{path}: written in version {header['version']} of the format, this library reads version {VERSION}")
-        for name, dimensions in _ARRAYS.items():
-            if name in arrays and arrays[name].ndim != dimensions:
-                raise ValueError(f"{name} must have {dimensions} dimensions, got {arrays[name].ndim}")
+        check_header(header)
+        for name, (dimensions, kind) in _ARRAYS.items():
+            if name in arrays and (arrays[name].ndim, arrays[name].dtype.kind) != (dimensions, kind):
+                what = "whole numbers" if kind == "i" else "numbers"
+                raise ValueError(f"{name} must be {what} in {dimensions} dimensions")
         return _run(header, arrays)
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError, MapError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, MapError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise RunError(f"{path}: damaged: {what}") from error
-
-
-def _meta(header: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return ``meta`` after checking what indicators and rules read of it."""
-    meta: Mapping[str, Any] = header["meta"]
-    sizes = meta.get("vehicle") or {}
-    numbers = {"speed_limit": meta.get("speed_limit"), "length": sizes.get("length"), "width": sizes.get("width")}
-    for name, value in numbers.items():
-        if value is not None and not (isinstance(value, int | float) and np.isfinite(value) and value > 0):
-            raise ValueError(f"{name} in meta must be a positive number, got {value!r}")
-    return meta
 
 
 def _run(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Run:
@@ -151,7 +143,7 @@ def _run(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Run:
         arrays.get("controls"),
         tuple(Collision(time, (one, two), speed) for time, one, two, speed in header["collisions"]),
         Fault(*fault) if fault else None,
-        _meta(header),
+        header["meta"],
     )
 
 

@@ -1,6 +1,7 @@
 """The command line: answers on standard output, one line on standard error and status 2 for bad input."""
 
 import json
+import os
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -167,13 +168,15 @@ def test_monitor_answers_line_by_line() -> None:
         {"id": 2, "formula": "G(", "words": []},
         {"id": 3, "formula": "p U q", "words": [[[]]]},
     ]
-    text = "\n".join(map(json.dumps, lines)) + "\nnonsense\n"
-    done = subprocess.run([RVADS, "monitor", "--jsonl"], input=text, capture_output=True, text=True, check=True)
-    one, two, three, four = map(json.loads, done.stdout.splitlines())
+    text = "\n".join(map(json.dumps, lines)).encode() + b"\n\xff\nnonsense\n"
+    utf8 = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}
+    done = subprocess.run([RVADS, "monitor", "--jsonl"], input=text, capture_output=True, check=True, env=utf8)
+    one, two, three, latin, four = map(json.loads, done.stdout.splitlines())
     assert (one["verdicts"], one["finite"]) == ([["?", "?"], ["?", "F"], []], [True, False, True])
     assert two["id"] == 2
     assert "error" in two
     assert three["verdicts"] == [["F"]], "anticipation: neither holds now, so no continuation helps"
+    assert "error" in latin
     assert "error" in four
 
 

@@ -2,6 +2,7 @@
 
 import copy
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,37 @@ def test_without_a_rotation_the_chain_of_right_of_counts(tmp_path: Path) -> None
     assert [a.entrance for a in run.agents] == [0, 1, 2]
 
 
+def test_vehicles_are_counted_by_their_names(tmp_path: Path) -> None:
+    data = document()
+    data["runs"][0]["vehicles"] = dict(reversed(data["runs"][0]["vehicles"].items()))
+    (run,) = read_recorded(write(tmp_path, data))
+    assert [(a.name, a.entrance) for a in run.agents] == [("c2", 0), ("c1", 2), ("c0", 1)]
+
+
+@pytest.mark.parametrize("there", [(0,), (1,), (2,), (0, 2), (1, 2), ()])
+def test_a_run_may_lack_vehicles(tmp_path: Path, there: tuple[int, ...]) -> None:
+    data = document()
+    vehicles = data["runs"][0]["vehicles"]
+    data["runs"][0]["vehicles"] = {name: v for name, v in vehicles.items() if int(name[1]) in there}
+    (run,) = read_recorded(write(tmp_path, data))
+    assert [(a.name, a.entrance) for a in run.agents] == [(f"c{i}", (i + 1) % 3) for i in there]
+    assert check(run, "p1").status == ("NA" if len(there) < 2 else "PASS" if there == (0, 2) else check(run, "p1").status)
+
+
+def test_several_runs_number_the_entrances_together(tmp_path: Path) -> None:
+    # In a junction without right-of, such as a Y, only the vehicles tell.
+    data = document()
+    data["right_of"] = []
+    (whole,) = data["runs"]
+    vehicles = whole["vehicles"].items()
+    data["runs"] = [{**whole, "name": f"{name}_r=1", "vehicles": {name: v}} for name, v in vehicles]
+    assert [run.agents[0].entrance for run in read_recorded(write(tmp_path, data))] == [1, 2, 0]
+    data["runs"] = [{**whole, "name": "untold"}]
+    (run,) = read_recorded(write(tmp_path, data))
+    # As in the file: n2, n0, n1.
+    assert [a.entrance for a in run.agents] == [1, 2, 0]
+
+
 def test_verdicts_may_be_absent(tmp_path: Path) -> None:
     data = document()
     del data["runs"][0]["verdicts"]
@@ -147,7 +179,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     (broken("graph", "edges", 0, "length", value=float("nan")), "'length' must be a finite number, got nan"),
     (broken("graph", "edges", 5, "target", value="x0"), "exit 'x1' must be reached from all entrances but one"),
     (broken("right_of", value=[["n1", "nope"]]), "'right_of' must hold pairs of entrances"),
-    (broken(*RUN, "ticks", value=0), "run 'hand_r=1': a run must have at least one tick, got 0"),
+    (broken(*RUN, "ticks", value=0), "run 'hand_r=1': a run must have at least one tick and at most 10,000,000, got 0"),
     (broken(*RUN, "ticks", value="many"), "'ticks' must be a number, got str"),
     (broken(*RUN, "dt", value=0), "'dt' must be positive, got 0"),
     (broken(*RUN, "dt", value=float("nan")), "'dt' must be a finite number, got nan"),
@@ -157,7 +189,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     (broken(*C0, "edge", value=[[5, "r0"]]), "must start at 0"),
     (broken(*C0, "edge", value=[[0, "r0"], [9, "e02"], [8, "o2"]]), "increase"),
     (broken(*C0, "edge", value=[[0, "r0"], [100, "e02"]]), "stay below 100"),
-    (broken(*C0, "edge", value=[[0, "r0"], ["x", "e02"]]), "'edge' must be a list of [tick, value]"),
+    (broken(*C0, "edge", value=[[0, "r0"], ["x", "e02"]]), "'edge' must be a list of [tick, text]"),
     (broken(*C0, "edge", value=[[0, "r0"], [9, "zz"]]), "edge 'zz' at tick 9 is not on its itinerary"),
     (broken(*C0, "itinerary", value=["r0", "o2"]), "must pass the junction once, it does 0 times"),
     (broken(*C0, "at_entrance", value=[[0, "n1"]]), "at entrance 'n1' at tick 0, which is not on its itinerary"),
@@ -173,6 +205,29 @@ def test_a_wrong_file_is_refused_by_name(tmp_path: Path, data: dict[str, Any], m
     assert message in str(caught.value)
     assert str(caught.value).startswith("runs.json: ")
     assert "\n" not in str(caught.value)
+
+
+def paths(data: Any, here: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    if here:
+        yield here
+    for key in range(len(data)) if isinstance(data, list) else data if isinstance(data, dict) else ():
+        yield from paths(data[key], (*here, key))
+
+
+@pytest.mark.parametrize("junk", [None, -1, 1.5, True, "", "zz", [], [[]], {}, {"a": 1}, 10**30], ids=repr)
+def test_whatever_stands_in_a_field_is_read_or_refused(tmp_path: Path, junk: Any) -> None:
+    def is_read(path: tuple[Any, ...]) -> bool:
+        try:
+            for run in read_recorded(write(tmp_path, broken(*path, value=junk))):
+                validate(run)
+                kpis(run)
+                check(run, "p2")
+        except RunError:
+            return False
+        return True
+
+    outcomes = [is_read(path) for path in paths(document())]
+    assert outcomes.count(False) > len(outcomes) / 3
 
 
 def test_a_file_that_is_no_json(tmp_path: Path) -> None:
