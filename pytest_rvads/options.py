@@ -42,6 +42,18 @@ _DECLARED = {
         "before -k and -m, were exercised; NA exercises nothing",
         metavar="N",
     ),
+    "baseline": _Option("compare with an earlier report, FILE.json of --rvads-report, and tell what changed", metavar="FILE"),
+    "erosion": _Option("with a baseline: a safety margin that fell by more than this is told", "0.5", metavar="SECONDS"),
+    "fail-on": _Option(
+        "which failures fail the session: any; new ones, that the baseline does not have; or those and eroded margins",
+        "any",
+        ("any", "new", "eroded"),
+    ),
+    "repeat": _Option(
+        "whether to simulate the run of a failed item once more, which tells an autopilot that is not deterministic (FLAKY)",
+        "failed",
+        ("failed", "never"),
+    ),
     "artefacts": _Option("folder for the replay pages of failures, or 'none'", ".rvads"),
     "open": _Option("what an obligation still open at the end of a run does to its test", "fail", ("fail", "skip", "pass")),
 }
@@ -61,6 +73,13 @@ class Options:
     """Files to write; the ending of each names its format."""
     cov_fail_under: float | None
     """Least share of the cells to be exercised [%]."""
+    baseline: Path | None
+    erosion: float
+    """A safety margin that fell by more than this since the baseline is told [s]."""
+    fail_on: str
+    """Which failures fail the session: any, new or eroded."""
+    repeat: str
+    """Which runs are simulated once more: failed or never."""
     artefacts: str | None
     open: str
 
@@ -82,6 +101,10 @@ class Options:
             keep=here / values["keep"] if values["keep"] else None,
             reports=_reports(config, here),
             cov_fail_under=_number("cov-fail-under", values["cov-fail-under"], 100.0),
+            baseline=_baseline(values, here),
+            erosion=_number("erosion", values["erosion"], 3600.0) or 0.0,
+            fail_on=values["fail-on"],
+            repeat=values["repeat"],
             artefacts=None if values["artefacts"] == "none" else values["artefacts"],
             open=values["open"],
         )
@@ -141,6 +164,14 @@ def _reports(config: pytest.Config, here: Path) -> tuple[Path, ...]:
         if Path(name).suffix not in FORMATS:
             raise RvadsError(f"rvads_report must name a {' or '.join(FORMATS)} file, got {name!r}")
     return tuple(here / name for name in names)
+
+
+def _baseline(values: dict[str, str], here: Path) -> Path | None:
+    if values["baseline"]:
+        return here / values["baseline"]
+    if values["fail-on"] != "any":
+        raise RvadsError(f"rvads_fail_on={values['fail-on']} needs something to compare with: add --rvads-baseline=FILE.json")
+    return None
 
 
 def _map(config: pytest.Config) -> str | None:

@@ -10,6 +10,7 @@ from collections.abc import Generator
 import pytest
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.fixtures.comparing import explain
 from pytest_rvads.fixtures.items import OPTIONS, attach, prepare
 from pytest_rvads.fixtures.judging import monitor, rule
 from pytest_rvads.fixtures.plan import Planner
@@ -72,6 +73,11 @@ def pytest_runtest_makereport(
     report = yield
     attach(item, call, report)
     return report
+
+
+def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str] | None:
+    """Say where two runs part and what two verdicts say."""
+    return explain(op, left, right)
 
 
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:

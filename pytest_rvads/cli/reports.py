@@ -25,6 +25,8 @@ def declare(commands: Subparsers) -> None:
     merge.add_argument("files", nargs="+", metavar="FILE.json", help="written by --rvads-report")
     merge.add_argument("-o", "--output", metavar="OUT", help="write the merged report, in the format of its ending")
     merge.add_argument("--cov-fail-under", type=_percent, metavar="N", help="as --rvads-cov-fail-under, for the whole [%%]")
+    merge.add_argument("--baseline", metavar="FILE.json", help="tell what changed since an earlier report")
+    merge.add_argument("--erosion", type=float, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
     merge.set_defaults(command=_merge)
 
 
@@ -39,12 +41,19 @@ _percent.__name__ = "percentage"  # argparse names it in its message
 
 
 def _merge(options: argparse.Namespace) -> int:
+    from pytest_rvads.report.baseline import compare, with_baseline
     from pytest_rvads.report.coverage import shortfall
+    from pytest_rvads.report.document import cell_of
     from pytest_rvads.report.files import load, save
     from pytest_rvads.report.merge import merge
     from pytest_rvads.report.terminal import summary
 
     report = merge([(name, load(Path(name))) for name in options.files])
+    if options.baseline:
+        planned = set(report.planned)
+        earlier = load(Path(options.baseline))
+        lost = {r["nodeid"] for r in earlier.records if cell_of(r) not in planned}
+        report = with_baseline(report, compare(report, earlier, options.baseline, options.erosion, lost.__contains__))
     if options.output:
         save(Path(options.output), report)
     unicode = (sys.stdout.encoding or "").lower().startswith("utf")

@@ -71,7 +71,7 @@ class NearMiss:
     """How many steps were as close as this one."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Verdict:
     """The verdict of one rule on one run.
 
@@ -104,6 +104,9 @@ class Verdict:
     requirement: str | None = None
     dt: float = 0.01
     """Time between two states [s]."""
+
+    def __repr__(self) -> str:
+        return f"<Verdict {self.rule} {self.status}: {self.message}>"
 
     def __bool__(self) -> bool:
         if self.status is Status.NA:

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from pytest_rvads.report.record import Record
+
+if TYPE_CHECKING:
+    from pytest_rvads.report.baseline import Comparison
 
 __all__ = ["Cell", "Report", "cell_of", "in_order"]
 
@@ -29,6 +33,8 @@ class Report:
     """Of pytest; above 1 the session did not end by itself."""
     notes: tuple[str, ...] = ()
     """What is missing or doubtful, a sentence each."""
+    comparison: Comparison | None = None
+    """With the baseline, where there is one; JSON keeps the kind of change of every record."""
 
 
 def cell_of(record: Record) -> Cell:

@@ -98,6 +98,10 @@ def markdown(report: Report) -> str:
     if report.exitstatus > 1:
         lines += [f"**The session did not end by itself (exit status {report.exitstatus}): verdicts are missing.**", ""]
     lines += [line for note in report.notes for line in (f"**{_cell(note)}**", "")]
+    if report.comparison:
+        lines += ["## Since the baseline", "", _cell(report.comparison.headline), ""]
+        lines += [f"- {_cell(line)}" for line in report.comparison.lines()]
+        lines.append("")
     groups = causes(records)
     if groups:
         lines += ["## Causes of failures", "", "| items | rule | cause | first |", "|---:|---|---|---|"]

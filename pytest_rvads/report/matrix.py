@@ -69,7 +69,7 @@ def _text(records: Sequence[Record]) -> str:
     return ", ".join(f"{kinds[kind]}/{len(records)} {kind.lower() if kind in _BAD else kind}" for kind in shown)
 
 
-_BAD = ("ERROR", "FAIL", "OPEN")
+_BAD = ("ERROR", "FLAKY", "FAIL", "OPEN")
 
 
 def _kind(record: Record) -> str:
@@ -96,11 +96,17 @@ def causes(records: Sequence[Record]) -> list[Cause]:
     groups: dict[tuple[str, str], list[Record]] = {}
     for record in records:
         if record["outcome"] == "failed":
-            verdict = next((v for v in record["verdicts"] if v["status"] == record["status"]), None)
-            cause = verdict["cause"] if verdict else record["message"].strip().partition("\n")[0]
-            groups.setdefault((_rule(record), cause), []).append(record)
+            groups.setdefault((_rule(record), _cause(record)), []).append(record)
     found = [Cause(rule, text, len(group), group[0]["nodeid"]) for (rule, text), group in groups.items()]
     return sorted(found, key=lambda c: -c.count)
+
+
+def _cause(record: Record) -> str:
+    if record["status"] == "FLAKY":
+        return "not deterministic: the same start gave another run"
+    verdict = next((v for v in record["verdicts"] if v["status"] == record["status"]), None)
+    cause: str = verdict["cause"] if verdict else record["message"].strip().partition("\n")[0]
+    return cause
 
 
 def coverage(records: Sequence[Record], totals: dict[int, tuple[int, int]]) -> list[str]:
@@ -135,6 +141,7 @@ _WORDS = (
     ("known", "known failures"),
     ("NA", "NA"),
     ("ERROR", "error"),
+    ("FLAKY", "flaky"),
     ("NOT JUDGED", "not judged"),
     ("NOT RUN", "not run"),
 )

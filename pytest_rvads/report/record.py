@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-__all__ = ["SEVERITY", "Record", "cell_record", "conclude", "not_run", "properties"]
+__all__ = ["SEVERITY", "Record", "cell_record", "conclude", "flake", "not_run", "properties"]
 
 Record = dict[str, Any]
 
-SEVERITY = ("ERROR", "FAIL", "OPEN", "PASS", "NA", "NOT JUDGED", "NOT RUN")
+SEVERITY = ("ERROR", "FLAKY", "FAIL", "OPEN", "PASS", "NA", "NOT JUDGED", "NOT RUN")
 """Every status of a record, the worst first."""
 
 _WORST = ("ERROR", "FAIL", "OPEN", "PASS", "NA")
@@ -66,6 +66,18 @@ def conclude(
     else:
         status = "NOT JUDGED" if monitored else "PASS"
     record |= {"status": status, "verdicts": list(verdicts), "known": known, "outcome": outcome, "message": text}
+
+
+def flake(record: Record, what: str, time: float | None, text: str) -> None:
+    """Turn the record of a failed item into FLAKY: the same start gave another run.
+
+    Args:
+        record: of the item, changed in place.
+        what: the first field that differs.
+        time: of the first state that does [s], None where it is not the states.
+        text: the difference in one sentence.
+    """
+    record |= {"status": "FLAKY", "flaky": {"what": what, "time": time, "text": text}}
 
 
 def not_run(record: Record, reason: str) -> Record:

@@ -21,7 +21,16 @@ _LONG = 8
 """A configuration with a longer label is numbered in the table and spelled out below it."""
 _MOST = 10
 """Causes listed; the rest is counted."""
-_STYLES = {"pass": "green", "NA": "dim", "FAIL": "bold red", "fail": "red", "OPEN": "yellow", "ERROR": "bold magenta"}
+_STYLES = {
+    "pass": "green",
+    "NA": "dim",
+    "FAIL": "bold red",
+    "fail": "red",
+    "OPEN": "yellow",
+    "ERROR": "bold magenta",
+    "FLAKY": "bold magenta",
+}
+_CHANGES = {"NEW": "bold red", "FIXED": "green", "ERODED": "yellow", "LOST": "yellow"}
 
 
 def summary(report: Report, *, colour: bool, width: int, unicode: bool) -> str:
@@ -35,6 +44,11 @@ def summary(report: Report, *, colour: bool, width: int, unicode: bool) -> str:
     """
     out = io.StringIO()
     console = Console(file=out, force_terminal=colour, no_color=not colour, width=width, highlight=False, legacy_windows=False)
+    if report.comparison:
+        console.print(Text(report.comparison.headline, style="bold"), soft_wrap=True)
+        for line in report.comparison.lines(_MOST):
+            console.print(Text(f"  {line}", style=_CHANGES.get(line.partition(" ")[0], "")), soft_wrap=True)
+        console.print()
     for matrix in matrices(report.records):
         console.print(Text(matrix.title, style="bold"), soft_wrap=True)
         long = [c for c in dict.fromkeys(cfg for cfg, _ in matrix.columns) if len(c) > _LONG]

@@ -75,6 +75,13 @@ class Run:
     meta: Mapping[str, Any] = field(default_factory=dict)
     """Where the run comes from, as builtins: the scenario's fields, autopilot, versions."""
 
+    def __eq__(self, other: object) -> bool:
+        """Tell whether two runs are the same bit for bit."""
+        return self.hash == other.hash if isinstance(other, Run) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.hash)
+
     def __repr__(self) -> str:
         return f"<Run {self.label}: {len(self.agents)} vehicles, {self.duration:.2f} s>"
 

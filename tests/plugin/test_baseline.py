@@ -1,0 +1,216 @@
+"""What did my change break: sessions beside an earlier one, and runs that are not deterministic."""
+
+import json
+
+import pytest
+
+from pytest_rvads.cli import main
+
+CONFTEST = """
+    import pytest
+    import pytest_rvads as rvads
+
+    class Racer(rvads.Follower):
+        def target_speed(self, seen):
+            return 8.0
+
+    @pytest.fixture
+    def rvads_autopilot(request):
+        return Racer if {racing} else rvads.Reference
+"""
+
+TESTS = """
+    import pytest_rvads as rvads
+
+    @rvads.scenario("stop4", classes=(1, 2), grid="B", rules=("p1", "p4"), duration=5)
+    def test_rules(run, rule, monitor):
+        monitor.check(rule)
+"""
+
+
+def session(pytester: pytest.Pytester, racing: str, *options: str) -> pytest.RunResult:
+    pytester.makeconftest(CONFTEST.format(racing=racing))
+    return pytester.runpytest(*options)
+
+
+@pytest.fixture
+def tests(pytester: pytest.Pytester) -> pytest.Pytester:
+    pytester.makepyfile(test_it=TESTS)
+    return pytester
+
+
+FIRST = 'request.node.callspec.id.startswith("stop4-class01")'
+SECOND = 'request.node.callspec.id.startswith("stop4-class02")'
+
+
+def test_new_failures_fail_and_old_ones_need_not(tests: pytest.Pytester) -> None:
+    session(tests, SECOND, "--rvads-report=old.json")
+    against = ("--rvads-baseline=old.json", "--rvads-fail-on=new")
+    same = session(tests, SECOND, *against)
+    same.assert_outcomes(failed=1, passed=1, skipped=2)
+    assert same.ret == 0
+    same.stdout.fnmatch_lines(["against old.json: 4 UNCHANGED", "rvads: 1 item failed as in the baseline, which *=new lets pass"])
+    worse = session(tests, "True", *against, "--rvads-report=now.json")
+    assert worse.ret == pytest.ExitCode.TESTS_FAILED
+    worse.stdout.fnmatch_lines(
+        [
+            "*rvads verdicts*",
+            "against old.json: 1 NEW, 3 UNCHANGED",
+            "  NEW     test_it.py::test_rules[[]stop4-class01-as1111-cfgB-p1[]]  p1 at t=*",
+        ]
+    )
+    records = json.loads((tests.path / "now.json").read_text(encoding="utf-8"))["records"]
+    assert [r["change"] for r in records] == ["NEW", "UNCHANGED", "UNCHANGED", "UNCHANGED"]
+    better = session(tests, "False", *against)
+    assert better.ret == 0
+    better.stdout.fnmatch_lines(["against old.json: 1 FIXED, 3 UNCHANGED", "  FIXED   test_it.py::test_rules[[]stop4-class02*"])
+    assert session(tests, SECOND, "--rvads-baseline=old.json").ret == 1, "without --rvads-fail-on every failure counts"
+
+
+def test_other_failures_always_count(tests: pytest.Pytester) -> None:
+    session(tests, SECOND, "--rvads-report=old.json")
+    tests.makepyfile(test_plain="def test_plain():\n    assert 1 == 2\n")
+    result = session(tests, SECOND, "--rvads-baseline=old.json", "--rvads-fail-on=new")
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    tests.makepyfile(test_plain="def test_plain(): ...")
+    stopped = session(tests, SECOND, "--rvads-baseline=old.json", "--rvads-fail-on=new", "-x", "-k", "p1 or plain")
+    assert stopped.ret == pytest.ExitCode.TESTS_FAILED, "test_plain did not run, so this is no success"
+    early = session(tests, FIRST, "--rvads-baseline=old.json", "--rvads-fail-on=new", "-x", "-k", "p1 or plain")
+    assert early.ret == pytest.ExitCode.TESTS_FAILED
+    early.stdout.fnmatch_lines(["against old.json: 1 NEW, 1 NOT RUN, 2 OUTSIDE", "rvads: the session stopped early: 1 item *"])
+
+
+def test_what_vanished_and_what_was_not_selected(tests: pytest.Pytester) -> None:
+    session(tests, "False", "--rvads-report=old.json")
+    part = session(tests, "False", "--rvads-baseline=old.json", "-k", "class01")
+    part.stdout.fnmatch_lines(["against old.json: 2 UNCHANGED, 2 OUTSIDE"])
+    named = session(tests, "False", "--rvads-baseline=old.json", "test_it.py::test_rules[stop4-class01-as1111-cfgB-p1]")
+    named.stdout.fnmatch_lines(["against old.json: 1 UNCHANGED, 3 OUTSIDE"])
+    tests.makepyfile(test_it=TESTS.replace("(1, 2)", "1"))
+    less = session(tests, "False", "--rvads-baseline=old.json")
+    less.stdout.fnmatch_lines(
+        ["against old.json: 1 LOST, 2 UNCHANGED", "  LOST    *class02*-p1]  was PASS, does not exist any more"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--rvads-baseline=none.json",), "*rvads_baseline: *none.json can't be read as a report*"),
+        (("--rvads-fail-on=new",), "*rvads_fail_on=new needs something to compare with*"),
+        (("--rvads-erosion=-1",), "*rvads_erosion must be a number from 0 to 3600, got '-1'*"),
+    ],
+)
+def test_misuse(tests: pytest.Pytester, options: tuple[str, ...], says: str) -> None:
+    result = tests.runpytest(*options)
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines([says])
+
+
+FLAKY = """
+    import pytest
+    import pytest_rvads as rvads
+
+    class Moody(rvads.Reference):
+        runs = 0
+
+        def control(self, seen):
+            if seen.time == 0 and seen.me.name == "a0":
+                Moody.runs += 1
+            if seen.me.name == "a0" and seen.time > 0.995 and Moody.runs > 1:
+                return rvads.Control(brake=1.0)
+            return super().control(seen)
+
+    class Racer(rvads.Follower):
+        def target_speed(self, seen):
+            return 8.0
+
+    @pytest.fixture
+    def rvads_autopilot(request):
+        return Moody if "moody" in request.function.__name__ else Racer
+
+    @rvads.scenario("stop4", classes=7, grid="C", duration=6)
+    def test_moody(run):
+        assert not run.steps
+
+    @rvads.scenario("stop4", classes=7, grid="C", rules=("p1", "p2"), duration=6)
+    def test_racer(run, rule, monitor):
+        monitor.check(rule)
+"""
+
+
+@pytest.mark.parametrize("workers", [(), ("-n", "1")])
+def test_a_run_that_can_t_be_repeated_is_flaky(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
+    pytester.makepyfile(test_it=FLAKY)
+    result = pytester.runpytest_subprocess("--rvads-report=out.json", *workers)
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    result.stdout.fnmatch_lines(
+        [
+            "*rvads not deterministic*",
+            "First difference: t=1.00 s (tick 100): * of a0 is * in one run, * in the other.",
+            "*07*FLAKY*",
+            "*1 x run: not deterministic: the same start gave another run",
+            "stop4: *1 flaky*",
+        ]
+    )
+    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    status = {r["nodeid"].partition("::")[2].partition("[")[0] + (r["rule"] or ""): r["status"] for r in records}
+    assert status["test_moody"] == "FLAKY"
+    assert status["test_racerp1"] == "FAIL", "a deterministic failure is just a failure"
+    quiet = pytester.runpytest_subprocess("--rvads-repeat=never", *workers)
+    quiet.assert_outcomes(**result.parseoutcomes())
+    assert "FLAKY" not in quiet.stdout.str()
+
+
+def test_merged_shards_beside_a_baseline(tests: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
+    session(tests, "False", "--rvads-report=old.json")
+    session(tests, SECOND, "--rvads-report=a.json", "-k", "class01")
+    session(tests, SECOND, "--rvads-report=b.json", "-k", "class02 and p1")
+    old, *shards = (str(tests.path / f"{name}.json") for name in ("old", "a", "b"))
+    capsys.readouterr()
+    assert main(["report", "merge", *shards, "--baseline", old]) == 1
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].endswith("old.json: 1 NEW, 2 UNCHANGED, 1 OUTSIDE")
+    assert said[1].startswith("  NEW     test_it.py::test_rules[stop4-class02-as1112-cfgB-p1]  p1 at t=")
+
+
+def test_comparing_runs_and_verdicts(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        from dataclasses import replace
+
+        import pytest
+        import pytest_rvads as rvads
+
+        @pytest.fixture(scope="module")
+        def run():
+            return rvads.simulate(rvads.Scenario("stop4", "1133", distance=0.3, duration=1.0), rvads.Reference)
+
+        def test_differ(run):
+            speed = run.speed.copy()
+            speed[50, 2] += 1.0
+            assert run == replace(run, speed=speed)
+
+        def test_same(run):
+            assert run != replace(run)
+
+        def test_verdicts(run):
+            assert rvads.check(run, "p1") == rvads.check(run, "p4")
+
+        def test_plain():
+            assert 1 == 2
+        """
+    )
+    result = pytester.runpytest()
+    result.assert_outcomes(failed=4)
+    result.stdout.fnmatch_lines(
+        [
+            "E       assert <Run stop4-class07-as1133-cfgd00.30v00.00: 4 vehicles, 1.00 s> == <Run *",
+            "E         t=0.50 s (tick 50): speed of a2 is * in one run, * in the other",
+            "E       assert <Run * != <Run *",
+            "E         the same bit for bit, hash *",
+            "E       assert p1 * == p4 NA",
+            "E         p1 *",
+            "E         p4 NA: *",
+        ]
+    )
