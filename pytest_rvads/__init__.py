@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pytest_rvads.autopilots import Follower, Reference, RollingStop
     from pytest_rvads.autopilots.lgsvl import LgsvlLike
+    from pytest_rvads.autopilots.playback import Replay
+    from pytest_rvads.autopilots.traffic import traffic
     from pytest_rvads.collection import known, scenario
     from pytest_rvads.errors import (
         AutopilotError,
@@ -41,6 +43,8 @@ __version__ = "0.1.0"
 _HOMES = {
     "autopilots": ["Follower", "Reference", "RollingStop"],
     "autopilots.lgsvl": ["LgsvlLike"],
+    "autopilots.playback": ["Replay"],
+    "autopilots.traffic": ["traffic"],
     "collection": ["known", "scenario"],
     "errors": [
         "AutopilotError",
@@ -92,6 +96,7 @@ __all__ = [
     "Observation",
     "OpenObligation",
     "Reference",
+    "Replay",
     "RollingStop",
     "Rule",
     "RuleViolation",
@@ -113,6 +118,7 @@ __all__ = [
     "rule",
     "scenario",
     "simulate",
+    "traffic",
     "vmax",
 ]
 

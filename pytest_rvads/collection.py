@@ -6,7 +6,7 @@ run follow each other.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +17,7 @@ import pytest
 from pytest_rvads.errors import OpenObligation, RuleViolation, RvadsError, ScenarioError, suggest
 
 if TYPE_CHECKING:
+    from pytest_rvads.autopilots.traffic import Policy
     from pytest_rvads.logic.rules import Rule
     from pytest_rvads.maps.junction import Junction
     from pytest_rvads.options import Options
@@ -25,8 +26,12 @@ if TYPE_CHECKING:
 
 __all__ = ["KEYS", "Cell", "expand", "known", "register_marks", "scenario"]
 
-KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "rule")
+KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "traffic", "rule")
 """Keywords that select cells, in ``-m "rvads(cls=7)"`` and in ``@rvads.known(cls=7)``."""
+
+
+DEFAULT = "reference"
+"""The traffic policy where a mark names none; ids leave it out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +41,19 @@ class Cell:
     scenario: Scenario
     rule: Rule | None
     """None where the test does not ask for the rule axis."""
+    traffic: Policy | None = None
+    """Drives the others where the scenario has a subject."""
 
     @property
     def id(self) -> str:
         """The part in brackets of the item's id."""
-        return f"{self.scenario.name}-{self.rule.name}" if self.rule else self.scenario.name
+        return f"{self.run}-{self.rule.name}" if self.rule else self.run
+
+    @property
+    def run(self) -> str:
+        """The id without the rule: what cells of the same run share."""
+        name = self.scenario.name
+        return name if self.traffic is None or self.traffic.name == DEFAULT else f"{name}-{self.traffic.name}"
 
     @property
     def keys(self) -> dict[str, str | int]:
@@ -57,6 +70,8 @@ class Cell:
         }
         if scenario.subject is not None:
             keys["seat"] = scenario.subject
+        if self.traffic:
+            keys["traffic"] = self.traffic.name
         if self.rule:
             keys["rule"] = self.rule.name
         return keys
@@ -73,7 +88,9 @@ def scenario(
     distances: float | Sequence[Any] | None = None,
     speeds: float | Sequence[Any] | None = None,
     probe: bool = False,
-    rules: str | Rule | Iterable[str | Rule] = "paper",
+    rules: str | Rule | Iterable[str | Rule] | None = None,
+    subject: int | str | None = None,
+    traffic: str | Callable[[], Any] | Iterable[str | Callable[[], Any]] | None = None,
     duration: float = 60.0,
     aggression: int = 1,
     wait: float = 1.5,
@@ -92,7 +109,14 @@ def scenario(
             per entrance, or a list of either to run one after the other.
         speeds: with `distances`: initial speeds [m/s], likewise; 0 by default.
         probe: keep points of the grid beyond the braking envelope v(d)max; by default they are left out.
-        rules: a rulebook, rules, or both; of a rulebook only the rules about this kind of junction run.
+        rules: a rulebook, rules, or both; of a rulebook only the rules about this kind of junction run. By default
+            ``"paper"``, and ``"road"`` with a subject.
+        subject: entrance of the vehicle under test, or ``"all"`` for every seat in turn; the others are traffic, and only
+            what the subject is to blame for fails the test. By default all vehicles are under test. ``cover="class"`` then
+            runs every class of (scenario, seat): as many as there are scenarios, 81 at four ways and 8 at three.
+        traffic: with a subject, what drives the others: a policy by name (``"reference"`` by default, ``"hesitant"``,
+            ``"rolling_stop"``, ``"late_yielder"``, ``"red_light_runner"``, ``"stopped"``, ``"lgsvl"``), an autopilot or
+            traffic system of your own, or several of these to run one after the other.
         duration: longest run [s].
         aggression: braking level 1, 2 or 3.
         wait: the random draw of autopilots that have one [s].
@@ -110,7 +134,7 @@ def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | in
     Args:
         name: of the deficiency, as it shall appear in reports.
         reason: what goes wrong.
-        where: values, or several of them, for any of junction, cls, scenario, cfg, rotation, seat, rule.
+        where: values, or several of them, for any of junction, cls, scenario, cfg, rotation, seat, traffic, rule.
 
     Raises:
         ScenarioError: another keyword.
@@ -128,7 +152,7 @@ def register_marks(config: pytest.Config) -> None:
     for line in (
         "rvads_scenario(junction, ...): run over scenarios; written as @rvads.scenario",
         "rvads_known(name, ...): cells of a known deficiency; written as @rvads.known",
-        "rvads(junction, cls, scenario, cfg, rotation, seat, rule): on every item, to select by -m \"rvads(cls=7, rule='p1')\"",
+        f"rvads({', '.join(KEYS)}): on every item, to select by -m \"rvads(cls=7, rule='p1')\"",
     ):
         config.addinivalue_line("markers", line)
 
@@ -215,28 +239,49 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
         duration=ask["duration"],
         aggression=ask["aggression"],
         wait=ask["wait"],
+        subject=ask["subject"],
     )
+    policies = _policies(ask["subject"], ask["traffic"])
     if options.rules:
         _register(options.rules)
     rules: Sequence[Rule | None] = [None]
     if "rule" in metafunc.fixturenames:
+        default = "paper" if ask["subject"] is None else "road"
         named = _several("rules", ask["rules"], (str, Rule), "rules or names of rules or rulebooks")
-        rules = rules_for("paper" if named is None else named, junction.control)
+        rules = rules_for(default if named is None else named, junction.control)
         if not rules:
             raise ScenarioError(
-                f"no rule of {ask['rules']!r} is about a junction with control {junction.control.value!r} like "
+                f"no rule of {ask['rules'] or default!r} is about a junction with control {junction.control.value!r} like "
                 f"{junction.name!r}: name rules outright, `rvads rules` lists them"
             )
     rows, points = selection.count(), len(selection.configurations)
-    if rows * points * len(rules) > options.max_items:
+    total = rows * points * len(policies) * len(rules)
+    if total > options.max_items:
+        among = f" × {len(policies)} kinds of traffic" if len(policies) > 1 else ""
         raise ScenarioError(
-            f"would expand to {rows * points * len(rules):,} items ({rows:,} scenarios × {points} points × {len(rules)} rules): "
+            f"would expand to {total:,} items ({rows:,} scenarios × {points} points{among} × {len(rules)} rules): "
             "narrow the grid, use --rvads-cover=class, or raise --rvads-max-items"
         )
     for scenario_ in selection:
         scenario_.fit()
-        for rule in rules:
-            yield Cell(scenario_, rule)
+        for policy in policies:
+            for rule in rules:
+                yield Cell(scenario_, rule, policy)
+
+
+def _policies(subject: int | str | None, traffic: Any) -> tuple[Policy | None, ...]:
+    """Return the traffic policies to run among, or None alone without a subject."""
+    from pytest_rvads.autopilots.traffic import Policy
+
+    if subject is None:
+        if traffic is not None:
+            raise ScenarioError("traffic= drives the vehicles beside a subject: say subject=0 or 'all', or leave traffic= out")
+        return (None,)
+    several = isinstance(traffic, Iterable) and not isinstance(traffic, str) and not callable(traffic)
+    named = tuple(traffic) if several else (DEFAULT if traffic is None else traffic,)
+    if not named:
+        raise ScenarioError("traffic is empty: name a policy or an autopilot, or leave it out")
+    return tuple(Policy.of(one) for one in named)
 
 
 def _several(name: str, value: Any, kind: type | tuple[type, ...], what: str) -> tuple[Any, ...] | None:

@@ -60,7 +60,7 @@ def _roles(story: Story, j: Judgement) -> list[str]:
             inside = np.flatnonzero(run.zone[: tick + 1, e.index] == Zone.JUNCTION)
             entered = f"   entered {clock(run, int(inside[0]))} s" if len(inside) else ""
             agent = run.agents[e.index]
-            blame = "   <- acts" if e in responsible(j) else ""
+            blame = "   <- acts" if e in responsible(j, run) else ""
             lines.append(f"vehicle   {e.name} from entrance {agent.entrance}, {agent.turn}{entered}{blame}")
         if j.failed is None:
             lines.append(f"open      {say(shape.obligation)}, owed since {clock(run, j.trigger or 0)} s")

@@ -13,7 +13,7 @@ from pytest_rvads.logic.judge import Judgement, judge, nearest_miss
 from pytest_rvads.logic.prepare import prepare
 from pytest_rvads.logic.rules import Rule, get_rule
 from pytest_rvads.logic.shape import shape_of
-from pytest_rvads.logic.story import Story
+from pytest_rvads.logic.story import Story, is_about
 from pytest_rvads.logic.verdicts import Status, Verdict
 from pytest_rvads.maps.junction import JunctionControl
 from pytest_rvads.semantics.predicates import extract
@@ -42,6 +42,9 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
         itinerary: use the known itineraries for ``take``; False evaluates the paper's definition, a future formula.
         standing: count waiting times from standstill, as the paper's text says, instead of from the arrival at the
             entrance, as its implementation does and its tables require.
+
+    With a subject among traffic (`Run.subject`) the status is that of the instances the subject is to blame for. Where it is
+    to blame for none, whatever the traffic did is told with ``provoked`` set.
 
     Returns:
         The verdict; ERROR for a run that is empty, damaged or ended by a fault.
@@ -72,15 +75,16 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
         found = judge(prepared.templates, values)
     except RunError as error:
         return tell(Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=prepared.collapsed))
-    status = _overall(found)
+    status, provoked = _attributed(found, run)
     story = Story(rule, run, status, tuple(found), values, collapsed=prepared.collapsed, tie=window)
+    story.subject, story.provoked = run.subject, provoked
     if status is Status.NA:
         story.reason = "never triggered: the premise of no instance ever holds on the run"
         story.near = nearest_miss(prepared.templates, values)
     if status in (Status.FAIL, Status.OPEN):
         story.cycle = _cycle(rule, run, values, itinerary)
     if window > 0:
-        exact = _overall(judge(prepared.templates, Values(run, standing=standing)))
+        exact, _ = _attributed(judge(prepared.templates, Values(run, standing=standing)), run)
         if exact is not status:
             story.notes.append(f"the tie window of {window:g} s decides: without it the verdict would be {exact}")
     return tell(story)
@@ -90,6 +94,15 @@ def _overall(found: list[Judgement]) -> Status:
     """Combine the instances: FAIL if any, else OPEN if any, else PASS if any was triggered, else NA."""
     statuses = {j.status for j in found}
     return next((s for s in (Status.FAIL, Status.OPEN, Status.PASS) if s in statuses), Status.NA)
+
+
+def _attributed(found: list[Judgement], run: Run) -> tuple[Status, bool]:
+    """Return the status, and whether it is the traffic's alone; what a subject is to blame for counts before all else."""
+    status, subject = _overall(found), run.subject
+    if subject is None or status not in (Status.FAIL, Status.OPEN):
+        return status, False
+    own = [j for j in found if j.status in (Status.FAIL, Status.OPEN) and is_about(j, run, subject)]
+    return (_overall(own), False) if own else (status, True)
 
 
 def _trouble(run: Run) -> str:

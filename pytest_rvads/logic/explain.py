@@ -7,8 +7,9 @@ from pytest_rvads.logic.block import block
 from pytest_rvads.logic.judge import Judgement
 from pytest_rvads.logic.phrase import clock, element_name, literal, say
 from pytest_rvads.logic.sorts import Sort
-from pytest_rvads.logic.story import Story, bound_names, happened, responsible
+from pytest_rvads.logic.story import Story, bound_names, collision_cause, happened, responsible
 from pytest_rvads.logic.verdicts import InstanceVerdict, NearMiss, Status, Verdict
+from pytest_rvads.semantics.run import Run
 
 __all__ = ["tell"]
 
@@ -21,6 +22,11 @@ def tell(story: Story) -> Verdict:
     if story.cycle:
         around = " -> ".join((*story.cycle.agents, story.cycle.agents[0]))
         story.notes.insert(0, f"{_cyclic(story)} ({around}): each has to wait for the next, so no continuation could pass")
+    cause = worst and collision_cause(worst, run)
+    if cause:
+        story.notes.append(f"who caused the collision: {' and '.join(cause.agents)} {cause.reason}")
+    if story.provoked:
+        story.notes.append(f"provoked by traffic: {story.subject}, the subject, is not to blame")
     near = story.near
     miss = None
     if near:
@@ -39,13 +45,15 @@ def tell(story: Story) -> Verdict:
         time=time,
         counts=story.counts,
         collapsed=story.collapsed,
-        instances=tuple(_instance(j) for j in ordered),
+        instances=tuple(_instance(j, run) for j in ordered),
         near=miss,
         cause=_cause(story, worst),
         notes=tuple(story.notes),
         explanation="\n".join(block(story, worst, miss)),
         requirement=rule.requirement,
         dt=run.dt,
+        subject=story.subject,
+        provoked=story.provoked,
     )
 
 
@@ -54,11 +62,11 @@ def _cyclic(story: Story) -> str:
     return f"the {what} of the arrivals is a cycle"
 
 
-def _instance(j: Judgement) -> InstanceVerdict:
+def _instance(j: Judgement, run: Run) -> InstanceVerdict:
     return InstanceVerdict(
         bound_names(j.template),
         j.status,
-        tuple(e.name for e in responsible(j)),
+        tuple(e.name for e in responsible(j, run)),
         j.trigger,
         j.failed,
         tuple(literal(a, v) for a, v in j.broken),
@@ -78,6 +86,7 @@ def _message(story: Story, worst: Judgement | None) -> str:
     fails = sum(j.status is status for j in story.found)
     more = f" (the first of {fails} instances)" if fails > 1 else ""
     hint = f"; {_cyclic(story)}, no continuation could pass" if story.cycle else ""
+    hint += "; provoked by traffic" if story.provoked else ""
     if status is Status.FAIL:
         return f"{name} at t={clock(run, worst.failed or 0)} s: {happened(worst)}{more}{hint}"
     shape = worst.template.shape
@@ -109,4 +118,6 @@ def _cause(story: Story, worst: Judgement | None) -> str:
     if worst.status is Status.OPEN:
         owed = f"{say(shape.waits, name)} until {say(shape.goes, name)}" if shape.waits and shape.goes else str(shape.obligation)
         return f"open: {owed} ({roles})"
-    return f"{happened(worst, name)} ({roles})"
+    by = collision_cause(worst, run)
+    blame = [name(e) for e in responsible(worst, run)] if by else []
+    return f"{happened(worst, name)} ({roles})" + (f", caused by {' and '.join(blame)}" if blame else "")

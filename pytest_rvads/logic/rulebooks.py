@@ -157,7 +157,7 @@ ROAD = (
         "no collision",
         "No two vehicles touch.",
         source=f"{_VIENNA}, Art. 7(1) and 13(1)",
-        responsible="both vehicles",
+        responsible="the vehicle that caused it; both, where nothing tells them apart",
     ),
     Rule(
         "no_conflict",

@@ -15,9 +15,10 @@ from pytest_rvads.logic.rules import Rule
 from pytest_rvads.logic.shape import Kind, agents_of
 from pytest_rvads.logic.sorts import Sort
 from pytest_rvads.logic.verdicts import Status
+from pytest_rvads.semantics.collisions import Cause, cause_of
 from pytest_rvads.semantics.run import Run
 
-__all__ = ["Story", "bound_names", "happened", "responsible"]
+__all__ = ["Story", "bound_names", "collision_cause", "happened", "is_about", "responsible"]
 
 _ORDER = (Status.FAIL, Status.OPEN, Status.PASS, Status.NA)
 _WORDS = {Status.FAIL: "fail", Status.OPEN: "open", Status.PASS: "pass", Status.NA: "not triggered"}
@@ -38,6 +39,10 @@ class Story:
     cycle: Cycle | None = None
     near: tuple[Template, int, tuple[f.Formula, ...], int] | None = None
     notes: list[str] = field(default_factory=list)
+    subject: str | None = None
+    """The vehicle that the status is about, where it is one among traffic."""
+    provoked: bool = False
+    """Whether none of what is violated or open is the subject's doing."""
 
     @property
     def counts(self) -> dict[str, int]:
@@ -46,11 +51,12 @@ class Story:
         return {word: found[word] for word in _WORDS.values() if found[word]}
 
     def ordered(self) -> list[Judgement]:
-        """Return the worst instances first, the earliest of them first."""
+        """Return the worst instances first, the earliest of them first; with a subject, what it is to blame for leads."""
 
-        def key(j: Judgement) -> tuple[int, int]:
+        def key(j: Judgement) -> tuple[bool, int, int]:
             tick = j.failed if j.failed is not None else j.trigger
-            return _ORDER.index(j.status), self.run.steps if tick is None else tick
+            other = self.subject is not None and not is_about(j, self.run, self.subject)
+            return other, _ORDER.index(j.status), self.run.steps if tick is None else tick
 
         return sorted(self.found, key=key)
 
@@ -60,15 +66,39 @@ def bound_names(template: Template) -> tuple[tuple[str, str], ...]:
     return tuple((name, element_name(e)) for name, e in template.binding)
 
 
-def responsible(j: Judgement) -> tuple[f.Element, ...]:
+def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
     """Return the vehicles bound to act: those whose doing broke the instance, or that still have to wait."""
     if j.status is Status.FAIL:
-        named = tuple(dict.fromkeys(e for a, _ in j.broken for e in agents_of(a)))
-        return named or agents_of(j.template.formula)
+        named = tuple(dict.fromkeys(e for a, _ in j.broken for e in agents_of(a))) or agents_of(j.template.formula)
+        cause = collision_cause(j, run)
+        return tuple(e for e in named if cause is None or e.name in cause.agents)
     if j.status is Status.OPEN:
-        waits = j.template.shape.waits
-        return agents_of(waits if waits is not None else j.template.shape.obligation)
+        return _waiting(j)
     return ()
+
+
+def is_about(j: Judgement, run: Run, subject: str) -> bool:
+    """Return whether `subject` is to blame for what is violated or open.
+
+    An obligation that is still open is kept by whoever waits; what keeps it open is the vehicle that is waited for, if any.
+    """
+    if j.status is not Status.OPEN or j.template.shape.goes is None:
+        return any(e.name == subject for e in responsible(j, run))
+    waiting = _waiting(j)
+    awaited = tuple(e for e in agents_of(j.template.shape.goes) if e not in waiting)
+    return any(e.name == subject for e in awaited or waiting)
+
+
+def collision_cause(j: Judgement, run: Run) -> Cause | None:
+    """Return who caused the collision that broke an instance, or None where none did."""
+    pairs = [{e.name for e in agents_of(a)} for a, _ in j.broken if a.name == "collide"]
+    hit = next((c for c in run.collisions if set(c.agents) in pairs), None)
+    return None if hit is None else cause_of(run, hit)
+
+
+def _waiting(j: Judgement) -> tuple[f.Element, ...]:
+    waits = j.template.shape.waits
+    return agents_of(waits if waits is not None else j.template.shape.obligation)
 
 
 def happened(j: Judgement, name: Naming = element_name) -> str:

@@ -104,6 +104,10 @@ class Verdict:
     requirement: str | None = None
     dt: float = 0.01
     """Time between two states [s]."""
+    subject: str | None = None
+    """The vehicle under test, where the others are traffic; the status is then that of what it is to blame for, if anything."""
+    provoked: bool = False
+    """Violated or open, but by the doing of the traffic alone: nothing for a test of the subject to fail by."""
 
     def __repr__(self) -> str:
         return f"<Verdict {self.rule} {self.status}: {self.message}>"
@@ -149,4 +153,6 @@ class Verdict:
             "cause": self.cause,
             "notes": list(self.notes),
             "requirement": self.requirement,
+            "subject": self.subject,
+            "provoked": self.provoked,
         }

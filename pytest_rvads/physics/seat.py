@@ -148,6 +148,7 @@ def crew(agents: Sequence[Agent], autopilot: Factory, subject: int | None = None
             raise AutopilotError(
                 f"an autopilot must be a class or a callable that makes one, got {factory!r}: every vehicle of every run gets "
                 "a new one, so pass the class, not an instance"
+                + ("; rvads.traffic(name) returns a traffic policy" if isinstance(factory, str) else "")
             )
     if traffic is None:
         return _hire(autopilot, agents)

@@ -119,7 +119,7 @@ def _state(record: Record | None) -> str:
         return "failed"
     if record["known"]:
         return "known"
-    return "passed" if record["status"] == "PASS" else "idle"
+    return "passed" if record["status"] in ("PASS", "PROVOKED") else "idle"
 
 
 def _judged(record: Record) -> bool:

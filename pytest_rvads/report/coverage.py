@@ -1,7 +1,7 @@
 """Coverage: which cells of the tables a session exercised, of those that its tests ask for.
 
 A cell is (junction, class, configuration, rule). It is exercised when a rule judged a run in it: PASS, FAIL or
-OPEN, expected or not. NA exercises nothing, nor does an error, nor an item that did not run.
+OPEN, expected or not, provoked by traffic or not. NA exercises nothing, nor does an error, nor an item that did not run.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pytest_rvads.report.document import Cell, Report, cell_of
 
 __all__ = ["Coverage", "measure", "shortfall"]
 
-_JUDGED = ("PASS", "FAIL", "OPEN", "FLAKY")
+_JUDGED = ("PASS", "FAIL", "OPEN", "PROVOKED", "FLAKY")
 _REASONS = ("ERROR", "NOT JUDGED", "NA", "NOT RUN")
 """Why a cell is not exercised, the first that applies to one of its items."""
 

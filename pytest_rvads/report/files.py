@@ -10,7 +10,7 @@ from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.coverage import measure
 from pytest_rvads.report.document import Report
 from pytest_rvads.report.indicators import extremes
-from pytest_rvads.report.matrix import causes, coverage, matrices
+from pytest_rvads.report.matrix import causes, coverage, matrices, provoked
 
 __all__ = ["FORMATS", "append_summary", "load", "markdown", "save"]
 
@@ -102,11 +102,11 @@ def markdown(report: Report) -> str:
         lines += ["## Since the baseline", "", _cell(report.comparison.headline), ""]
         lines += [f"- {_cell(line)}" for line in report.comparison.lines()]
         lines.append("")
-    groups = causes(records)
-    if groups:
-        lines += ["## Causes of failures", "", "| items | rule | cause | first |", "|---:|---|---|---|"]
-        lines += [f"| {c.count} | {_cell(c.rule)} | {_cell(c.text)} | `{_cell(c.example)}` |" for c in groups]
-        lines.append("")
+    for title, groups in (("Causes of failures", causes(records)), ("Provoked by traffic", provoked(records))):
+        if groups:
+            lines += [f"## {title}", "", "| items | rule | cause | first |", "|---:|---|---|---|"]
+            lines += [f"| {c.count} | {_cell(c.rule)} | {_cell(c.text)} | `{_cell(c.example)}` |" for c in groups]
+            lines.append("")
     said = (*coverage(records, report.totals), *extremes(records), f"coverage: {measure(report)}")
     lines += [f"- {_cell(line)}" for line in said]
     for matrix in matrices(records):

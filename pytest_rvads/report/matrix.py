@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from pytest_rvads.report.record import Record
 
-__all__ = ["Cause", "Matrix", "causes", "coverage", "matrices"]
+__all__ = ["Cause", "Matrix", "causes", "coverage", "matrices", "provoked"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +34,11 @@ class Cause:
 
 
 def matrices(records: Sequence[Record]) -> list[Matrix]:
-    """Return a matrix per test file, test function and junction, in the order of the items."""
+    """Return a matrix per test file, test function, junction and kind of traffic, in the order of the items."""
     groups: dict[tuple[str, str], list[Record]] = {}
     for record in records:
-        groups.setdefault((record["nodeid"].partition("[")[0], record["junction"]), []).append(record)
+        among = f" among {record['traffic']} traffic" if record.get("traffic") else ""
+        groups.setdefault((record["nodeid"].partition("[")[0], record["junction"] + among), []).append(record)
     return [_matrix(f"{junction}   {test}", group) for (test, junction), group in groups.items()]
 
 
@@ -65,7 +66,7 @@ def _text(records: Sequence[Record]) -> str:
     if len(kinds) == 1:
         return next(iter(kinds))
     bad = [kind for kind in _BAD if kinds[kind]] + sorted(kind for kind in kinds if kind.startswith("xfail"))
-    shown = bad or [kind for kind in ("NOT JUDGED", "NOT RUN", "pass", "NA") if kinds[kind]]
+    shown = bad or [kind for kind in ("NOT JUDGED", "NOT RUN", "provoked", "pass", "NA") if kinds[kind]]
     return ", ".join(f"{kinds[kind]}/{len(records)} {kind.lower() if kind in _BAD else kind}" for kind in shown)
 
 
@@ -77,7 +78,7 @@ def _kind(record: Record) -> str:
     status: str = record["status"]
     if known:
         return f"xfail {known.partition(':')[0]}"
-    return "pass" if status == "PASS" else status
+    return status.lower() if status in ("PASS", "PROVOKED") else status
 
 
 def _spans(numbers: Sequence[int]) -> str:
@@ -93,10 +94,18 @@ def _spans(numbers: Sequence[int]) -> str:
 
 def causes(records: Sequence[Record]) -> list[Cause]:
     """Group unexpected failures by rule and cause, the most frequent first."""
+    return _grouped([record for record in records if record["outcome"] == "failed"])
+
+
+def provoked(records: Sequence[Record]) -> list[Cause]:
+    """Group what traffic did to a subject that is not to blame, likewise."""
+    return _grouped([record for record in records if record["status"] == "PROVOKED"])
+
+
+def _grouped(records: Sequence[Record]) -> list[Cause]:
     groups: dict[tuple[str, str], list[Record]] = {}
     for record in records:
-        if record["outcome"] == "failed":
-            groups.setdefault((_rule(record), _cause(record)), []).append(record)
+        groups.setdefault((_rule(record), _cause(record)), []).append(record)
     found = [Cause(rule, text, len(group), group[0]["nodeid"]) for (rule, text), group in groups.items()]
     return sorted(found, key=lambda c: -c.count)
 
@@ -104,7 +113,8 @@ def causes(records: Sequence[Record]) -> list[Cause]:
 def _cause(record: Record) -> str:
     if record["status"] == "FLAKY":
         return "not deterministic: the same start gave another run"
-    verdict = next((v for v in record["verdicts"] if v["status"] == record["status"]), None)
+    wanted = record["status"]
+    verdict = next((v for v in record["verdicts"] if wanted in (v["status"], "PROVOKED" if v.get("provoked") else "")), None)
     cause: str = verdict["cause"] if verdict else record["message"].strip().partition("\n")[0]
     return cause
 
@@ -123,21 +133,30 @@ def coverage(records: Sequence[Record], totals: dict[int, tuple[int, int]]) -> l
         ran = [r for r in here if r.get("hash") and r["status"] != "ERROR"]
         seen = {r["cls"] for r in ran} - {0}
         members = {r["scenario"] for r in ran if r["cls"]}
+        seated = {_from(r["scenario"], r["seat"]) for r in ran if r["cls"] and r["seat"] is not None}
+        # With a vehicle under test among traffic there are as many classes as scenarios.
+        seats = f"{len(seated)}/{scenarios} classes with a subject, " if seated else ""
         runs = {r["hash"] for r in ran}
         counts = Counter("known" if r["known"] else r["status"] for r in here)
         verdicts = ", ".join(f"{counts[s]} {w}" for s, w in _WORDS if counts[s])
         idle = sorted({_rule(r) for r in here} - {_rule(r) for r in here if r["status"] != "NA"})
         lines.append(
-            f"{junction}: {len(seen)}/{classes} classes, {len(members)}/{scenarios} scenarios, {len(runs)} runs, "
+            f"{junction}: {len(seen)}/{classes} classes, {seats}{len(members)}/{scenarios} scenarios, {len(runs)} runs, "
             f"{len(here)} verdicts: {verdicts}" + (f"  (never applicable: {', '.join(idle)})" if idle else "")
         )
     return lines
+
+
+def _from(scenario: str, seat: int) -> str:
+    """Return a scenario as seen from a seat: equal ones are rotations of each other."""
+    return scenario[seat:] + scenario[:seat]
 
 
 _WORDS = (
     ("PASS", "pass"),
     ("FAIL", "fail"),
     ("OPEN", "open"),
+    ("PROVOKED", "provoked by traffic"),
     ("known", "known failures"),
     ("NA", "NA"),
     ("ERROR", "error"),

@@ -9,10 +9,10 @@ __all__ = ["SEVERITY", "Record", "cell_record", "conclude", "flake", "not_run", 
 
 Record = dict[str, Any]
 
-SEVERITY = ("ERROR", "FLAKY", "FAIL", "OPEN", "PASS", "NA", "NOT JUDGED", "NOT RUN")
-"""Every status of a record, the worst first."""
+SEVERITY = ("ERROR", "FLAKY", "FAIL", "OPEN", "PROVOKED", "PASS", "NA", "NOT JUDGED", "NOT RUN")
+"""Every status of a record, the worst first. PROVOKED: violated or open by the doing of the traffic, not of the subject."""
 
-_WORST = ("ERROR", "FAIL", "OPEN", "PASS", "NA")
+_WORST = ("ERROR", "FAIL", "OPEN", "PROVOKED", "PASS", "NA")
 
 
 def cell_record(nodeid: str, line: int, test: str, keys: dict[str, str | int], ways: int) -> Record:
@@ -22,10 +22,10 @@ def cell_record(nodeid: str, line: int, test: str, keys: dict[str, str | int], w
         nodeid: of the item.
         line: of the test function in its file.
         test: name of the test function.
-        keys: what selects the cell: junction, cls, scenario, cfg, rotation, and seat, rule where there is one.
+        keys: what selects the cell: junction, cls, scenario, cfg, rotation, and seat, traffic, rule where there is one.
         ways: number of entrances of the junction.
     """
-    return {"nodeid": nodeid, "line": line, "test": test, "ways": ways, "seat": None, "rule": None, **keys}
+    return {"nodeid": nodeid, "line": line, "test": test, "ways": ways, "seat": None, "traffic": None, "rule": None, **keys}
 
 
 def conclude(
@@ -55,7 +55,7 @@ def conclude(
     assertions. A test that has one and never judged is NOT JUDGED, one that was skipped by somebody NOT RUN; neither
     ever counts as a pass, and no failed test as anything but a failure.
     """
-    given = [v["status"] for v in verdicts]
+    given = ["PROVOKED" if v.get("provoked") else v["status"] for v in verdicts]
     worst = min(given, key=_WORST.index, default=None)
     if outcome == "failed":
         status = worst if worst in ("ERROR", "FAIL", "OPEN") else "FAIL" if when == "call" and asserted else "ERROR"
@@ -93,6 +93,7 @@ def properties(record: Record) -> list[tuple[str, Any]]:
         "scenario": record["scenario"],
         "configuration": record["cfg"],
         "rotation": record["rotation"],
+        **({} if record["seat"] is None else {"seat": record["seat"], "traffic": record["traffic"]}),
         "rule": record["rule"] or record["test"],
         "verdict": record["status"],
     }

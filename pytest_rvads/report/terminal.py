@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from itertools import groupby
 
 from rich import box
@@ -13,7 +14,7 @@ from rich.text import Text
 from pytest_rvads.report.coverage import measure
 from pytest_rvads.report.document import Report
 from pytest_rvads.report.indicators import extremes
-from pytest_rvads.report.matrix import Matrix, causes, coverage, matrices
+from pytest_rvads.report.matrix import Cause, Matrix, causes, coverage, matrices, provoked
 
 __all__ = ["summary"]
 
@@ -23,6 +24,7 @@ _MOST = 10
 """Causes listed; the rest is counted."""
 _STYLES = {
     "pass": "green",
+    "provoked": "cyan",
     "NA": "dim",
     "FAIL": "bold red",
     "fail": "red",
@@ -58,18 +60,22 @@ def summary(report: Report, *, colour: bool, width: int, unicode: bool) -> str:
         for label in long:
             console.print(Text(f" {short[label]} = {label}"), soft_wrap=True)
         console.print()
-    groups = causes(report.records)
-    if groups:
-        console.print("causes of failures")
-        for cause in groups[:_MOST]:
-            console.print(Text(f"  {cause.count:4d} x {cause.rule}: {cause.text}"), soft_wrap=True)
-            console.print(Text(f'         first: pytest "{cause.example}"'), soft_wrap=True)
-    if len(groups) > _MOST:
-        console.print(f"  ... and {len(groups) - _MOST} more: --rvads-report=FILE.md lists them all")
     records = report.records
+    for title, groups in (("causes of failures", causes(records)), ("provoked by traffic", provoked(records))):
+        _list(console, title, groups)
     for line in (*extremes(records), *coverage(records, report.totals), f"coverage: {measure(report)}"):
         console.print(Text(line), soft_wrap=True)
     return out.getvalue()
+
+
+def _list(console: Console, title: str, groups: Sequence[Cause]) -> None:
+    if groups:
+        console.print(title)
+    for cause in groups[:_MOST]:
+        console.print(Text(f"  {cause.count:4d} x {cause.rule}: {cause.text}"), soft_wrap=True)
+        console.print(Text(f'         first: pytest "{cause.example}"'), soft_wrap=True)
+    if len(groups) > _MOST:
+        console.print(f"  ... and {len(groups) - _MOST} more: --rvads-report=FILE.md lists them all")
 
 
 def _pages(matrix: Matrix, short: dict[str, str], width: int) -> list[list[int]]:

@@ -13,7 +13,9 @@ from pytest_rvads.scenarios.classes import (
     count_scenarios,
     members,
     parse,
+    rotate,
     rotations,
+    seats,
 )
 from pytest_rvads.scenarios.grid import Configuration
 from pytest_rvads.scenarios.scenario import Scenario
@@ -44,6 +46,8 @@ class Selection:
     duration: float = 60.0
     aggression: int = 1
     wait: float = 1.5
+    subject: int | str | None = None
+    """Entrance of the vehicle under test among traffic, or ``"all"`` for every seat in turn."""
 
     def __post_init__(self) -> None:
         total = count_classes(self.ways)
@@ -51,6 +55,8 @@ class Selection:
             raise ScenarioError(f"cover must be one of {', '.join(COVERS)}, got {self.cover!r}")
         if self.numbers is not None and self.scenarios is not None:
             raise ScenarioError("give classes= or scenarios=, not both: a scenario names its class")
+        if not (self.subject in (None, "all") or (type(self.subject) is int and 0 <= self.subject < self.ways)):
+            raise ScenarioError(f"subject must be an entrance, 0 to {self.ways - 1}, or 'all', got {self.subject!r}")
         for number in self.numbers or ():
             if not isinstance(number, int) or not 1 <= number <= total:
                 raise ScenarioError(f"a {self.ways}-way junction has classes 1..{total}, got {number!r}")
@@ -69,26 +75,31 @@ class Selection:
         duration: float = 60.0,
         aggression: int = 1,
         wait: float = 1.5,
+        subject: int | str | None = None,
     ) -> Selection:
         """Build a selection from class numbers or direction strings."""
         for code in scenarios or ():
             if len(code) != ways:
                 raise ScenarioError(f"scenario {code!r} names {len(code)} entrances, junction {junction!r} has {ways}")
         codes = None if scenarios is None else tuple(parse(s) for s in scenarios)
-        return cls(junction, map, ways, configurations, cover, classes, codes, duration, aggression, wait)
+        return cls(junction, map, ways, configurations, cover, classes, codes, duration, aggression, wait, subject)
 
     def count(self) -> int:
-        """Return how many abstract scenarios (rows) are selected, without listing a whole arity."""
+        """Return how many abstract scenarios (rows and seats) are selected, without listing a whole arity."""
         if self.numbers is None and self.scenarios is None:
+            seats_each = self.ways if self.subject == "all" else 1
+            if self.cover == "rotation":
+                return count_classes(self.ways) * self.ways * seats_each
             if self.cover == "scenario":
-                return count_scenarios(self.ways)
-            return count_classes(self.ways) * (self.ways if self.cover == "rotation" else 1)
-        return sum(len(self._rows(first)) for first in self._firsts())
+                return count_scenarios(self.ways) * seats_each
+            # By symmetry there are as many classes of (scenario, seat) as scenarios.
+            return count_classes(self.ways) if self.subject is None else count_scenarios(self.ways)
+        return sum(len(self._seated(first)) for first in self._firsts())
 
     def __iter__(self) -> Iterator[Scenario]:
         """Yield the scenarios, class by class, row by row, configuration by configuration."""
         for first in self._firsts():
-            for row in self._rows(first):
+            for row, subject in self._seated(first):
                 for point in self.configurations:
                     yield Scenario(
                         self.junction,
@@ -101,6 +112,7 @@ class Selection:
                         duration=self.duration,
                         aggression=self.aggression,
                         wait=self.wait,
+                        subject=subject,
                     )
 
     def _firsts(self) -> Iterator[Directions]:
@@ -114,6 +126,22 @@ class Selection:
                 yield code
             if wanted is not None and number >= max(wanted):
                 return
+
+    def _seated(self, first: Directions) -> list[tuple[int, int | None]]:
+        """Return rows and the entrance of the subject there.
+
+        With a subject, ``cover="class"`` runs every class of (scenario, seat) once: where the seat is fixed the scenario is
+        rotated through it, else the seat moves.
+        """
+        if self.subject is None:
+            return [(row, None) for row in self._rows(first)]
+        if self.subject == "all":
+            if self.cover == "class":
+                return [(0, seat) for seat in seats(first)]
+            return [(row, seat) for row in self._rows(first) for seat, d in enumerate(rotate(first, row)) if d]
+        seat = int(self.subject)
+        rows = range(len(members(first))) if self.cover == "class" and self.scenarios is None else self._rows(first)
+        return [(row, seat) for row in rows]
 
     def _rows(self, first: Directions) -> Sequence[int]:
         if self.cover == "class":

@@ -123,6 +123,12 @@ class Run:
             digest.update(b"-" if array is None else str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
 
+    @property
+    def subject(self) -> str | None:
+        """Name of the vehicle under test where the others are traffic, else None."""
+        seat = (self.meta.get("scenario") or {}).get("subject")
+        return next((a.name for a in self.agents if seat is not None and a.entrance == seat), None)
+
     def entry(self, agent: int) -> float | None:
         """Return when the agent in column `agent` enters the junction [s], or None."""
         inside = np.flatnonzero(self.zone[:, agent] == Zone.JUNCTION)

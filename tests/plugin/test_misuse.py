@@ -50,7 +50,9 @@ def test_known_with_a_wrong_keyword(pytester: pytest.Pytester) -> None:
         """
     )
     result = pytester.runpytest()
-    result.stdout.fnmatch_lines(["*@rvads.known selects by junction, cls, scenario, cfg, rotation, seat, rule, got 'klass'*"])
+    result.stdout.fnmatch_lines(
+        ["*@rvads.known selects by junction, cls, scenario, cfg, rotation, seat, traffic, rule, got 'klass'*"]
+    )
 
 
 @pytest.mark.parametrize(

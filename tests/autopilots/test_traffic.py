@@ -1,0 +1,149 @@
+"""Traffic policies: each provokes what it is named for, and a replay repeats a run."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pytest_rvads.autopilots import Follower, Reference
+from pytest_rvads.autopilots.playback import Replay
+from pytest_rvads.autopilots.policies import HESITATION
+from pytest_rvads.autopilots.traffic import POLICIES, Policy, traffic
+from pytest_rvads.errors import RunError, ScenarioError
+from pytest_rvads.logic.check import check
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.semantics.conduct import stopped
+from pytest_rvads.semantics.run import DT, Run
+from pytest_rvads.semantics.runfile import save_run
+from pytest_rvads.semantics.states import Colour, Observation, Zone
+
+Among = Callable[[str, str], Run]
+
+
+class Parked(Follower):
+    """Stands at its place far from the junction, so that nothing but the traffic happens."""
+
+    def target_speed(self, seen: Observation) -> float:
+        return 0.0
+
+
+@pytest.fixture(scope="module")
+def among() -> Among:
+    """Simulate one vehicle of a policy, alone in the junction but for a parked subject at entrance 0."""
+    found: dict[tuple[str, str], Run] = {}
+
+    def get(policy: str, junction: str) -> Run:
+        key = policy, junction
+        if key not in found:
+            scenario = Scenario(junction, "2200", distance=(40, 25, 0, 0), speed=(0, 8, 0, 0), subject=0, duration=40)
+            found[key] = simulate(scenario, Parked, traffic=traffic(policy))
+            assert found[key].fault is None
+        return found[key]
+
+    return get
+
+
+def colour_at_entry(run: Run) -> Colour:
+    entry = run.entry(1)
+    assert entry is not None
+    return Colour(int(run.lights[round(entry / DT), 1]))
+
+
+def braking(run: Run) -> float:
+    """Hardest braking before the junction [m/s^2]."""
+    before = run.zone[:-1, 1] <= Zone.ENTRANCE
+    return float(-np.where(before, np.diff(run.speed[:, 1]), 0.0).min() / DT)
+
+
+@pytest.mark.parametrize("junction", ["stop4", "light4"])
+def test_the_hesitant_one_waits_when_it_could_go(among: Among, junction: str) -> None:
+    reference, hesitant = among("reference", junction), among("hesitant", junction)
+    assert hesitant.entry(1) >= reference.entry(1) + HESITATION
+    assert hesitant.speed[:, 1].max() < 8.1, "it drives slowly"
+
+
+def test_the_rolling_stop_does_not_stop(among: Among) -> None:
+    assert not stopped(among("rolling_stop", "stop4"), 1).any()
+    assert stopped(among("reference", "stop4"), 1).any()
+
+
+@pytest.mark.parametrize("junction", ["stop4", "light4"])
+def test_the_late_yielder_brakes_late_and_yields(among: Among, junction: str) -> None:
+    late, reference = among("late_yielder", junction), among("reference", junction)
+    assert braking(late) > 3.4 > braking(reference), "people brake for a stop sign with up to 3.4 m/s^2"
+    assert stopped(late, 1).any()
+    assert colour_at_entry(late) in (Colour.NONE, Colour.GREEN)
+
+
+def test_the_red_light_runner_runs_the_red_light_and_the_stop_sign(among: Among) -> None:
+    assert colour_at_entry(among("red_light_runner", "light4")) is Colour.RED
+    assert colour_at_entry(among("reference", "light4")) is Colour.GREEN
+    assert not stopped(among("red_light_runner", "stop4"), 1).any()
+
+
+@pytest.mark.parametrize("junction", ["stop4", "light4"])
+def test_the_stopped_one_stops_at_the_line_for_good(among: Among, junction: str) -> None:
+    run = among("stopped", junction)
+    assert run.entry(1) is None
+    assert run.zone[-1, 1] == Zone.ENTRANCE
+    assert run.speed[-1, 1] == 0.0
+
+
+@pytest.mark.parametrize(("policy", "rule"), [("rolling_stop", "full_stop"), ("red_light_runner", "full_stop")])
+def test_what_traffic_does_is_provoked_not_failed(among: Among, policy: str, rule: str) -> None:
+    verdict = check(among(policy, "stop4"), rule)
+    assert (verdict.status, verdict.provoked, verdict.responsible) == ("FAIL", True, ("a1",))
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+def test_reference_among_traffic_is_not_to_blame(policy: str) -> None:
+    """Two vehicles whose ways cross: the road rules can always be met."""
+    for junction, code in (("stop4", "2200"), ("light4", "3020")):
+        scenario = Scenario(junction, code, distance=20, speed=8, subject=0, duration=40)
+        run = simulate(scenario, Reference, traffic=traffic(policy))
+        assert run.fault is None
+        for rule in ("full_stop", "first_come", "red", "left_yields", "no_collision", "no_conflict", "keep_clear"):
+            verdict = check(run, rule)
+            assert verdict.provoked or verdict.status in ("PASS", "NA"), verdict.message
+
+
+def test_a_replay_repeats_the_run_bit_by_bit(tmp_path: Path) -> None:
+    start = {"distance": 15, "speed": 6, "duration": 12}
+    run = simulate(Scenario("stop4", "1133", **start), Reference)
+    again = simulate(Scenario("stop4", "1133", subject=2, **start), Reference, traffic=Replay(run))
+    assert np.array_equal(again.station, run.station)
+    save_run(run, tmp_path / "run.npz")
+    kept = simulate(Scenario("stop4", "1133", subject=2, **start), Reference, traffic=Replay(tmp_path / "run.npz"))
+    assert kept.hash == again.hash
+
+
+def test_a_replay_started_elsewhere_catches_up() -> None:
+    run = simulate(Scenario("stop4", "2200", distance=(30, 20, 0, 0), duration=14), Reference)
+    scenario = Scenario("stop4", "2200", distance=(30, 21, 0, 0), duration=14, subject=0)
+    again = simulate(scenario, Parked, traffic=Replay(run))
+    off = np.abs(again.station[:, 1] - run.station[: again.steps, 1])
+    assert off[0] == pytest.approx(1.0)
+    standing = np.flatnonzero((run.zone[:, 1] == Zone.ENTRANCE) & (run.speed[:, 1] == 0.0))
+    assert off[standing].max() < 0.2
+
+
+def test_a_replay_needs_positions_and_the_same_movements() -> None:
+    run = simulate(Scenario("stop4", "2200", duration=0.1), Parked)
+    other = simulate(Scenario("stop4", "1100", duration=0.1, subject=0), Parked, traffic=Replay(run))
+    assert "has no vehicle from entrance 1 to exit 2 that a1 could replay" in other.fault.reason
+    bare = Run("bare", run.junction, run.agents, run.zone, run.lights)
+    with pytest.raises(RunError, match="'bare' holds no positions"):
+        Replay(bare)
+
+
+def test_policies_have_names() -> None:
+    assert Policy.of("hesitant").name == "hesitant"
+    assert Policy.of(Parked).name == "Parked"
+    assert Policy.of(lambda: Parked()).name == "lambda"
+    assert Policy.of(Replay(simulate(Scenario("stop4", "2000", duration=0.02), Parked))).name == "replay"
+    with pytest.raises(ScenarioError, match=r"unknown traffic 'hesitent', there are reference, .*did you mean 'hesitant'"):
+        traffic("hesitent")
+    with pytest.raises(ScenarioError, match="traffic takes names of policies or classes of autopilots, got 3"):
+        Policy.of(3)

@@ -1,0 +1,136 @@
+"""A subject among traffic, as a user of the plugin meets it."""
+
+import json
+
+import pytest
+
+
+def test_ids_name_the_seat_and_the_traffic(pytester: pytest.Pytester, brackets) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        class Mine(rvads.Reference): ...
+
+        @rvads.scenario("stop4", subject=0, scenarios="1133", grid="D", rules="p1", traffic=("reference", "hesitant", Mine))
+        def test_one(run, rule, monitor): ...
+
+        @rvads.scenario("stop3", subject="all", grid="C")
+        def test_all(run): ...
+        """
+    )
+    found = brackets(pytester.runpytest("--collect-only", "-q"))
+    assert found[:3] == [
+        "stop4-class07-as1133-s0-cfgD-p1",
+        "stop4-class07-as1133-s0-cfgD-hesitant-p1",
+        "stop4-class07-as1133-s0-cfgD-Mine-p1",
+    ]
+    # 8 classes of (scenario, seat) at three ways: 111 and 222 have one seat, 112 and 122 three.
+    assert [id[len("stop3-class01-") : -len("-cfgC")] for id in found[3:]] == [
+        "as111-s0",
+        *(f"as112-s{seat}" for seat in range(3)),
+        *(f"as122-s{seat}" for seat in range(3)),
+        "as222-s0",
+    ]
+
+
+def test_the_road_rulebook_is_the_default_with_a_subject(pytester: pytest.Pytester, brackets) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop3", subject=1, scenarios="111", grid="C")
+        def test_it(run, rule, monitor): ...
+        """
+    )
+    rules = [id.rpartition("-")[2] for id in brackets(pytester.runpytest("--collect-only", "-q"))]
+    assert rules[:3] == ["full_stop", "first_come", "right_first"]
+    assert "p1" not in rules
+
+
+TRAFFIC = """
+    import pytest
+    import pytest_rvads as rvads
+
+    class Rude(rvads.Follower):
+        def target_speed(self, seen):
+            return 8.0
+
+    @pytest.fixture
+    def rvads_autopilot(request):
+        return Rude if "rude" in request.function.__name__ else rvads.Reference
+
+    @rvads.scenario("stop3", subject=0, scenarios="111", grid="C", rules="full_stop", traffic=Rude)
+    def test_mine(run, rule, monitor):
+        verdict = monitor.check(rule)
+        assert verdict.provoked
+        assert set(verdict.responsible) == {"a1", "a2"}
+
+    @rvads.scenario("stop3", subject=0, scenarios="111", grid="C", rules=("full_stop", "p3"))
+    def test_rude(run, rule, monitor):
+        monitor.check(rule)
+"""
+
+
+@pytest.mark.parametrize("options", [(), ("-n", "1")])
+def test_only_what_the_subject_did_fails(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
+    pytester.makepyfile(TRAFFIC)
+    result = pytester.runpytest("--rvads-report=out.json", "--rvads-report=out.md", "--junitxml=out.xml", *options)
+    outcomes = result.parseoutcomes()
+    assert (outcomes["passed"], outcomes["failed"]) == (1, 1)
+    result.stdout.fnmatch_lines(
+        [
+            "*RuleViolation: full_stop at t=*: a0 entered the junction before a0 had stopped at the line",
+            "stop3 among Rude traffic *test_mine*",
+            "*provoked*",
+            "stop3 among reference traffic *test_rude*",
+            "provoked by traffic",
+            "*1 x full_stop: *",
+            "stop3: 1/4 classes, 1/8 classes with a subject, 1/8 scenarios, 2 runs, 3 verdicts: *1 provoked by traffic*",
+        ]
+    )
+    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    assert [(r["status"], r["outcome"], r["seat"], r["traffic"]) for r in records][:2] == [
+        ("PROVOKED", "passed", 0, "Rude"),
+        ("FAIL", "failed", 0, "reference"),
+    ]
+    assert "## Provoked by traffic" in (pytester.path / "out.md").read_text(encoding="utf-8")
+    xml = (pytester.path / "out.xml").read_text(encoding="utf-8")
+    assert '<property name="traffic" value="Rude"' in xml
+    assert '<property name="verdict" value="PROVOKED"' in xml
+
+
+def test_seats_and_traffic_select(pytester: pytest.Pytester, ids) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.known("X", seat=0, traffic="hesitant")
+        @rvads.scenario("stop3", subject="all", grid="C", rules="p1", traffic=("reference", "hesitant"))
+        def test_it(run, rule, monitor): ...
+        """
+    )
+    assert len(ids(pytester.runpytest("--collect-only", "-q"))) == 16
+    assert len(ids(pytester.runpytest("--collect-only", "-q", "-m", "rvads(seat=2, traffic='hesitant')"))) == 2
+    assert len(ids(pytester.runpytest("--collect-only", "-q", "-k", "hesitant and s2-cfg"))) == 2
+
+
+@pytest.mark.parametrize(
+    ("mark", "says"),
+    [
+        ("subject=7", "*subject must be an entrance, 0 to 3, or 'all', got 7*"),
+        ('traffic="hesitant"', "*traffic= drives the vehicles beside a subject*"),
+        ('subject=0, traffic="polite"', "*unknown traffic 'polite', there are reference, hesitant*"),
+        ("subject=0, traffic=()", "*traffic is empty*"),
+        ("subject=0, traffic=3", "*traffic takes names of policies or classes of autopilots, got 3*"),
+        ('subject=1, scenarios="1033"', "*subject must be an occupied entrance of 1033, got 1*"),
+        ('subject="all", cover="rotation", rules="road"', "*would expand to 13,440 items (384 scenarios × 5 points × 7 rules)*"),
+    ],
+)
+def test_marks_that_mean_nothing_are_refused(pytester: pytest.Pytester, mark: str, says: str) -> None:
+    pytester.makepyfile(
+        f"import pytest_rvads as rvads\n\n@rvads.scenario('stop4', {mark})\ndef test_it(run, rule, monitor): ...\n"
+    )
+    result = pytester.runpytest()
+    assert result.ret == pytest.ExitCode.INTERRUPTED
+    result.stdout.fnmatch_lines([says])
