@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from pytest_rvads.cli.common import Subparsers, progress
+from pytest_rvads.errors import ScenarioError
 
 __all__ = ["declare"]
 
@@ -29,11 +30,20 @@ def declare(commands: Subparsers) -> None:
     paper.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     paper.add_argument("--svg", metavar="OUT", help="also draw the tables into this file")
     paper.add_argument("--strict", action="store_true", help="exit 1 when a cell is not as published")
-    paper.add_argument("--sweep", action="store_true", help="give the shares of every verdict over the range of the random draw")
+    instead = paper.add_mutually_exclusive_group()
+    instead.add_argument(
+        "--sweep", action="store_true", help="give the shares of every verdict over the range of the random draw"
+    )
+    instead.add_argument("--margins", action="store_true", help="tell what p1 hangs on, and how far each free constant can move")
+    instead.add_argument("--ablation", action="store_true", help="tell which cells flip when a deficiency is switched off")
+    instead.add_argument("--null-models", action="store_true", help="tell how many cells a table without vehicles would get")
+    instead.add_argument("--snapshots", metavar="DIR", help="draw a violation of each of p1 to p6 into this folder")
     paper.set_defaults(command=_paper)
 
     simulate = commands.add_parser("simulate", help="simulate scenarios at junctions that are given by the lengths of their ways")
-    simulate.add_argument("--jsonl", action="store_true", required=True, help="read a JSON object per line, write one for each")
+    what = simulate.add_mutually_exclusive_group(required=True)
+    what.add_argument("--jsonl", action="store_true", help="read a JSON object per line, write one for each")
+    what.add_argument("--recorded", metavar="FILE", nargs="+", help="simulate the runs of recorded files and compare")
     simulate.set_defaults(command=_simulate)
 
 
@@ -48,19 +58,19 @@ def _braking(options: argparse.Namespace) -> int:
 
         curves = closed_envelope(options.autopilot, _DISTANCES, progress=progress)
         title = f"v(d)max that the autopilot {options.autopilot} reaches, red light ahead"
+    if options.json:
+        print(json.dumps({str(a): dict(zip(map(str, _DISTANCES), speeds, strict=True)) for a, speeds in curves.items()}))
+    else:
+        print(f"{title} [m/s]\n d [m]" + "".join(f"  aggression {a}" for a in curves))
+        for row, distance in enumerate(_DISTANCES):
+            cells = (speeds[row] for speeds in curves.values())
+            print(f"{distance:6.2f}" + "".join(f"{'none' if v is None else f'{v:.2f}':>14}" for v in cells))
     if options.svg:
         fine = envelope(_CURVE)
         whole = {level: list(zip(_CURVE, speeds, strict=True)) for level, speeds in fine.items()}
         found = {level: list(zip(_DISTANCES, speeds, strict=True)) for level, speeds in curves.items()}
         picture = draw_braking(found, title, whole) if options.autopilot else draw_braking(whole, title)
         Path(options.svg).write_text(picture, encoding="utf-8")
-    if options.json:
-        print(json.dumps({str(a): dict(zip(map(str, _DISTANCES), speeds, strict=True)) for a, speeds in curves.items()}))
-        return 0
-    print(f"{title} [m/s]\n d [m]" + "".join(f"  aggression {a}" for a in curves))
-    for row, distance in enumerate(_DISTANCES):
-        cells = (speeds[row] for speeds in curves.values())
-        print(f"{distance:6.2f}" + "".join(f"{'none' if v is None else f'{v:.2f}':>14}" for v in cells))
     return 0
 
 
@@ -71,14 +81,44 @@ def _paper(options: argparse.Namespace) -> int:
         shares = paper.sweep(progress=progress)
         print(json.dumps(paper.nested(shares)) if options.json else report.text_sweep(shares))
         return 0
+    if options.margins or options.ablation or options.null_models or options.snapshots:
+        return _evidence(options)
     verdicts = paper.compute(progress=progress)
+    # Printed first: a picture that can't be written must not cost the answer.
+    print(json.dumps(paper.nested(verdicts)) if options.json else report.text_tables(verdicts), flush=True)
     if options.svg:
         Path(options.svg).write_text(report.svg_tables(verdicts), encoding="utf-8")
-    print(json.dumps(paper.nested(verdicts)) if options.json else report.text_tables(verdicts))
     return 1 if options.strict and report.disagreements(verdicts) else 0
 
 
-def _simulate(_: argparse.Namespace) -> int:
+def _evidence(options: argparse.Namespace) -> int:
+    """Print or draw what stands beside the tables; text only."""
+    from pytest_rvads.experiment import paper, replication, snapshots
+
+    if options.json or options.svg or options.strict:
+        raise ScenarioError("--json, --svg and --strict go with the tables: leave them out here, or ask for the tables alone")
+    if options.null_models:
+        print(replication.text_null_models())
+    elif options.snapshots:
+        for path in snapshots.write(options.snapshots):
+            print(path)
+    elif options.ablation:
+        base = paper.compute(progress=progress)
+        print(replication.text_ablation(replication.ablation(base, progress=progress)))
+    else:
+        print(replication.text_margins(replication.p1_margins(progress=progress)), flush=True)
+        base = paper.compute(progress=progress)
+        print(f"\n{replication.text_rooms(replication.rooms(base, progress=progress))}")
+    return 0
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    if options.recorded:
+        from pytest_rvads.experiment.recorded import compare, text_agreement
+
+        for name in options.recorded:
+            print(text_agreement(compare(name, progress=progress), name), flush=True)
+        return 0
     from pytest_rvads.experiment.prediction import answer
 
     for line in sys.stdin:

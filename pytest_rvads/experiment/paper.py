@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pytest_rvads.experiment.draws import draw_range
 from pytest_rvads.experiment.pool import Progress, spread
 from pytest_rvads.experiment.published import Key
-from pytest_rvads.experiment.tables import ROWS, TABLES, Entry, Setup, Table, entries, outcome, run_entry
+from pytest_rvads.experiment.tables import ROWS, TABLES, Job, Setup, Table, entries, judge
 from pytest_rvads.scenarios.classes import label, parse, rotate
 
 __all__ = ["Shares", "compute", "nested", "sweep"]
@@ -17,7 +17,6 @@ Shares = dict[str, float]
 
 SWEEP_STEP = 0.05
 """Distance of the draws of a sweep [s]."""
-_Job = tuple[Entry, Setup]
 
 
 def compute(
@@ -46,7 +45,7 @@ def compute(
     wanted = [entry for table in tables for entry in entries(table) if entry.number in numbers]
     jobs = [(entry, setup or Setup()) for entry in wanted]
     verdicts: dict[Key, str] = {}
-    for entry, found in zip(wanted, spread(_work, jobs, workers, progress), strict=True):
+    for entry, found in zip(wanted, spread(judge, jobs, workers, progress), strict=True):
         for rule, value in found.items():
             verdicts[entry.number, entry.row, entry.configuration, rule] = value
     return verdicts
@@ -55,7 +54,7 @@ def compute(
 def sweep(setup: Setup | None = None, *, workers: int | None = None, progress: Progress | None = None) -> dict[Key, Shares]:
     """Return, for every cell whose run draws, how often each verdict comes over the range of the draw."""
     setup = setup or Setup()
-    jobs: list[_Job] = []
+    jobs: list[Job] = []
     for entry in (entry for table in TABLES for entry in entries(table)):
         span = draw_range(entry)
         if span is not None:
@@ -64,7 +63,7 @@ def sweep(setup: Setup | None = None, *, workers: int | None = None, progress: P
             waits = [round(low + k * SWEEP_STEP, 6) for k in range(count)]
             jobs += [(entry, Setup(setup.constants, setup.off, wait)) for wait in waits]
     seen: dict[Key, list[str]] = {}
-    for (entry, _), found in zip(jobs, spread(_work, jobs, workers, progress), strict=True):
+    for (entry, _), found in zip(jobs, spread(judge, jobs, workers, progress), strict=True):
         for rule, value in found.items():
             seen.setdefault((entry.number, entry.row, entry.configuration, rule), []).append(value)
     return {key: {word: values.count(word) / len(values) for word in ("FAIL", "PASS", "NA")} for key, values in seen.items()}
@@ -83,8 +82,3 @@ def nested(cells: dict[Key, str] | dict[Key, Shares]) -> dict[str, dict[str, dic
                         entry[letter] = found
                 result.setdefault(table.name, {}).setdefault(f"class{number}", {})[f"row{row + 1}"] = entry
     return result
-
-
-def _work(job: _Job) -> dict[str, str]:
-    entry, setup = job
-    return outcome(run_entry(entry, setup), entry.table.rules)

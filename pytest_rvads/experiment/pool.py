@@ -11,13 +11,16 @@ __all__ = ["Progress", "spread"]
 
 Progress = Callable[[int, int], None]
 """Called with the number of jobs done and the number of all."""
-_BATCH = 4
 _Job = TypeVar("_Job")
 _Result = TypeVar("_Result")
 
 
 def spread(
-    work: Callable[[_Job], _Result], jobs: Sequence[_Job], workers: int | None = None, progress: Progress | None = None
+    work: Callable[[_Job], _Result],
+    jobs: Sequence[_Job],
+    workers: int | None = None,
+    progress: Progress | None = None,
+    batch: int = 4,
 ) -> Iterator[_Result]:
     """Yield the result of every job, in order.
 
@@ -26,13 +29,14 @@ def spread(
         jobs: plain values.
         workers: processes; as many as there are processors by default.
         progress: called after every job.
+        batch: jobs that a process gets at a time.
     """
     workers = min(workers or os.cpu_count() or 1, len(jobs))
     if workers <= 1:
         yield from _counted(map(work, jobs), len(jobs), progress)
         return
     with ProcessPoolExecutor(workers) as pool:
-        yield from _counted(pool.map(work, jobs, chunksize=_BATCH), len(jobs), progress)
+        yield from _counted(pool.map(work, jobs, chunksize=batch), len(jobs), progress)
 
 
 def _counted(results: Iterator[_Result], total: int, progress: Progress | None) -> Iterator[_Result]:

@@ -34,7 +34,7 @@ class Site(Scenario):
 
     place: Junction = field(compare=False)
 
-    def __init__(self, place: Junction, directions: str, **numbers: Any) -> None:
+    def __init__(self, place: Junction, directions: str | Sequence[int], **numbers: Any) -> None:
         """Describe a scenario at `place`; the other arguments are those of `Scenario`."""
         Scenario.__init__(self, place.name, directions, **numbers)
         object.__setattr__(self, "place", place)

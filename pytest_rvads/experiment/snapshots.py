@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pytest_rvads.autopilots.lgsvl import Constants, LgsvlLike
@@ -22,9 +23,9 @@ from pytest_rvads.logic.verdicts import Status
 from pytest_rvads.maps.junction import JunctionControl
 from pytest_rvads.physics.simulation import simulate
 from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Agent, Autopilot, Observation
+from pytest_rvads.semantics.states import Agent, Autopilot, Observation, Zone
 
-__all__ = ["SHOWN", "LastFirst", "Snapshot", "snapshot", "snapshots"]
+__all__ = ["SHOWN", "LastFirst", "Snapshot", "snapshot", "snapshots", "write"]
 
 SHOWN: Mapping[str, Entry] = {
     "p1": Entry(STOP, 2, 0, "C"),
@@ -72,6 +73,19 @@ def snapshots(constants: Constants | None = None) -> dict[str, Snapshot]:
     return found
 
 
+def write(folder: str | Path) -> list[Path]:
+    """Write `snapshots`, two pictures per rule, into `folder`, which is made where it is missing; return their paths."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for rule, shown in snapshots().items():
+        for moment, svg in (("before", shown.before), ("broken", shown.broken)):
+            path = folder / f"{rule}-{moment}.svg"
+            path.write_text(svg, encoding="utf-8")
+            written.append(path)
+    return written
+
+
 def snapshot(run: Run, rule: str, constants: Constants) -> Snapshot:
     """Return the two pictures of the first violation of `rule` on `run`.
 
@@ -82,12 +96,23 @@ def snapshot(run: Run, rule: str, constants: Constants) -> Snapshot:
     if verdict.status is not Status.FAIL or verdict.time is None or verdict.time <= 0.0:
         raise RunError(f"run {run.label} has no violation of {rule} to show: {verdict.message}")
     tick = round(verdict.time / run.dt)
-    titles = [f"{rule} at t-1 = {(tick - 1) * run.dt:.2f} s", f"{rule} broken at t = {tick * run.dt:.2f} s"]
+    now = [instance for instance in verdict.instances if instance.failed == tick]
+    guilty = [name for instance in now for name in instance.responsible]
+    names = {name for _, name in now[0].binding}
+    involved = [column for column, agent in enumerate(run.agents) if agent.name in names]
+    heads = {tick - 1: f"{rule}, t-1 = {(tick - 1) * run.dt:.2f} s", tick: f"{rule} broken, t = {tick * run.dt:.2f} s"}
     one, two = (
-        _shaded(picture(run, t, title, verdict.responsible), run, constants)
-        for t, title in zip((tick - 1, tick), titles, strict=True)
+        _shaded(picture(run, t, f"{head}: {', '.join(_where(run, t, column) for column in involved)}", guilty), run, constants)
+        for t, head in heads.items()
     )
     return Snapshot(rule, one, two)
+
+
+def _where(run: Run, tick: int, column: int) -> str:
+    """Return in words where a vehicle is."""
+    agent, zone = run.agents[column], Zone(run.zone[tick, column])
+    places = {Zone.APPROACH: f"before entrance {agent.entrance}", Zone.ENTRANCE: f"at entrance {agent.entrance}"}
+    return f"{agent.name} {places.get(zone, 'in the junction' if zone is Zone.JUNCTION else 'past the junction')}"
 
 
 def _shaded(svg: str, run: Run, constants: Constants) -> str:

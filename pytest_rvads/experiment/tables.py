@@ -15,7 +15,21 @@ from pytest_rvads.scenarios.grid import configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.semantics.run import Run
 
-__all__ = ["LIGHT", "ROWS", "STOP", "TABLES", "WAIT", "Entry", "Setup", "Table", "entries", "outcome", "run_entry"]
+__all__ = [
+    "LIGHT",
+    "ROWS",
+    "STOP",
+    "TABLES",
+    "WAIT",
+    "Entry",
+    "Job",
+    "Setup",
+    "Table",
+    "entries",
+    "judge",
+    "outcome",
+    "run_entry",
+]
 
 ROWS = 4
 """Rows per class: the rotations of the junction."""
@@ -85,6 +99,10 @@ class Setup:
         return partial(LgsvlLike, constants=self.constants, **dict.fromkeys(self.off, False))
 
 
+Job = tuple[Entry, Setup]
+"""A run of a table, and how it is run."""
+
+
 def entries(table: Table) -> Iterator[Entry]:
     """Yield the runs of a table: classes, rows, configurations in the order of the paper."""
     for number in table.classes:
@@ -96,6 +114,12 @@ def entries(table: Table) -> Iterator[Entry]:
 def run_entry(entry: Entry, setup: Setup) -> Run:
     """Simulate the run of an entry."""
     return simulate(entry.scenario(setup.wait), setup.system())
+
+
+def judge(job: Job) -> dict[str, str]:
+    """Simulate and judge a run of a table; one argument, so that it can be mapped over processes."""
+    entry, setup = job
+    return outcome(run_entry(entry, setup), entry.table.rules)
 
 
 def outcome(run: Run, rules: tuple[str, ...]) -> dict[str, str]:

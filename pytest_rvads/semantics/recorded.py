@@ -39,7 +39,8 @@ def read_recorded(path: str | Path) -> list[Run]:
         path: of a JSON file.
 
     Returns:
-        The runs in the order of the file; ``meta["verdicts"]`` holds the published verdicts as they stand there.
+        The runs in the order of the file; ``meta["verdicts"]`` holds the published verdicts as they stand there,
+        ``meta["starts"]`` per vehicle how far before its entrance [m] and how fast [m/s] it started, where that is told.
 
     Raises:
         RunError: the file is not of this format; the message names the run and the field.
@@ -173,16 +174,19 @@ class _Topology:
         if dt <= 0:
             raise RunError(f"{record.where}: the field 'dt' must be positive, got {dt:g}")
         steps = int(ticks)
-        agents, zones = [], []
+        agents, zones, starts = [], [], {}
         for vehicle, fields in record.object("vehicles").items():
             movement, zone = self._vehicle(fields, steps)
             agents.append(Agent(vehicle, movement.entrance, movement.exit, movement.turn))
             zones.append(zone)
+            if fields.optional("init_offset") is not None and fields.optional("init_speed") is not None:
+                starts[vehicle] = (fields.number("init_offset"), fields.number("init_speed"))
         lights = np.full((steps, self.junction.ways), Colour.NONE, dtype=np.int8)
         if self.junction.control in (JunctionControl.LIGHTS, JunctionControl.PARTIAL) or record.optional("lights"):
             self._lights(record.object("lights"), lights)
         zone = np.column_stack(zones) if zones else np.zeros((steps, 0), dtype=np.int8)
-        meta = {"verdicts": record.object("verdicts").plain() if record.optional("verdicts") else {}}
+        verdicts = record.object("verdicts").plain() if record.optional("verdicts") else {}
+        meta = {"verdicts": verdicts, "starts": starts}
         return Run(name, self.junction, tuple(agents), zone, lights, dt, meta=meta)
 
     def _vehicle(self, fields: _Fields, steps: int) -> tuple[Movement, NDArray[np.int8]]:
