@@ -60,8 +60,9 @@ def _roles(story: Story, j: Judgement) -> list[str]:
             inside = np.flatnonzero(run.zone[: tick + 1, e.index] == Zone.JUNCTION)
             entered = f"   entered {clock(run, int(inside[0]))} s" if len(inside) else ""
             agent = run.agents[e.index]
+            fast = f"   v = {run.speed[tick, e.index]:.1f} m/s" if run.speed is not None else ""
             blame = "   <- acts" if e in responsible(j, run) else ""
-            lines.append(f"vehicle   {e.name} from entrance {agent.entrance}, {agent.turn}{entered}{blame}")
+            lines.append(f"vehicle   {e.name} from entrance {agent.entrance}, {agent.turn}{entered}{fast}{blame}")
         if j.failed is None:
             lines.append(f"open      {say(shape.obligation)}, owed since {clock(run, j.trigger or 0)} s")
         else:
@@ -69,7 +70,7 @@ def _roles(story: Story, j: Judgement) -> list[str]:
         return lines
     waiting = agents_of(shape.waits)
     going = tuple(e for e in agents_of(shape.goes) if e not in waiting)
-    for word, agents in (("yields" if shape.kind is Kind.YIELD else "holds", waiting), ("priority", going)):
+    for word, agents in (("yields" if shape.kind is Kind.YIELD else "must wait", waiting), ("priority", going)):
         lines += [f"{word:<9} {_arrival(run, e, tick)}{_relation(run, e, waiting) if e in going else ''}" for e in agents]
     stay = say(shape.waits, be="stays")
     lines.append(f"obligation since {clock(run, j.trigger or 0)} s: {stay} until {say(shape.goes)}")

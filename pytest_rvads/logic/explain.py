@@ -14,6 +14,10 @@ from pytest_rvads.semantics.run import Run
 __all__ = ["tell"]
 
 
+_OWN = {Sort.ENTRANCE: "its entrance", Sort.LIGHT: "its light"}
+"""What a cause calls the places of a vehicle: their numbers differ among the rotations of a scenario."""
+
+
 def tell(story: Story) -> Verdict:
     """Return the verdict of a story."""
     run, rule = story.run, story.rule
@@ -112,7 +116,9 @@ def _cause(story: Story, worst: Judgement | None) -> str:
     roles = ", ".join(f"{name} {a.turn} from entrance +{(a.entrance - first) % run.junction.ways}" for name, a in agents)
 
     def name(element: f.Element) -> str:
-        return variables.get(element, element_name(element))
+        if element.sort in _OWN:
+            return _OWN[element.sort]
+        return variables.get(element, "another vehicle" if element.sort is Sort.AGENT else element_name(element))
 
     shape = template.shape
     if worst.status is Status.OPEN:

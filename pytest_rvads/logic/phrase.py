@@ -80,7 +80,7 @@ def _term(term: f.Term, name: Naming) -> str:
 
 
 def say(formula: f.Formula, name: Naming = element_name, be: str = "is") -> str:
-    """Return a formula in words where it consists of literals joined by and, or; else as formulas print."""
+    """Return a formula in words: literals joined by and, or, with at most one temporal operator; any other one as it prints."""
     match formula:
         case f.Atom():
             return literal(formula, True, name, be)
@@ -90,6 +90,10 @@ def say(formula: f.Formula, name: Naming = element_name, be: str = "is") -> str:
             return " and ".join(say(p, name, be) for p in parts)
         case f.Or(parts):
             return " or ".join(say(p, name, be) for p in parts)
+        case f.Eventually(body) | f.Always(body) if f.is_boolean(body):
+            return f"{'eventually' if isinstance(formula, f.Eventually) else 'always'} {say(body, name, be)}"
+        case f.Until(left, right) if f.is_boolean(left) and f.is_boolean(right):
+            return f"{say(left, name, be)} until {say(right, name, be)}"
     return str(formula)
 
 

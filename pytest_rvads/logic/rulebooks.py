@@ -87,7 +87,9 @@ VARIANTS = (
 _TIE = 0.5
 """How much later still counts as "at approximately the same time" [s]; statutes give no number."""
 _VIENNA = "Vienna Convention on Road Traffic 1968"
+_SIGNS = "Vienna Convention on Road Signs and Signals 1968"
 _CVC = "California Vehicle Code"
+_UVC = "Uniform Vehicle Code (US model law)"
 
 ROAD = (
     Rule(
@@ -95,7 +97,7 @@ ROAD = (
         "forall a, j.en. G(a@j.en -> !a@j W stopped(a))",
         "full stop",
         "At a stop sign a vehicle comes to a full stop before the line before it enters the junction.",
-        source=f"Vienna Convention on Road Signs and Signals 1968, Annex 1, sign B,2; {_CVC} 22450(a)",
+        source=f"{_SIGNS}, Art. 10(3), sign B, 2; {_CVC} 22450(a)",
         responsible="the vehicle that enters",
         about=_STOP,
     ),
@@ -104,7 +106,7 @@ ROAD = (
         "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt < a'.wt -> (N a@j.en) U a'@j)",
         "first come, first served",
         "At an all-way stop, of two vehicles at the entrances the one that arrived clearly earlier enters first.",
-        source=f"California Driver's Handbook, Intersections; {_CVC} 21800(a)",
+        source=f"{_CVC} 21800(a); California Driver's Handbook on four-way stops",
         responsible="the vehicle that arrived later",
         about=_STOP,
         tie=_TIE,
@@ -115,7 +117,7 @@ ROAD = (
         "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt = a'.wt & j.en right-of j.en' -> (N a'@j.en') U a@j)",
         "right before left",
         "At an all-way stop, of two vehicles that arrive at about the same time the one on the right enters first.",
-        source=f"{_CVC} 21800(c); Uniform Vehicle Code 11-401; {_VIENNA}, Art. 18(4)",
+        source=f"{_CVC} 21800(c); {_UVC} 11-401; where traffic keeps to the right, {_VIENNA}, Art. 18(4)(a)",
         responsible="the vehicle on the left",
         about=_STOP,
         tie=_TIE,
@@ -126,7 +128,7 @@ ROAD = (
         "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & !turn(a, right) -> a@j.en U lt.cl = green)",
         "red light",
         "A vehicle facing a red light waits for green, unless it turns right.",
-        source=f"Vienna Convention on Road Signs and Signals 1968, Art. 23(2); {_CVC} 21453(a)",
+        source=f"{_SIGNS}, Art. 23 on light signals; {_CVC} 21453(a)",
         responsible="the vehicle at the red light",
         about=_LIGHTS,
     ),
@@ -137,7 +139,7 @@ ROAD = (
         " -> (N a@j.en) U (a'@j | lt.cl = green)))",
         "right turn on red",
         "A vehicle turning right at a red light first comes to a full stop, and lets pass who comes from the left on green.",
-        source=f"{_CVC} 21453(b); Uniform Vehicle Code 11-202(c)3",
+        source=f"national law only: {_CVC} 21453(b); {_UVC} 11-202(c)",
         responsible="the vehicle turning right at the red light",
         about=_LIGHTS,
     ),
@@ -164,7 +166,7 @@ ROAD = (
         "forall a, a'. G(a@j & a != a' & conflict(a, a') -> !a'@j)",
         "no conflicting movements",
         "No two vehicles are in the junction on movements that get in each other's way; others may pass side by side.",
-        source=f"{_CVC} 21800(a); {_VIENNA}, Art. 18(2)",
+        source=f"{_CVC} 21800(a); in its spirit {_VIENNA}, Art. 18(1)",
         responsible="the vehicle that enters while the other is inside; both, if they enter in the same step",
     ),
     Rule(
@@ -180,7 +182,7 @@ ROAD = (
         "forall a. G !speeding(a)",
         "speed limit",
         "No vehicle drives faster than the limit.",
-        source=f"{_VIENNA}, Art. 13; {_CVC} 22349 and 22352",
+        source=f"limits are national law: {_CVC} 22349 and 22352; in general {_VIENNA}, Art. 13",
         responsible="the vehicle that speeds",
     ),
 )

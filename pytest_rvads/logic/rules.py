@@ -14,7 +14,7 @@ from pytest_rvads.maps.junction import JunctionControl
 __all__ = ["Rule", "get_rule", "rule", "rulebook", "rules_for", "user_rules"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Rule:
     """A traffic rule: a formula of first-order temporal logic with what people need to know about it.
 
@@ -53,6 +53,9 @@ class Rule:
             _formula(self.text)
         except FormulaError as error:
             raise FormulaError(f"rule {self.name!r}: {error}") from None
+
+    def __repr__(self) -> str:
+        return f"<Rule {self.name}: {self.title or self.text}>"
 
     @property
     def formula(self) -> Formula:
@@ -160,13 +163,18 @@ def rules_for(spec: str | Rule | Sequence[str | Rule], control: JunctionControl 
         control: of a rulebook only the rules about such junctions are taken; a rule named outright always is.
 
     Raises:
-        FormulaError: an unknown name.
+        FormulaError: an unknown name, or different rules of the same name, also that of a shipped one.
     """
+    shipped = {r.name: r for book in _books().values() for r in book}
     found: dict[str, Rule] = {}
     for part in (spec,) if isinstance(spec, str | Rule) else spec:
         if isinstance(part, str) and part in _books():
             chosen = [r for r in rulebook(part) if control is None or r.about in (None, control)]
         else:
             chosen = [get_rule(part) if isinstance(part, str) else part]
-        found |= {r.name: r for r in chosen}
+        for r in chosen:
+            if shipped.get(r.name, r) != r:
+                raise FormulaError(f"{r.name!r} is a shipped rule and {r!r} says something else: choose another name for yours")
+            if found.setdefault(r.name, r) != r:
+                raise FormulaError(f"two different rules are called {r.name!r}: choose another name for one of them")
     return tuple(found.values())

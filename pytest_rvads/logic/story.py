@@ -111,7 +111,8 @@ def happened(j: Judgement, name: Naming = element_name) -> str:
                 return f"{name(agent)} left {name(entrance)} in the first step in which {goes}, not after it"
             return f"{name(agent)} left {name(entrance)} before {goes}"
         case f.Not(f.Atom("@", (f.Element() as agent, _)) as entered) if shape.goes and broken.get(entered) is True:
-            return f"{name(agent)} entered the junction before {say(shape.goes, name, 'was')}"
+            goes = say(shape.goes, lambda e: "it" if e == agent else name(e), "was")
+            return f"{name(agent)} entered the junction before {goes}"
     parts = j.template.atoms
     inside = [
         a.terms[0] for a in parts if a.name == "@" and isinstance(a.terms[1], f.Element) and a.terms[1].sort is Sort.JUNCTION

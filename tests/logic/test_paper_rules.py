@@ -262,4 +262,6 @@ def test_causes_are_the_same_for_all_rotations(make: Make) -> None:
     for r in range(4):
         run = make("stop4", {r: (2, 10, 50, 200), (r + 1) % 4: (1, 10, 250, 300)}, 800)
         causes.add(check(run, "p2").cause)
-    assert causes == {"a' left j.en' before a was in the junction (a right from entrance +0, a' straight from entrance +3)"}
+    assert causes == {
+        "a' left its entrance before a was in the junction (a right from entrance +0, a' straight from entrance +3)"
+    }

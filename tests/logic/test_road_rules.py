@@ -89,7 +89,7 @@ def test_the_messages_say_what_happened(drive: Make) -> None:
         junction, vehicles, collisions = BREAKS[name]
         return check(drive(junction, vehicles, 2500, CROSS if junction == "light4" else None, collisions), name).message
 
-    assert message("full_stop") == "full_stop at t=2.01 s: a0 entered the junction before a0 had stopped at the line"
+    assert message("full_stop") == "full_stop at t=2.01 s: a0 entered the junction before it had stopped at the line"
     assert message("no_collision") == "no_collision at t=15.00 s: a0 and a2 collide"
     assert message("keep_clear") == "keep_clear at t=6.00 s: a0 blocks the junction"
     assert message("speed_limit") == "speed_limit at t=0.00 s: a0 is over the speed limit"
@@ -100,10 +100,23 @@ def test_the_explanation_of_a_full_stop_speaks_of_one_vehicle(drive: Make) -> No
     junction, vehicles, _ = BREAKS["full_stop"]
     text = check(drive(junction, vehicles, 2500), "full_stop").explanation.splitlines()
     assert text[2:5] == [
-        "holds     a0 @ entrance 0, straight   arrived 1.80 s, waited 0.21 s",
+        "must wait a0 @ entrance 0, straight   arrived 1.80 s, waited 0.21 s",
         "obligation since 1.80 s: a0 stays out of the junction until a0 has stopped at the line",
         "broken at 2.01 s: a0 is in the junction (0.05 m, v = 5.0 m/s)",
     ]
+
+
+def test_a_vehicle_that_acts_is_told_with_its_speed(drive: Make) -> None:
+    junction, vehicles, _ = BREAKS["speed_limit"]
+    text = check(drive(junction, vehicles, 2500, CROSS), "speed_limit").explanation
+    assert "\nvehicle   a0 from entrance 0, straight   v = 15.0 m/s   <- acts\n" in text
+
+
+def test_a_cause_names_no_vehicle_by_number(drive: Make) -> None:
+    # The other vehicle of right_on_red is bound by an inner quantifier.
+    verdict = check(drive("light4", {1: wait(1, 100), 0: wait(2, 300)}, 1500, CROSS), "right_on_red")
+    wanted = "a left its entrance before another vehicle was in the junction or its light was green (a right from entrance +0)"
+    assert verdict.cause == wanted
 
 
 def test_positions_are_relative_to_the_entrance_vertex(drive: Make) -> None:
