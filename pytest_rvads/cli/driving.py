@@ -121,7 +121,7 @@ def _simulate(options: argparse.Namespace) -> int:
         return 0
     from pytest_rvads.experiment.prediction import answer
 
-    for line in sys.stdin:
+    for line in sys.stdin.buffer:
         if line.strip():
-            print(answer(line), flush=True)
+            print(answer(line.decode("utf-8", errors="replace")), flush=True)
     return 0

@@ -60,7 +60,10 @@ def answer(line: str) -> str:
             raise ScenarioError(f"a request must be a JSON object in one line, got {line[:60]!r}: {error}") from error
         if not isinstance(request, dict):
             raise ScenarioError(f"a request must be a JSON object, got {type(request).__name__}")
-        id = request.get("id")
+        try:
+            id = json.loads(json.dumps(request.get("id"), allow_nan=False))
+        except ValueError as error:
+            raise ScenarioError(f"the id of a request must be a JSON value, which infinity and NaN are not: {error}") from error
         run, rotation = predict(request)
         control = run.junction.control
         entry = {f"c{(a.entrance - rotation) % run.junction.ways}": run.entry(k) for k, a in enumerate(run.agents)}
@@ -71,7 +74,9 @@ def answer(line: str) -> str:
             "hash": run.hash,
         }
     except RvadsError as error:
-        found = {"id": id, "error": str(error)}
+        found = {"id": id, "error": " ".join(str(error).split())}
+    except Exception as error:  # whatever is wrong with this request, the next one is to be answered
+        found = {"id": id, "error": f"this request could not be simulated: {type(error).__name__}: {error}"}
     return json.dumps(found)
 
 
@@ -116,14 +121,16 @@ def site_lengths(graph: Mapping[str, Any], order: Sequence[str]) -> Lengths:
         MapError: the graph is no junction with a movement from every entrance to every other arm.
     """
     try:
-        edges = [(str(e["source"]), str(e["target"]), Turn(e["turn"]), float(e["length"])) for e in graph["edges"]]
+        edges = [(str(e["source"]), str(e["target"]), Turn(e["turn"]), _number("length", e["length"])) for e in graph["edges"]]
         exits = [str(node) for node in graph["exits"]]
         entrances = [str(node) for node in graph["entrances"]]
     except (KeyError, TypeError, ValueError) as error:
         raise MapError(f"the graph needs entrances, exits and edges with source, target, turn and length: {error!r}") from error
     ways = len(order)
-    if ways not in (3, 4) or sorted(map(str, order)) != sorted(entrances) or len(exits) != ways:
+    if ways not in (3, 4) or sorted(map(str, order)) != sorted(entrances):
         raise MapError(f"order must name the 3 or 4 entrances {sorted(entrances)} of the graph, got {list(order)!r}")
+    if len(set(exits)) != ways:
+        raise MapError(f"the graph must have as many exits as entrances, {ways}, got {exits}")
     if not all(0.0 < length <= LONGEST for *_, length in edges):
         raise MapError(f"every edge of the graph needs a positive length of at most {LONGEST:g} m")
     # Of its own arm an entrance reaches everything but the exit.
@@ -137,7 +144,13 @@ def site_lengths(graph: Mapping[str, Any], order: Sequence[str]) -> Lengths:
     if len(number) != ways:
         raise MapError(f"every arm needs an exit of its own, got {len(number)} for {ways} arms")
     places = {str(entrance): arm for arm, entrance in enumerate(order)}
-    return {(places[s], number[t]): (turn, length) for s, t, turn, length in edges if s in places and t in number}
+    lengths: dict[tuple[int, int], tuple[Turn, float]] = {}
+    for source, target, turn, length in edges:
+        if source in places and target in number:
+            found = lengths.setdefault((places[source], number[target]), (turn, length))
+            if found != (turn, length):
+                raise MapError(f"the graph has two different edges from {source} to {target}, expected one")
+    return lengths
 
 
 def _field(request: Mapping[str, Any], name: str, kind: type, default: Any = None) -> Any:
@@ -145,7 +158,7 @@ def _field(request: Mapping[str, Any], name: str, kind: type, default: Any = Non
     if value is None:
         value = default
     if not isinstance(value, kind) or isinstance(value, bool):
-        raise ScenarioError(f"the field {name!r} of a request must be a {kind.__name__}, got {value!r}")
+        raise ScenarioError(f"the field {name!r} of a request must be of type {kind.__name__}, got {value!r}")
     return value
 
 
@@ -156,4 +169,7 @@ def _numbers(request: Mapping[str, Any], name: str) -> list[float]:
 def _number(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ScenarioError(f"the field {name!r} of a request must hold numbers, got {value!r}")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise ScenarioError(f"the field {name!r} of a request holds a number too large to compute with") from None

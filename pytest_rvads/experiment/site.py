@@ -25,6 +25,8 @@ APPROACH = 120.0
 """Length of approaches and exit roads [m]."""
 TOLERANCE = 2.5
 """A movement may be this much longer or shorter than recorded [m]."""
+_SHORTEST = 1.0
+"""The way before and after the corner of a movement is longer than this [m]."""
 _EVEN = 0.05
 """Weight of evenness against the recorded lengths."""
 _SPACING = 0.25
@@ -90,10 +92,11 @@ def fit_shape(lengths: Lengths, ways: int) -> Shape:
     found = shape(x)
     for i, k in keys:
         turn, length = lengths[i, k]
-        if abs(found.length(i, k, turn) - length) > TOLERANCE or min(found.legs(i, k, turn)) <= 1.0:
+        fitted = found.length(i, k, turn)
+        if abs(fitted - length) > TOLERANCE or min(found.legs(i, k, turn)) <= _SHORTEST:
             raise MapError(
                 f"no junction with arms at right angles has these lengths: {length:g} m from entrance {i} to exit {k} "
-                f"({turn}) comes out as {found.length(i, k, turn):.2f} m"
+                f"({turn}) comes out as {fitted:.2f} m; up to {TOLERANCE:g} m may be missing, and every leg needs {_SHORTEST:g} m"
             )
     return found
 
@@ -137,6 +140,9 @@ def _quarters(lengths: Lengths, ways: int) -> tuple[int, ...]:
     if set(lengths) != wanted:
         raise MapError(f"a {ways}-way junction needs a movement from every entrance to every other arm, got {sorted(lengths)}")
     quarters = (0, *(_ANGLE[lengths[0, k][0]] for k in range(1, ways)))
+    if list(quarters) != sorted(set(quarters)):
+        turns = ", ".join(str(lengths[0, k][0]) for k in range(1, ways))
+        raise MapError(f"entrances must be counted counter-clockwise; from the first one the ways to the others turn {turns}")
     if any((quarters[k] - quarters[i]) % 4 != _ANGLE[turn] for (i, k), (turn, _) in lengths.items()):
         shown = {f"{i}->{k}": str(turn) for (i, k), (turn, _) in sorted(lengths.items())}
         raise MapError(f"these turns do not go with arms at right angles: {shown}")

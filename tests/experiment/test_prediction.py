@@ -43,6 +43,9 @@ def graph(lengths: Lengths) -> dict[str, Any]:
     return {"entrances": [f"in{i}" for i in range(ways)], "exits": [f"out{i}" for i in reversed(range(ways))], "edges": edges}
 
 
+EDGES = graph(T)["edges"]
+
+
 def request(**changes: Any) -> dict[str, Any]:
     values = {
         "id": 7,
@@ -103,7 +106,8 @@ def test_the_zone_of_a_t_follows_its_stem() -> None:
     ("lengths", "message"),
     [
         ({**T, (0, 2): (Turn.STRAIGHT, 1.0)}, "no junction with arms at right angles has these lengths"),
-        ({**T, (0, 1): (Turn.LEFT, 12.5)}, "do not go with arms at right angles"),
+        ({**T, (1, 2): (Turn.LEFT, 13.5)}, "do not go with arms at right angles"),
+        ({(2 - i, 2 - k): value for (i, k), value in T.items()}, "counted counter-clockwise"),
         ({key: value for key, value in T.items() if key != (2, 1)}, "needs a movement from every entrance"),
     ],
 )
@@ -153,21 +157,46 @@ def test_null_stands_for_a_draw_of_one_and_a_half_seconds() -> None:
         (json.dumps(request(distances=[500, 1, 1])), "does not fit"),
         (json.dumps(request(wait=-1)), "wait must be"),
         (json.dumps(request(speeds=[float("nan")] * 3)), "speed"),
+        (json.dumps(request(id=float("inf"))), "the id of a request must be a JSON value"),
+        (json.dumps(request(wait=10**400)), "too large"),
+        (json.dumps(request(distances=20)), "'distances' of a request must be of type list"),
+        (json.dumps(request(rotation=1.0)), "'rotation' of a request must be of type int"),
+        (json.dumps(request(order=["in1", "in0", "in2"])), "counted counter-clockwise"),
+        (json.dumps(request(order=["in0", "in0", "in2"])), "order must name"),
+        (json.dumps(request(graph={**graph(T), "exits": ["out0", "out1"]})), "as many exits as entrances"),
+        (json.dumps(request(graph={**graph(T), "edges": EDGES[:-1]})), "must lead to every exit"),
+        (json.dumps(request(graph={**graph(T), "edges": [*EDGES, {**EDGES[0], "length": 30}]})), "two different edges"),
+        (json.dumps(request(graph={**graph(T), "edges": [{**e, "length": "12"} for e in EDGES]})), "must hold numbers"),
+        (json.dumps(request(graph={**graph(T), "edges": [{**e, "turn": "back"} for e in EDGES]})), "turn"),
+        (json.dumps({"id": 7}), "'control'"),
     ],
 )
 def test_what_cannot_be_simulated_is_answered_with_an_error(line: str, words: str) -> None:
     found = json.loads(answer(line))
     assert list(found) == ["id", "error"]
     assert words in found["error"]
+    assert "could not be simulated" not in found["error"], "foreseen, not a mishap"
 
 
 def test_the_command_answers_line_by_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = [json.dumps(request()), "", "{", json.dumps(request(id="b", autopilot="reference"))]
-    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines)))
+    last = json.dumps(request(id="b", autopilot="reference"))
+    lines = [json.dumps(request()).encode(), b"", b"{", b"\xff\xfe{}", last.encode()]
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(b"\n".join(lines))))
     assert cli.main(["simulate", "--jsonl"]) == 0
     found = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert [entry["id"] for entry in found] == [7, None, "b"]
-    assert found[2]["verdicts"]["p1"] == "PASS"
+    assert [entry["id"] for entry in found] == [7, None, None, "b"]
+    assert found[3]["verdicts"]["p1"] == "PASS"
+
+
+def test_a_mishap_does_not_keep_the_next_request_from_its_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("by accident")
+
+    monkeypatch.setattr("pytest_rvads.experiment.prediction.simulate", fail)
+    assert json.loads(answer(json.dumps(request()))) == {
+        "id": 7,
+        "error": "this request could not be simulated: ZeroDivisionError: by accident",
+    }
 
 
 def recorded(path: Path, control: str) -> Iterator[tuple[dict[str, Any], dict[str, str], dict[str, float]]]:
