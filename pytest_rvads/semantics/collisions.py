@@ -2,7 +2,7 @@
 
 The order is that of everyday insurance practice and of the codes behind it: whoever drives into somebody who stands or
 is ahead (Vienna Convention on Road Traffic 1968, Art. 13); else whoever entered on red or past a stop sign (Art. 5); else
-the left turn among oncoming traffic (Art. 16(2)); else whoever entered the junction last (Art. 18(2)).
+the left turn among oncoming traffic (Art. 16(2)); else whoever entered the junction last (California Vehicle Code 21800(a)).
 """
 
 from __future__ import annotations

@@ -7,13 +7,16 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.maps.junction import Junction
 from pytest_rvads.semantics.states import Agent, Zone
+
+if TYPE_CHECKING:
+    from pytest_rvads.semantics.validate import Finding
 
 __all__ = ["DT", "Collision", "Fault", "Run"]
 
@@ -128,6 +131,12 @@ class Run:
         """Name of the vehicle under test where the others are traffic, else None."""
         seat = (self.meta.get("scenario") or {}).get("subject")
         return next((a.name for a in self.agents if seat is not None and a.entrance == seat), None)
+
+    def validate(self) -> tuple[Finding, ...]:
+        """Return what breaks the semantic model in this run, see `pytest_rvads.semantics.validate.validate`."""
+        from pytest_rvads.semantics.validate import validate
+
+        return validate(self)
 
     def entry(self, agent: int) -> float | None:
         """Return when the agent in column `agent` enters the junction [s], or None."""

@@ -1,0 +1,47 @@
+# The public names, each written once: type checkers read this file, and so does `__init__.py`.
+
+from pytest_rvads.autopilots import Follower as Follower, Reference as Reference, RollingStop as RollingStop
+from pytest_rvads.autopilots.lgsvl import LgsvlLike as LgsvlLike
+from pytest_rvads.autopilots.playback import Replay as Replay
+from pytest_rvads.autopilots.traffic import traffic as traffic
+from pytest_rvads.collection import known as known, scenario as scenario
+from pytest_rvads.errors import (
+    AutopilotError as AutopilotError,
+    FormulaError as FormulaError,
+    MapError as MapError,
+    OpenObligation as OpenObligation,
+    RuleViolation as RuleViolation,
+    RunError as RunError,
+    RvadsError as RvadsError,
+    ScenarioError as ScenarioError,
+)
+from pytest_rvads.logic.check import check as check
+from pytest_rvads.logic.rulefile import load_rules as load_rules
+from pytest_rvads.logic.rules import Rule as Rule, rule as rule
+from pytest_rvads.logic.signature import predicate as predicate
+from pytest_rvads.logic.verdicts import Status as Status, Verdict as Verdict
+from pytest_rvads.maps.finder import find as find
+from pytest_rvads.maps.junction import Junction as Junction
+from pytest_rvads.maps.segment import Turn as Turn
+from pytest_rvads.physics.braking import vmax as vmax
+from pytest_rvads.physics.simulation import simulate as simulate
+from pytest_rvads.scenarios.scenario import Scenario as Scenario
+from pytest_rvads.semantics.itinerary import Itinerary as Itinerary
+from pytest_rvads.semantics.kpis import Kpis as Kpis, kpis as kpis
+from pytest_rvads.semantics.recorded import read_recorded as read_recorded
+from pytest_rvads.semantics.run import Collision as Collision, Fault as Fault, Run as Run
+from pytest_rvads.semantics.runfile import load_run as load_run, save_run as save_run
+from pytest_rvads.semantics.states import (
+    Agent as Agent,
+    Autopilot as Autopilot,
+    Colour as Colour,
+    Control as Control,
+    Observation as Observation,
+    TrafficSystem as TrafficSystem,
+    VehicleState as VehicleState,
+    Zone as Zone,
+)
+from pytest_rvads.semantics.validate import Finding as Finding
+from pytest_rvads.semantics.vehicle import Vehicle as Vehicle
+
+__version__: str
