@@ -26,6 +26,12 @@ from pytest_rvads.maps.segment import Turn as Turn
 from pytest_rvads.physics.braking import vmax as vmax
 from pytest_rvads.physics.simulation import simulate as simulate
 from pytest_rvads.scenarios.scenario import Scenario as Scenario
+from pytest_rvads.semantics.commands import (
+    Acceleration as Acceleration,
+    TargetSpeed as TargetSpeed,
+    Trajectory as Trajectory,
+    Waypoint as Waypoint,
+)
 from pytest_rvads.semantics.itinerary import Itinerary as Itinerary
 from pytest_rvads.semantics.kpis import Kpis as Kpis, kpis as kpis
 from pytest_rvads.semantics.recorded import read_recorded as read_recorded

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pytest_rvads.autopilots.conflicts import conflict, exit_blocked, in_the_way, movements, runs_through
-from pytest_rvads.autopilots.follower import STANDING
 from pytest_rvads.autopilots.spacing import can_stop, time_to
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.semantics.itinerary import ENTRANCE_ZONE
 from pytest_rvads.semantics.states import Colour, Observation, VehicleState, Zone
+from pytest_rvads.tracking.follower import STANDING
 
 __all__ = ["Light"]
 

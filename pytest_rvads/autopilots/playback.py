@@ -9,16 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.autopilots.follower import STANDING, Follower
 from pytest_rvads.errors import RunError, ScenarioError
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.runfile import load_run
 from pytest_rvads.semantics.states import Agent, Autopilot, Control, Observation
+from pytest_rvads.tracking.follower import STANDING, Follower
+from pytest_rvads.tracking.tracker import PLACE_GAIN, SPEED_GAIN
 
 __all__ = ["Replay"]
 
-_PLACE_GAIN, _SPEED_GAIN = 1.5, 2.5
-"""Acceleration per metre behind [1/s^2] and per m/s too slow [1/s]: a critically damped pair."""
 _SAME = 1e-6
 """A vehicle this near to its recorded station and speed is where it was [m, m/s]: the recorded controls then fit exactly."""
 _AHEAD = 0.2
@@ -97,7 +96,7 @@ class _Playback(Follower):
         if speed < STANDING and me.speed < 0.3 and place - me.station < 0.05:
             return self.drive(seen, -math.inf)
         _, soon = self._at(seen.time + _AHEAD)
-        wanted = (soon - speed) / _AHEAD + _PLACE_GAIN * (place - me.station) + _SPEED_GAIN * (speed - me.speed)
+        wanted = (soon - speed) / _AHEAD + PLACE_GAIN * (place - me.station) + SPEED_GAIN * (speed - me.speed)
         return self.drive(seen, wanted)
 
     def _at(self, time: float) -> tuple[float, float]:

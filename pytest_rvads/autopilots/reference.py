@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
-from pytest_rvads.autopilots.follower import Follower
 from pytest_rvads.autopilots.light import Light
 from pytest_rvads.autopilots.spacing import Stopping, behind_leader, clear_of_bodies, clear_of_crossing
 from pytest_rvads.autopilots.stop_sign import StopSign
 from pytest_rvads.maps.junction import JunctionControl
 from pytest_rvads.semantics.states import Control, Observation, Zone
+from pytest_rvads.tracking.follower import Follower
 
 __all__ = ["Gate", "Reference"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from pytest_rvads.autopilots.conflicts import conflict, movements
-from pytest_rvads.autopilots.track import Track
 from pytest_rvads.semantics.states import Observation, VehicleState, Zone
+from pytest_rvads.tracking.track import Track
 
 __all__ = [
     "COMFORT",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pytest_rvads.autopilots.conflicts import exit_blocked, runs_through
-from pytest_rvads.autopilots.follower import STANDING
 from pytest_rvads.autopilots.order import Queue
 from pytest_rvads.semantics.states import Colour, Observation, Zone
+from pytest_rvads.tracking.follower import STANDING
 
 __all__ = ["StopSign"]
 

@@ -1,7 +1,7 @@
 """Seats: what stands between the simulation and the autopilots.
 
-A seat asks its autopilot at the autopilot's own rate, holds the answer in between, and lets nothing through that is
-not a control.
+A seat asks its autopilot at the autopilot's own rate, holds the answer in between, lets nothing through that is not a
+command, and has the tracking controller drive what is not a control.
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.errors import AutopilotError, RunError, ScenarioError
+from pytest_rvads.semantics.commands import Command, trouble
 from pytest_rvads.semantics.run import DT
 from pytest_rvads.semantics.states import Agent, Control, Observation
+from pytest_rvads.tracking.tracker import Tracker
 
 __all__ = ["Factory", "Halt", "Seat", "crew", "name_of"]
 
@@ -64,13 +66,14 @@ class Seat:
             )
         self._ask = autopilot.control
         self._every = self._steps(getattr(autopilot, "period", DT))
-        self._held = Control()
+        self._held: Command = Control()
+        self._tracker: Tracker | None = None
 
     def command(self, step: int, seen: Observation) -> Control:
         """Return the control for the step that starts in state number `step`.
 
         Raises:
-            Halt: the autopilot raised, or its answer is not a control.
+            Halt: the autopilot raised, or its answer is not a command.
         """
         if step % self._every == 0:
             try:
@@ -88,7 +91,11 @@ class Seat:
                     self._held = answer
                     return answer
             self._held = self._checked(answer, seen.time)
-        return self._held
+        if isinstance(self._held, Control):
+            return self._held
+        if self._tracker is None:
+            self._tracker = Tracker()
+        return self._tracker.control(self._held, seen)
 
     def _steps(self, period: Any) -> int:
         if isinstance(period, Real) and not isinstance(period, bool) and math.isfinite(period):
@@ -100,11 +107,14 @@ class Seat:
             f"{self.name} can't drive {self.agent.name}: its period must be a whole multiple of {DT:g} s, got {period!r}",
         )
 
-    def _checked(self, answer: Any, time: float) -> Control:
+    def _checked(self, answer: Any, time: float) -> Command:
         where = f"{self.name} driving {self.agent.name} at {time:.2f} s"
         if not isinstance(answer, Control):
-            # No repr: it may hold an address, and the reason is part of the run's hash.
-            raise Halt(self.agent.name, f"{where} returned an object of type {type(answer).__name__}, expected a Control")
+            wrong = trouble(answer)
+            if wrong:
+                raise Halt(self.agent.name, f"{where} returned {wrong}")
+            held: Command = answer
+            return held
         for name, value in zip(Control._fields, answer, strict=True):
             if not isinstance(value, Real):
                 raise Halt(self.agent.name, f"{where} returned a {name} of type {type(value).__name__}, expected a number")

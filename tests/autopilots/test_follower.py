@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from pytest_rvads.autopilots import Follower
-from pytest_rvads.autopilots.track import BEND, Track
 from pytest_rvads.physics.simulation import simulate
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.semantics.run import DT, Run
 from pytest_rvads.semantics.states import Observation
+from pytest_rvads.tracking.track import BEND, Track
 
 
 class Steady(Follower):

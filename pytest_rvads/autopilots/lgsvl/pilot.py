@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from pytest_rvads.autopilots.follower import STANDING, Follower
 from pytest_rvads.autopilots.lgsvl.constants import (
     ADVANCE,
     DECIDE,
@@ -28,6 +27,7 @@ from pytest_rvads.autopilots.spacing import clear_of_bodies
 from pytest_rvads.maps.junction import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.semantics.states import Colour, Control, Observation, Zone
+from pytest_rvads.tracking.follower import STANDING, Follower
 
 __all__ = ["Pilot", "Switches"]
 

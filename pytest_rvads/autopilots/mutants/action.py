@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from pytest_rvads.autopilots.follower import STANDING
 from pytest_rvads.autopilots.reference import Reference
 from pytest_rvads.autopilots.spacing import Stopping
 from pytest_rvads.semantics.states import Control, Observation, Zone
+from pytest_rvads.tracking.follower import STANDING
 
 __all__ = ["Creeps", "Dawdles", "HitsLeader", "LateBrake", "Speeds", "StopsFar", "WeakBrake"]
 

@@ -1,15 +1,15 @@
 """A helper to write autopilots with: it follows the itinerary, the autopilot only decides how fast.
 
-Steering is pure pursuit on the rear axle (Coulter, Implementation of the Pure Pursuit Path Tracking Algorithm, 1992);
-speed is a proportional controller that knows the resistances of its vehicle.
+Steering is pure pursuit on the rear axle; speed is a proportional controller that knows the resistances of its vehicle.
 """
 
 from __future__ import annotations
 
 import math
 
-from pytest_rvads.autopilots.track import Track
 from pytest_rvads.semantics.states import Control, Observation
+from pytest_rvads.tracking.pursuit import lookahead, pursue
+from pytest_rvads.tracking.track import Track
 
 __all__ = ["Follower"]
 
@@ -89,13 +89,6 @@ class Follower:
     def steer(self, seen: Observation) -> float:
         """Return the angle of the front wheels [rad] that leads the rear axle back to the itinerary."""
         me, vehicle = seen.me, seen.vehicle
-        cos, sin = math.cos(me.heading), math.sin(me.heading)
-        back = vehicle.rear_axle_offset
-        ahead = 0.35 * me.speed + 1.5
-        ahead = ahead if ahead > 2.5 else 2.5
-        x, y, _ = seen.itinerary.pose(me.station - back + ahead)
-        dx = x - me.x + back * cos
-        dy = y - me.y + back * sin
-        left = dy * cos - dx * sin
-        self._steering = math.atan2(2.0 * vehicle.wheelbase * left, dx * dx + dy * dy)
+        x, y, _ = seen.itinerary.pose(me.station - vehicle.rear_axle_offset + lookahead(me.speed))
+        self._steering = pursue(me, vehicle, x, y)
         return self._steering
