@@ -49,6 +49,11 @@ _DECLARED = {
         "any",
         ("any", "new", "eroded"),
     ),
+    "time-budget": _Option(
+        "start no item later than this: last failures run first, then one run of every class, then what ran least so far; "
+        "the rest is NOT RUN",
+        metavar="SECONDS",
+    ),
     "repeat": _Option(
         "whether to simulate the run of a failed item once more, which tells an autopilot that is not deterministic (FLAKY)",
         "failed",
@@ -78,6 +83,8 @@ class Options:
     """A safety margin that fell by more than this since the baseline is told [s]."""
     fail_on: str
     """Which failures fail the session: any, new or eroded."""
+    time_budget: float | None
+    """No item starts later than this [s]."""
     repeat: str
     """Which runs are simulated once more: failed or never."""
     artefacts: str | None
@@ -104,6 +111,7 @@ class Options:
             baseline=_baseline(values, here),
             erosion=_number("erosion", values["erosion"], 3600.0) or 0.0,
             fail_on=values["fail-on"],
+            time_budget=_number("time-budget", values["time-budget"], 1e6),
             repeat=values["repeat"],
             artefacts=None if values["artefacts"] == "none" else values["artefacts"],
             open=values["open"],

@@ -10,8 +10,9 @@ from collections.abc import Generator
 import pytest
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.fixtures.budget import BUDGET, Budget
 from pytest_rvads.fixtures.comparing import explain
-from pytest_rvads.fixtures.items import OPTIONS, attach, prepare
+from pytest_rvads.fixtures.items import OPTIONS, attach, letter, prepare
 from pytest_rvads.fixtures.judging import monitor, rule
 from pytest_rvads.fixtures.plan import Planner
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_runs
@@ -36,6 +37,10 @@ def pytest_configure(config: pytest.Config) -> None:
     except RvadsError as error:
         raise pytest.UsageError(str(error)) from error
     register_marks(config)
+    seconds = config.stash[OPTIONS].time_budget
+    config.stash[BUDGET] = None if seconds is None else Budget(config, seconds)
+    if config.stash[BUDGET]:
+        config.pluginmanager.register(config.stash[BUDGET], "rvads_budget")
     planner = Planner(config)
     config.pluginmanager.register(planner, "rvads_planner")
     if not hasattr(config, "workerinput"):
@@ -61,8 +66,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Give every item of ours a record."""
-    prepare(item)
+    """Give every item of ours a record, and keep those from starting that a time budget has no room for."""
+    if prepare(item) and (budget := item.config.stash[BUDGET]):
+        budget.spend()
 
 
 @pytest.hookimpl(wrapper=True)
@@ -81,8 +87,5 @@ def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str]
 
 
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
-    """Show NA as its own letter, counted with the skips."""
-    record = getattr(report, "rvads", None)
-    if record and report.when == "call" and report.skipped and record["status"] == "NA":
-        return "skipped", "n", "NA"
-    return None
+    """Show NA and what came too late by letters of their own."""
+    return letter(report)
