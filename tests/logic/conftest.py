@@ -15,6 +15,11 @@ GREEN, YELLOW, RED = Colour.GREEN, Colour.YELLOW, Colour.RED
 Make = Callable[..., Run]
 
 
+@pytest.fixture(autouse=True)
+def no_rules_of_other_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pytest_rvads.logic.rules._USER", {})
+
+
 @pytest.fixture(scope="session")
 def make() -> Make:
     """Return a function that makes a run without positions.

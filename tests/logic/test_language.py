@@ -132,6 +132,7 @@ ERRORS = [
     ("forall a. G a@j)", "unexpected ')', expected an operator or the end", 15),
     ("forall a. G & a@j", "unexpected '&', expected a formula", 12),
     ("forall a. G $", "unexpected '$'", 12),
+    ("forall a, red. F a@j", "red is a value, it can't be a variable", 10),
     ("forall b. F b@j", "the letters of b tell no sort: declare one, such as `forall b: agent.`", 7),
     ("forall x: agnt. F x@j", "unknown sort agnt; did you mean 'agent'?", 10),
     ("forall a. G a'@j", "unbound variable a'; did you mean 'a'?", 12),
@@ -173,6 +174,8 @@ def test_propositional_formulas_are_not_told_words_of_rules() -> None:
 def test_errors_show_only_the_line_and_a_window_of_it() -> None:
     with pytest.raises(FormulaError, match=r"in line 2\n  F \(a@\)\n {7}\^$"):
         parse("forall a.\nF (a@)\n& a@j")
+    with pytest.raises(FormulaError, match=r"in line 3\n  G \(a@\)\n {7}\^$"):
+        parse("forall a.\nF a@j &\nG (a@)")
     with pytest.raises(FormulaError) as caught:
         parse_ltl("p & " * 500 + "& q")
     assert max(map(len, str(caught.value).splitlines())) < 120

@@ -257,6 +257,27 @@ def test_a_file_of_rules(tmp_path: Path) -> None:
     assert get_rule("house_2") is two
 
 
+def test_a_file_may_tell_everything_about_a_rule(tmp_path: Path) -> None:
+    told = {
+        "text": "forall a, j.ex. G(a@j -> F a@j.ex)",
+        "title": "50 % gets out",
+        "meaning": "Who is in gets out.",
+        "source": "the house",
+        "responsible": "who is in",
+        "about": "lights",
+        "tie": 0.25,
+        "requirement": "REQ-8",
+    }
+    file = tmp_path / "own.rules"
+    file.write_text("; by hand\n# and by heart\n[told]\n" + "".join(f"{k} = {v}\n" for k, v in told.items()))
+    (made,) = load_rules(file)
+    assert {name: getattr(made, name) for name in told} == told
+    file.write_text("[bare]\ntext = forall a. F a@j\n")
+    (bare,) = load_rules(file)
+    assert bare == Rule("bare", "forall a. F a@j")
+    assert (bare.title, bare.meaning, bare.source, bare.responsible, bare.about, bare.tie) == ("", "", "", "", None, 0.0)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -172,6 +172,45 @@ def test_hoa_and_dot_say_the_same_machine() -> None:
     assert '0 -> 2 [label="c"]' in dot
 
 
+def test_the_exported_texts_are_whole() -> None:
+    machine = synthesize(parse_ltl("p U q"))
+    assert to_hoa(machine).splitlines() == [
+        "HOA: v1",
+        'name: "LTL3 monitor of p U q"',
+        "States: 3",
+        "Start: 0",
+        'AP: 2 "p" "q"',
+        "acc-name: all",
+        "Acceptance: 0 t",
+        "properties: trans-labels explicit-labels deterministic complete",
+        "--BODY--",
+        'State: 0 "?"',
+        "[(0) & (!1)] 0",
+        "[(!0) & (!1)] 1",
+        "[1] 2",
+        'State: 1 "F"',
+        "[t] 1",
+        'State: 2 "T"',
+        "[t] 2",
+        "--END--",
+    ]
+    assert to_dot(machine).splitlines() == [
+        "digraph monitor {",
+        "  rankdir=LR;",
+        '  node [shape=circle, style=filled, fontname="sans-serif"];',
+        '  start [shape=point, style=""]; start -> 0;',
+        '  0 [label="0\\n?", fillcolor="#ffffff"];',
+        '  1 [label="1\\nF", fillcolor="#f4b6b6"];',
+        '  2 [label="2\\nT", fillcolor="#b9e3b9"];',
+        '  0 -> 0 [label="p & !q"];',
+        '  0 -> 1 [label="!p & !q"];',
+        '  0 -> 2 [label="q"];',
+        '  1 -> 1 [label="true"];',
+        '  2 -> 2 [label="true"];',
+        "}",
+    ]
+
+
 def holds(guard: str, true: list[bool]) -> bool:
     """Evaluate a label of HOA, whose ``& | !`` and digits Python reads after small changes."""
     if guard == "t":
