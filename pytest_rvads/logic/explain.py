@@ -51,7 +51,9 @@ def tell(story: Story) -> Verdict:
         collapsed=story.collapsed,
         instances=tuple(_instance(j, run) for j in ordered),
         near=miss,
-        cause=_cause(story, worst),
+        violated=_violated(story, worst),
+        roles=_roles(story, worst),
+        unavoidable=story.cycle is not None,
         notes=tuple(story.notes),
         explanation="\n".join(block(story, worst, miss)),
         requirement=rule.requirement,
@@ -103,27 +105,33 @@ def _message(story: Story, worst: Judgement | None) -> str:
     return f"{name} open: {wait}, since t={since} s when the run ended at {end} s: deadlock, or too short a run{more}{hint}"
 
 
-def _cause(story: Story, worst: Judgement | None) -> str:
-    """Return what was violated in words that are the same for all rotations of a scenario."""
+def _violated(story: Story, worst: Judgement | None) -> str:
+    """Return what was violated in words that are the same whoever did it."""
     if worst is None:
         return story.reason
     if story.cycle:
         return f"{_cyclic(story)}, no continuation could pass"
-    template, run = worst.template, story.run
-    variables = {e: name for name, e in template.binding}
-    agents = [(name, run.agents[e.index]) for name, e in template.binding if e.sort is Sort.AGENT]
-    first = agents[0][1].entrance if agents else 0
-    roles = ", ".join(f"{name} {a.turn} from entrance +{(a.entrance - first) % run.junction.ways}" for name, a in agents)
+    variables = {e: name for name, e in worst.template.binding}
 
     def name(element: f.Element) -> str:
         if element.sort in _OWN:
             return _OWN[element.sort]
         return variables.get(element, "another vehicle" if element.sort is Sort.AGENT else element_name(element))
 
-    shape = template.shape
+    shape, run = worst.template.shape, story.run
     if worst.status is Status.OPEN:
         owed = f"{say(shape.waits, name)} until {say(shape.goes, name)}" if shape.waits and shape.goes else str(shape.obligation)
-        return f"open: {owed} ({roles})"
+        return f"open: {owed}"
     by = collision_cause(worst, run)
     blame = [name(e) for e in responsible(worst, run)] if by else []
-    return f"{happened(worst, name)} ({roles})" + (f", caused by {' and '.join(blame)}" if blame else "")
+    return happened(worst, name) + (f", caused by {' and '.join(blame)}" if blame else "")
+
+
+def _roles(story: Story, worst: Judgement | None) -> str:
+    """Return which vehicles it was, in words that are the same for all rotations of a scenario."""
+    if worst is None or story.cycle:
+        return ""
+    run = story.run
+    agents = [(name, run.agents[e.index]) for name, e in worst.template.binding if e.sort is Sort.AGENT]
+    first = agents[0][1].entrance if agents else 0
+    return ", ".join(f"{name} {a.turn} from entrance +{(a.entrance - first) % run.junction.ways}" for name, a in agents)

@@ -95,8 +95,12 @@ class Verdict:
     instances: tuple[InstanceVerdict, ...] = ()
     """The worst first, the earliest of them first."""
     near: NearMiss | None = None
-    cause: str = ""
-    """What was violated, the same words for the same violation among other vehicles: groups failures."""
+    violated: str = ""
+    """What was violated, in the same words whoever did it: groups failures."""
+    roles: str = ""
+    """Which vehicles it was, in words that are the same for all rotations of a scenario."""
+    unavoidable: bool = False
+    """True when no autopilot could have passed."""
     notes: tuple[str, ...] = ()
     """What else should be known: that no run could pass, that a tie window decides."""
     explanation: str = ""
@@ -130,6 +134,11 @@ class Verdict:
         worst = [i for i in self.instances if i.status is self.status and self.status in (Status.FAIL, Status.OPEN)]
         return tuple(dict.fromkeys(name for i in worst for name in i.responsible))
 
+    @property
+    def cause(self) -> str:
+        """What was violated and by whom: the same words for the same violation in a rotated scenario."""
+        return f"{self.violated} ({self.roles})" if self.roles else self.violated
+
     def record(self) -> dict[str, Any]:
         """Return the verdict as builtins."""
         return {
@@ -151,6 +160,9 @@ class Verdict:
                 "steps": self.near.steps,
             },
             "cause": self.cause,
+            "violated": self.violated,
+            "roles": self.roles,
+            "unavoidable": self.unavoidable,
             "notes": list(self.notes),
             "requirement": self.requirement,
             "subject": self.subject,

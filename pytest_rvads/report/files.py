@@ -10,7 +10,8 @@ from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.coverage import measure
 from pytest_rvads.report.document import Report
 from pytest_rvads.report.indicators import extremes
-from pytest_rvads.report.matrix import causes, coverage, matrices, provoked
+from pytest_rvads.report.matrix import coverage, matrices
+from pytest_rvads.report.triage import causes, provoked
 
 __all__ = ["FORMATS", "append_summary", "load", "markdown", "save"]
 
@@ -105,7 +106,7 @@ def markdown(report: Report) -> str:
     for title, groups in (("Causes of failures", causes(records)), ("Provoked by traffic", provoked(records))):
         if groups:
             lines += [f"## {title}", "", "| items | rule | cause | first |", "|---:|---|---|---|"]
-            lines += [f"| {c.count} | {_cell(c.rule)} | {_cell(c.text)} | `{_cell(c.example)}` |" for c in groups]
+            lines += [f"| {c.count} | {_cell(c.rule)} | {_cell(c.line)} | `{_cell(c.example)}` |" for c in groups]
             lines.append("")
     said = (*coverage(records, report.totals), *extremes(records), f"coverage: {measure(report)}")
     lines += [f"- {_cell(line)}" for line in said]

@@ -1,4 +1,4 @@
-"""The verdict matrix, the causes and the coverage of a session, as plain values."""
+"""The verdict matrix and the coverage of a session, as plain values."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from pytest_rvads.report.record import Record
 
-__all__ = ["Cause", "Matrix", "causes", "coverage", "matrices", "provoked"]
+__all__ = ["Matrix", "coverage", "matrices"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,17 +20,6 @@ class Matrix:
     """(configuration, rule) of each column."""
     rows: tuple[tuple[str, tuple[str, ...]], ...]
     """Classes with equal verdicts, and a text per column: ``pass``, ``3/4 fail``, ``NA``, ``xfail I3``."""
-
-
-@dataclass(frozen=True, slots=True)
-class Cause:
-    """Failures that look alike: the same rule broken in the same way."""
-
-    rule: str
-    text: str
-    count: int
-    example: str
-    """Node id of the first one."""
 
 
 def matrices(records: Sequence[Record]) -> list[Matrix]:
@@ -90,33 +79,6 @@ def _spans(numbers: Sequence[int]) -> str:
         else:
             spans.append([number, number])
     return ", ".join(f"{a:02d}" if a == b else f"{a:02d}-{b:02d}" for a, b in spans)
-
-
-def causes(records: Sequence[Record]) -> list[Cause]:
-    """Group unexpected failures by rule and cause, the most frequent first."""
-    return _grouped([record for record in records if record["outcome"] == "failed"])
-
-
-def provoked(records: Sequence[Record]) -> list[Cause]:
-    """Group what traffic did to a subject that is not to blame, likewise."""
-    return _grouped([record for record in records if record["status"] == "PROVOKED"])
-
-
-def _grouped(records: Sequence[Record]) -> list[Cause]:
-    groups: dict[tuple[str, str], list[Record]] = {}
-    for record in records:
-        groups.setdefault((_rule(record), _cause(record)), []).append(record)
-    found = [Cause(rule, text, len(group), group[0]["nodeid"]) for (rule, text), group in groups.items()]
-    return sorted(found, key=lambda c: -c.count)
-
-
-def _cause(record: Record) -> str:
-    if record["status"] == "FLAKY":
-        return "not deterministic: the same start gave another run"
-    wanted = record["status"]
-    verdict = next((v for v in record["verdicts"] if wanted in (v["status"], "PROVOKED" if v.get("provoked") else "")), None)
-    cause: str = verdict["cause"] if verdict else record["message"].strip().partition("\n")[0]
-    return cause
 
 
 def coverage(records: Sequence[Record], totals: dict[int, tuple[int, int]]) -> list[str]:

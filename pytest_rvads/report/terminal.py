@@ -14,7 +14,8 @@ from rich.text import Text
 from pytest_rvads.report.coverage import measure
 from pytest_rvads.report.document import Report
 from pytest_rvads.report.indicators import extremes
-from pytest_rvads.report.matrix import Cause, Matrix, causes, coverage, matrices, provoked
+from pytest_rvads.report.matrix import Matrix, coverage, matrices
+from pytest_rvads.report.triage import Cause, causes, provoked
 
 __all__ = ["summary"]
 
@@ -72,7 +73,7 @@ def _list(console: Console, title: str, groups: Sequence[Cause]) -> None:
     if groups:
         console.print(title)
     for cause in groups[:_MOST]:
-        console.print(Text(f"  {cause.count:4d} x {cause.rule}: {cause.text}"), soft_wrap=True)
+        console.print(Text(f"  {cause.count:4d} x {cause.rule}: {cause.line}"), soft_wrap=True)
         console.print(Text(f'         first: pytest "{cause.example}"'), soft_wrap=True)
     if len(groups) > _MOST:
         console.print(f"  ... and {len(groups) - _MOST} more: --rvads-report=FILE.md lists them all")

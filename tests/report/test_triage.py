@@ -1,0 +1,142 @@
+"""Cause groups measured with faults switched on at random in the reference autopilot: as many as faults, and pure."""
+
+import random
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pytest
+
+import pytest_rvads as rvads
+from pytest_rvads.autopilots.mutants import MUTANTS
+from pytest_rvads.logic.rules import rules_for
+from pytest_rvads.report.record import cell_record, conclude
+from pytest_rvads.report.triage import causes
+from pytest_rvads.scenarios.grid import grid
+from pytest_rvads.scenarios.selection import Selection
+
+Runs = dict[str, list[dict[str, Any]]]
+"""Run to the records of its failed items."""
+FEW = ("dawdles", "ignores stop", "last come first", "no yield turning left", "runs red", "speeds")
+
+
+def failures(mutant: str, junction: str, letters: str, classes: Sequence[int]) -> Runs:
+    """Run a mutant over some classes and judge it by all rules."""
+    place = rvads.find(junction)
+    found: Runs = {}
+    points = grid(letters, place.ways, place.control)
+    for scenario in Selection.of(junction, None, place.ways, points, classes=tuple(classes), duration=40.0):
+        run = rvads.simulate(scenario, MUTANTS[mutant])
+        records = found[scenario.name] = []
+        for rule in rules_for(("paper", "road"), place.control):
+            verdict = rvads.check(run, rule)
+            if verdict.status in ("FAIL", "OPEN"):
+                keys = {"junction": junction, "cls": scenario.number, "scenario": "", "cfg": "", "rotation": 0, "rule": rule.name}
+                record = cell_record(f"{mutant}::{scenario.name}-{rule.name}", 1, "test", keys, place.ways)
+                conclude(record, [verdict.record()], "call", "failed", text=verdict.message)
+                records.append(record | {"hash": run.hash})
+    return found
+
+
+def measure(runs: Mapping[str, Runs], draws: int) -> tuple[list[float], list[float]]:
+    """Switch on one to three mutants at random and return groups per cause and purity of every draw.
+
+    Every run of a draw has one of the faults, drawn at random, and each failure is that fault's. Failures that no autopilot
+    could have avoided have a cause of their own.
+    """
+    rng = random.Random(1)
+    names = sorted({run for each in runs.values() for run in each})
+    ratios, purities = [], []
+    for _ in range(draws):
+        on = rng.sample(sorted(runs), rng.randint(1, 3))
+        faults: dict[str, str] = {}
+        session: list[dict[str, Any]] = []
+        for name in names:
+            fault = rng.choice(on)
+            for record in runs[fault].get(name, ()):
+                faults[record["nodeid"]] = "unavoidable" if record["verdicts"][0]["unavoidable"] else fault
+                session.append(record)
+        if not session:
+            continue
+        groups = [cause.nodeids for cause in causes(session)]
+        ratios.append(len(groups) / len(set(faults.values())))
+        purities.append(sum(max(Counter(faults[n] for n in group).values()) for group in groups) / len(session))
+    return ratios, purities
+
+
+def test_faults_are_told_apart() -> None:
+    runs: dict[str, Runs] = defaultdict(dict)
+    for mutant in FEW:
+        runs[mutant] |= failures(mutant, "stop4", "E", (8, 17))
+        runs[mutant] |= failures(mutant, "light4", "J", (8, 17))
+    ratios, purities = measure(runs, 100)
+    assert len(ratios) >= 95
+    assert max(ratios) <= 2.0
+    assert sum(purities) / len(purities) >= 0.95
+
+
+@pytest.mark.slow
+def test_cause_groups_are_few_and_pure() -> None:
+    runs: dict[str, Runs] = defaultdict(dict)
+    classes = range(2, 25, 3)
+    for mutant in MUTANTS:
+        runs[mutant] |= failures(mutant, "stop4", "CE", classes)
+        runs[mutant] |= failures(mutant, "light4", "HJ", classes)
+    ratios, purities = measure(runs, 100)
+    print(  # noqa: T201
+        f"{len(ratios)} draws: {sum(ratios) / len(ratios):.2f} groups per cause, at most {max(ratios):.2f}; "
+        f"{100 * sum(purities) / len(purities):.1f} % pure, {sum(p >= 0.95 for p in purities)} of them at least 95 %"
+    )
+    assert max(ratios) <= 2.0
+    assert sum(purities) / len(purities) >= 0.95
+
+
+def failed(run: str, rule: str, violated: str, time: float | None, **more: Any) -> dict[str, Any]:
+    keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": rule}
+    record = cell_record(f"t.py::test[{run}-{rule}]", 3, "test", keys, 4)
+    verdict = {"status": "FAIL", "cause": violated, "violated": violated, "time": time, **more}
+    conclude(record, [verdict], "call", "failed", text=violated)
+    return record | {"hash": run}
+
+
+def test_what_broke_first_explains_the_rest_of_its_run() -> None:
+    found = causes(
+        [
+            failed("one", "p1", "both in", 6.0),
+            failed("one", "red", "against red", 5.0),
+            failed("two", "red", "against red", 7.0),
+            failed("three", "p1", "both in", 3.0),
+        ]
+    )
+    assert [(c.rule, c.text, c.count, c.runs) for c in found] == [("red, p1", "against red", 3, 2), ("p1", "both in", 1, 1)]
+    assert found[0].example == "t.py::test[one-red]", "the item that tells it, not one that follows from it"
+
+
+def test_the_unavoidable_explains_nothing_else() -> None:
+    cycle = failed("one", "p2", "a cycle", 1.0, unavoidable=True)
+    found = causes([cycle, failed("one", "p1", "both in", 6.0)])
+    assert [(c.rule, c.text) for c in found] == [("p2", "a cycle"), ("p1", "both in")]
+
+
+def test_roles_are_told_and_do_not_split() -> None:
+    left, right = {"roles": "a left from +0"}, {"roles": "a right from +0"}
+    (one,) = causes([failed("one", "p1", "both in", 6.0, **left), failed("two", "p1", "both in", 6.0, **left)])
+    assert one.line == "both in (a left from +0), in 2 runs"
+    records = [failed(run, "p1", "both in", 6.0, **roles) for run, roles in (("one", left), ("two", right), ("three", right))]
+    (mixed,) = causes(records)
+    assert mixed.line == "both in, in 3 runs, mostly a right from +0"
+
+
+def test_many_rules_are_counted() -> None:
+    (cause,) = causes([failed("one", f"p{n}", "both in", float(n)) for n in range(5)])
+    assert cause.rule == "p0, p1, p2 and 2 more"
+
+
+def test_messages_are_alike_up_to_their_numbers() -> None:
+    def crash(run: str, text: str) -> dict[str, Any]:
+        record = failed(run, "p1", "", None)
+        conclude(record, [], "setup", "failed", text=text)
+        return record
+
+    found = causes([crash("one", "a2 raised at t=1.25 s"), crash("two", "a0 raised at t=0.5 s"), crash("three", "no sensor")])
+    assert [(c.text, c.count) for c in found] == [("a2 raised at t=1.25 s", 2), ("no sensor", 1)]
