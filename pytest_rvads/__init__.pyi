@@ -49,5 +49,6 @@ from pytest_rvads.semantics.states import (
 )
 from pytest_rvads.semantics.validate import Finding as Finding
 from pytest_rvads.semantics.vehicle import Vehicle as Vehicle
+from pytest_rvads.stacks.process import Process as Process
 
 __version__: str

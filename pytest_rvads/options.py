@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +32,13 @@ class _Option:
 
 
 _DECLARED = {
+    "sut": _Option(
+        "system under test: the command of a stack in another process, see docs/attach-your-stack.md; where there are no "
+        "tests, those that come with the plugin run",
+        metavar="COMMAND",
+    ),
+    "sut-rate": _Option("decisions of the stack per simulated second; by default what it asks for, else 20", metavar="HZ"),
+    "sut-timeout": _Option("how long the stack may take for one decision, in real time", "5", metavar="SECONDS"),
     "map": _Option("OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)"),
     "cover": _Option("what to run of every class where a test does not say", choices=("class", "scenario", "rotation")),
     "grid": _Option("configurations where a test does not say: 'paper' or letters such as CD"),
@@ -68,6 +77,12 @@ _DECLARED = {
 class Options:
     """What was asked for on the command line, in the environment or in the configuration file, in this order."""
 
+    sut: tuple[str, ...] | None
+    """Command of the stack under test, with an absolute path."""
+    sut_rate: float | None
+    """[Hz]."""
+    sut_timeout: float
+    """[s]."""
     map: str | None
     cover: str
     grid: str
@@ -100,6 +115,9 @@ class Options:
         values = {name: _value(config, name) for name, option in _DECLARED.items() if not option.several}
         here = config.invocation_params.dir
         return cls(
+            sut=_command(values["sut"], here),
+            sut_rate=_number("sut-rate", values["sut-rate"], 100.0),
+            sut_timeout=_number("sut-timeout", values["sut-timeout"], 3600.0) or 5.0,
             map=_map(config),
             cover=values["cover"] or "class",
             grid=values["grid"] or "paper",
@@ -180,6 +198,20 @@ def _baseline(values: dict[str, str], here: Path) -> Path | None:
     if values["fail-on"] != "any":
         raise RvadsError(f"rvads_fail_on={values['fail-on']} needs something to compare with: add --rvads-baseline=FILE.json")
     return None
+
+
+def _command(value: str, here: Path) -> tuple[str, ...] | None:
+    """Return the words of a command whose program exists."""
+    try:
+        words = shlex.split(value)
+    except ValueError as error:
+        raise RvadsError(f"rvads_sut can't be read as a command: {error}, got {value!r}") from error
+    if not words:
+        return None
+    program = shutil.which(str(here / words[0]) if "/" in words[0] else words[0])
+    if program is None:
+        raise RvadsError(f"rvads_sut must be the command of a program that exists and may be executed, got {value!r}")
+    return (program, *words[1:])
 
 
 def _map(config: pytest.Config) -> str | None:

@@ -17,10 +17,11 @@ from pytest_rvads.fixtures.judging import monitor, rule
 from pytest_rvads.fixtures.plan import Planner
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_runs
 from pytest_rvads.fixtures.session import Session
-from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_vehicle
+from pytest_rvads.fixtures.suite import offer
+from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_sut, rvads_vehicle
 from pytest_rvads.options import Options, declare
 
-__all__ = ["monitor", "rule", "run", "rvads_autopilot", "rvads_cell", "rvads_map", "rvads_runs", "rvads_vehicle"]
+__all__ = ["monitor", "rule", "run", "rvads_autopilot", "rvads_cell", "rvads_map", "rvads_runs", "rvads_sut", "rvads_vehicle"]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -37,6 +38,8 @@ def pytest_configure(config: pytest.Config) -> None:
     except RvadsError as error:
         raise pytest.UsageError(str(error)) from error
     register_marks(config)
+    if config.stash[OPTIONS].sut:
+        offer(config)
     seconds = config.stash[OPTIONS].time_budget
     config.stash[BUDGET] = None if seconds is None else Budget(config, seconds)
     if config.stash[BUDGET]:
@@ -58,7 +61,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Refuse a mark on what can't be parametrized, so that it is not silently a plain test."""
     for item in items:
-        if "rvads_cell" not in getattr(item, "fixturenames", ()) and item.get_closest_marker("rvads_scenario"):
+        if item.get_closest_marker("rvads_scenario") and "rvads_cell" not in getattr(item, "fixturenames", ()):
             raise pytest.UsageError(
                 f"{item.nodeid} has @rvads.scenario(...), which works on functions and classes of pytest only"
             )

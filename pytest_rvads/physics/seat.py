@@ -34,12 +34,14 @@ class Halt(RunError):
     Args:
         agent: the vehicle concerned.
         reason: one sentence, see `Fault.reason`.
+        detail: see `Fault.detail`.
     """
 
-    def __init__(self, agent: str, reason: str) -> None:
+    def __init__(self, agent: str, reason: str, detail: str = "") -> None:
         super().__init__(reason)
         self.agent = agent
         self.reason = reason
+        self.detail = detail
 
 
 _MISHAPS = (Exception, SystemExit)
@@ -50,7 +52,9 @@ class Seat:
     """One vehicle's place for an autopilot.
 
     An autopilot may have an attribute `period` [s], a whole multiple of the step: it is then asked that often, and
-    its last answer is held in between (zero-order hold). Without one it is asked in every step.
+    its last answer is held in between (zero-order hold). Without one it is asked in every step. One that runs elsewhere
+    may have a ``label`` to be called by, a method ``abandon``, called when its answer ended the run, which returns what else
+    there is to know, and a method ``timing``, see `simulate`.
 
     Raises:
         Halt: no method ``control``, or a period that is not a multiple of the step.
@@ -58,7 +62,8 @@ class Seat:
 
     def __init__(self, agent: Agent, autopilot: Any) -> None:
         self.agent = agent
-        self.name = type(autopilot).__qualname__
+        self.name = getattr(autopilot, "label", type(autopilot).__qualname__)
+        self.autopilot = autopilot
         if not callable(getattr(autopilot, "control", None)):
             raise Halt(
                 agent.name,
@@ -78,6 +83,9 @@ class Seat:
         if step % self._every == 0:
             try:
                 answer = self._ask(seen)
+            except AutopilotError as error:
+                where = f"{self.name} driving {self.agent.name} at {seen.time:.2f} s"
+                raise Halt(self.agent.name, f"{where}: {error}", getattr(error, "detail", "")) from error
             except _MISHAPS as error:
                 raise Halt(
                     self.agent.name, f"{self.name} driving {self.agent.name} {_describe(error)} at {seen.time:.2f} s"
@@ -90,7 +98,12 @@ class Seat:
                 ):
                     self._held = answer
                     return answer
-            self._held = self._checked(answer, seen.time)
+            try:
+                self._held = self._checked(answer, seen.time)
+            except Halt as halt:
+                if callable(getattr(self.autopilot, "abandon", None)):
+                    halt.detail = self.autopilot.abandon()
+                raise
         if isinstance(self._held, Control):
             return self._held
         if self._tracker is None:
@@ -171,6 +184,8 @@ def name_of(factory: Factory | None) -> str | None:
     """Return the name of an autopilot factory, for records."""
     if factory is None:
         return None
+    if isinstance(label := getattr(factory, "label", None), str):
+        return label
     inner = getattr(factory, "func", factory)  # of a functools.partial
     return str(getattr(inner, "__qualname__", type(inner).__qualname__))
 
@@ -197,6 +212,8 @@ def _delegate(system: Any, agents: Sequence[Agent]) -> list[Seat]:
     name = type(system).__qualname__
     try:
         made = list(system.autopilots(tuple(agents)))
+    except AutopilotError as error:
+        raise Halt(agents[0].name, str(error), getattr(error, "detail", "")) from error
     except _MISHAPS as error:
         raise Halt(agents[0].name, f"{name}.autopilots {_describe(error)}") from error
     if len(made) != len(agents):

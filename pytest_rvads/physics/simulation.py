@@ -30,6 +30,8 @@ def simulate(scenario: Scenario, autopilot: Factory, *, vehicle: Vehicle | None 
     autopilot raises or answers with something that is not a control, or when a vehicle leaves its route; the states up to
     there are kept. A vehicle that leaves its route after a collision is no fault: there the run just ends.
 
+    What ``timing()`` of an autopilot returns is kept under ``timing`` in `Run.meta`, which is not part of the run's hash.
+
     Args:
         scenario: where the vehicles start and go.
         autopilot: a class or callable without arguments; called once per vehicle, in creation order, or once for all
@@ -59,6 +61,9 @@ def simulate(scenario: Scenario, autopilot: Factory, *, vehicle: Vehicle | None 
         "end": loop.end,
         "versions": versions(),
     }
+    timed = {s.agent.name: s.autopilot.timing() for s in loop.seats if callable(getattr(s.autopilot, "timing", None))}
+    if timed:
+        meta["timing"] = timed
     return loop.recorder.run(scenario.name, loop.junction, tuple(loop.collisions), loop.fault, meta)
 
 
@@ -72,6 +77,7 @@ class _Loop:
         self.fault: Fault | None = None
         self.end = "duration"
         """Why the run ended: left, duration, collision, fault."""
+        self.seats: tuple[Seat, ...] = ()
         self._vehicle = vehicle
         self._signals = scenario.signals()
         self._agents = scenario.agents()
@@ -106,6 +112,7 @@ class _Loop:
             self._sample()
             order = [self._agents[column] for column in self._active]
             seats = dict(zip(self._active, crew(order, autopilot, scenario.subject, traffic), strict=True))
+            self.seats = tuple(seats.values())
             while self._step < last:
                 if all(self._states[i].station >= body.itinerary.leave for i, body in enumerate(self._bodies)):
                     self.end = "left"
@@ -118,7 +125,7 @@ class _Loop:
                 self.end = "collision"
                 return
             self.end = "fault"
-            self.fault = Fault(self._step * DT, halt.agent, halt.reason)
+            self.fault = Fault(self._step * DT, halt.agent, halt.reason, halt.detail)
 
     def _sample(self) -> None:
         """Take and record the current state of every vehicle; one that is gone stays as it was last seen."""

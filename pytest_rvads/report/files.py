@@ -11,6 +11,7 @@ from pytest_rvads.report.coverage import measure
 from pytest_rvads.report.document import Report
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import coverage, matrices
+from pytest_rvads.report.timing import timing
 from pytest_rvads.report.triage import causes, provoked
 
 __all__ = ["FORMATS", "append_summary", "load", "markdown", "save"]
@@ -108,7 +109,7 @@ def markdown(report: Report) -> str:
             lines += [f"## {title}", "", "| items | rule | cause | first |", "|---:|---|---|---|"]
             lines += [f"| {c.count} | {_cell(c.rule)} | {_cell(c.line)} | `{_cell(c.example)}` |" for c in groups]
             lines.append("")
-    said = (*coverage(records, report.totals), *extremes(records), f"coverage: {measure(report)}")
+    said = (*coverage(records, report.totals), *extremes(records), *timing(records), f"coverage: {measure(report)}")
     lines += [f"- {_cell(line)}" for line in said]
     for matrix in matrices(records):
         lines += ["", f"## {matrix.title}", ""]

@@ -15,6 +15,7 @@ from pytest_rvads.report.coverage import measure
 from pytest_rvads.report.document import Report
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import Matrix, coverage, matrices
+from pytest_rvads.report.timing import timing
 from pytest_rvads.report.triage import Cause, causes, provoked
 
 __all__ = ["summary"]
@@ -64,7 +65,7 @@ def summary(report: Report, *, colour: bool, width: int, unicode: bool) -> str:
     records = report.records
     for title, groups in (("causes of failures", causes(records)), ("provoked by traffic", provoked(records))):
         _list(console, title, groups)
-    for line in (*extremes(records), *coverage(records, report.totals), f"coverage: {measure(report)}"):
+    for line in (*extremes(records), *coverage(records, report.totals), *timing(records), f"coverage: {measure(report)}"):
         console.print(Text(line), soft_wrap=True)
     return out.getvalue()
 

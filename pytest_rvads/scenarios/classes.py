@@ -13,7 +13,6 @@ from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from math import gcd
-from typing import TypeVar
 
 from pytest_rvads.errors import ScenarioError
 
@@ -34,7 +33,6 @@ __all__ = [
     "seats",
 ]
 
-T = TypeVar("T")
 Directions = tuple[int, ...]
 WAYS = range(3, 9)
 """Arities the method is defined for here."""
@@ -65,8 +63,8 @@ def label(code: Directions) -> str:
     return "".join(map(str, code))
 
 
-def rotate(code: tuple[T, ...], rows: int) -> tuple[T, ...]:
-    """Move every vehicle `rows` entrances on, keeping its symbolic direction; or whatever else is given per entrance."""
+def rotate(code: Directions, rows: int) -> Directions:
+    """Move every vehicle `rows` entrances on, keeping its symbolic direction."""
     rows %= len(code)
     return code[-rows:] + code[:-rows] if rows else code
 
@@ -130,7 +128,6 @@ def classes(ways: int) -> Iterator[Directions]:
             yield tuple(word[1:])
 
 
-@lru_cache(maxsize=4096)
 def class_number(code: Directions) -> int:
     """Return the number of the class of `code`, 1 for all-ones; 0 for a partial scenario."""
     if 0 in code:
@@ -138,7 +135,6 @@ def class_number(code: Directions) -> int:
     return bisect_left(_ranks(len(code)), _value(representative(code))) + 1
 
 
-@lru_cache(maxsize=4096)
 def class_label(ways: int, number: int) -> str:
     """Return ``class07``: the number padded to the width of the count of classes, at least two digits."""
     return f"class{number:0{max(2, len(str(count_classes(ways))))}d}"

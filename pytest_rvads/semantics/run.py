@@ -45,6 +45,8 @@ class Fault:
     """The vehicle concerned."""
     reason: str
     """One sentence naming autopilot or plant and what went wrong."""
+    detail: str = field(default="", compare=False)
+    """What a stack in another process last wrote to its standard error; not part of the run's hash."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,0 +1,228 @@
+/* rvads.h - attach a driving stack in C or C++ to pytest-rvads: this header is all there is to it.
+ *
+ *     rvads link;
+ *     rvads_observation seen;
+ *     rvads_command command;
+ *     if (!rvads_open(&link, "my stack", 20.0)) return 1;
+ *     while (rvads_next(&link, &seen)) {
+ *         rvads_target_speed(&command, 8.0);
+ *         rvads_answer(&link, &command);
+ *     }
+ *
+ * rvads_next waits for the next observation and is false when the session is over. When it returns the first observation
+ * of a new scenario, link.fresh is true and link.scenario describes it: forget what you know of the last one. Answer every
+ * observation once. Whatever you print to standard output goes to standard error; the protocol has a descriptor of its own.
+ *
+ * SI units throughout, angles in radians counter-clockwise. Little-endian POSIX systems. Licence: Apache-2.0.
+ */
+#ifndef RVADS_H
+#define RVADS_H
+
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define RVADS_VERSION 1
+#define RVADS_WAYS 8
+#define RVADS_POINTS 64
+
+enum { RVADS_RIGHT, RVADS_STRAIGHT, RVADS_LEFT };                                  /* turn */
+enum { RVADS_APPROACH, RVADS_ENTRANCE, RVADS_JUNCTION, RVADS_EXIT, RVADS_GONE };   /* zone */
+enum { RVADS_NONE, RVADS_GREEN, RVADS_YELLOW, RVADS_RED };                         /* light */
+enum { RVADS_STOP_SIGNS, RVADS_LIGHTS, RVADS_UNREGULATED, RVADS_PARTIAL };         /* control */
+
+/* A vehicle as seen from outside; its position is that of the centre of its front bumper. */
+typedef struct {
+    uint32_t entrance; /* it came from or stands at */
+    uint32_t turn;     /* it indicates */
+    uint32_t zone, unused;
+    double station; /* along its way, 0 where the junction begins, negative before [m] */
+    double x, y, heading, speed, acceleration, length, width;
+} rvads_vehicle;
+
+typedef struct {
+    double time; /* simulated, since the start of the run [s] */
+    uint32_t step, others_count, ways, unused;
+    rvads_vehicle me, others[RVADS_WAYS - 1];
+    uint32_t lights[RVADS_WAYS]; /* per entrance */
+} rvads_observation;
+
+/* One scenario: where to go, what regulates the junction, what the vehicle can do. */
+typedef struct {
+    uint32_t ways, control, left_hand, entrance, exit, turn, path_count, text_size;
+    double period;      /* between two observations [s] */
+    double speed_limit; /* [m/s] */
+    double line, length, end; /* stations: stopping line, end of the junction, end of the way [m] */
+    double vehicle_length, vehicle_width, wheelbase, rear_axle_offset; /* the offset is from the front bumper [m] */
+    double drive, brake; /* full acceleration and full service brake [m/s^2] */
+    double steering_limit, steering_rate;
+    double setbacks[RVADS_WAYS]; /* per entrance, stopping line before the junction [m] */
+    uint8_t right_of[RVADS_WAYS][RVADS_WAYS], opposite[RVADS_WAYS][RVADS_WAYS];
+} rvads_scenario;
+
+typedef struct {
+    double station, x, y, heading;
+} rvads_point;
+
+typedef struct {
+    uint32_t kind, count, step, unused;
+    double value[3], compute, points[RVADS_POINTS][3];
+} rvads_command;
+
+typedef struct {
+    int fresh;               /* true with the first observation of a scenario */
+    rvads_scenario scenario;
+    rvads_point *path;       /* the own way by the metre, scenario.path_count points */
+    char *text;              /* the whole reset message as JSON, with the map; ends with a 0 */
+    int output;
+    uint32_t step;
+    struct timespec since;
+} rvads;
+
+static inline int rvads_fail_(const char *what) {
+    fprintf(stderr, "rvads: %s\n", what);
+    return 0;
+}
+
+static inline int rvads_write_(int file, const void *data, size_t size) {
+    const char *at = (const char *)data;
+    while (size > 0) {
+        ssize_t done = write(file, at, size);
+        if (done <= 0) return 0;
+        at += done;
+        size -= (size_t)done;
+    }
+    return 1;
+}
+
+static inline int rvads_read_(void *data, size_t size) {
+    char *at = (char *)data;
+    while (size > 0) {
+        ssize_t done = read(0, at, size);
+        if (done <= 0) return 0;
+        at += done;
+        size -= (size_t)done;
+    }
+    return 1;
+}
+
+/* Say hello. `rate` is how often you want to be asked [Hz], 0 for the default. Returns false when nobody answers. */
+static inline int rvads_open(rvads *link, const char *name, double rate) {
+    char line[256], want[64] = "";
+    size_t used = 0;
+    memset(link, 0, sizeof *link);
+    link->output = dup(1);
+    if (link->output < 0 || dup2(2, 1) < 0) return rvads_fail_("standard output or error is closed");
+    while (used + 1 < sizeof line && rvads_read_(line + used, 1) && line[used] != '\n') ++used;
+    line[used] = 0;
+    if (!strstr(line, "\"protocol\":\"rvads\"")) return rvads_fail_("this program is to be started by pytest-rvads");
+    if (rate > 0) snprintf(want, sizeof want, ",\"rate\":%.17g", rate);
+    used = (size_t)snprintf(line, sizeof line, "{\"type\":\"hello\",\"version\":%d,\"format\":\"binary\",\"name\":\"%.80s\"%s}\n",
+                            RVADS_VERSION, name, want);
+    return rvads_write_(link->output, line, used) || rvads_fail_("nobody listens");
+}
+
+static inline int rvads_reset_(rvads *link, uint32_t size) {
+    static const uint32_t ready[2] = {2, 0};
+    rvads_scenario *now = &link->scenario;
+    if (size < sizeof *now || !rvads_read_(now, sizeof *now)) return rvads_fail_("the reset is cut short");
+    size_t path = now->path_count * sizeof(rvads_point);
+    if (size != sizeof *now + path + now->text_size) return rvads_fail_("the reset has another size than it says");
+    free(link->path);
+    free(link->text);
+    link->path = (rvads_point *)malloc(path + 1);
+    link->text = (char *)calloc(now->text_size + 1u, 1);
+    if (!link->path || !link->text) return rvads_fail_("out of memory");
+    if (!rvads_read_(link->path, path) || !rvads_read_(link->text, now->text_size)) return rvads_fail_("the reset is cut short");
+    link->fresh = 1;
+    return rvads_write_(link->output, ready, sizeof ready);
+}
+
+/* Wait for the next observation; false when the session is over. */
+static inline int rvads_next(rvads *link, rvads_observation *seen) {
+    uint32_t head[2];
+    int fresh = 0;
+    while (rvads_read_(head, sizeof head)) {
+        if (head[0] == 1) {
+            if (!rvads_reset_(link, head[1])) return 0;
+            fresh = 1;
+        } else if (head[0] == 3 && head[1] == sizeof *seen) {
+            if (!rvads_read_(seen, sizeof *seen)) return 0;
+            link->fresh = fresh;
+            link->step = seen->step;
+            clock_gettime(CLOCK_MONOTONIC, &link->since);
+            return 1;
+        } else {
+            return head[0] == 5 ? 0 : rvads_fail_("a frame of unknown kind");
+        }
+    }
+    return 0;
+}
+
+/* The commands. Each is held until the next answer; all but the controls are driven by the tracking controller. */
+static inline void rvads_controls(rvads_command *command, double throttle, double brake, double steering) {
+    memset(command, 0, sizeof *command);
+    command->value[0] = throttle;
+    command->value[1] = brake;
+    command->value[2] = steering;
+}
+
+static inline void rvads_target_speed(rvads_command *command, double speed) {
+    memset(command, 0, sizeof *command);
+    command->kind = 1;
+    command->value[0] = speed;
+}
+
+static inline void rvads_acceleration(rvads_command *command, double acceleration) { /* the steering follows the own way */
+    memset(command, 0, sizeof *command);
+    command->kind = 2;
+    command->value[0] = acceleration;
+}
+
+static inline void rvads_steered_acceleration(rvads_command *command, double acceleration, double steering) {
+    rvads_acceleration(command, acceleration);
+    command->kind = 3;
+    command->value[1] = steering;
+}
+
+static inline void rvads_trajectory(rvads_command *command) { /* then add points, in order of time */
+    memset(command, 0, sizeof *command);
+    command->kind = 4;
+}
+
+static inline int rvads_add_point(rvads_command *command, double time, double x, double y) { /* false when there is no room */
+    double point[3] = {time, x, y};
+    if (command->count >= RVADS_POINTS) return 0;
+    memcpy(command->points[command->count++], point, sizeof point);
+    return 1;
+}
+
+/* Answer the last observation; false when nobody listens any more. */
+static inline int rvads_answer(rvads *link, rvads_command *command) {
+    struct { uint32_t head[2]; rvads_command command; } frame = {{4, sizeof *command}, *command};
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    frame.command.step = link->step;
+    frame.command.compute = (double)(now.tv_sec - link->since.tv_sec) + 1e-9 * (double)(now.tv_nsec - link->since.tv_nsec);
+    return rvads_write_(link->output, &frame, sizeof frame);
+}
+
+/* The speed from which braking at `deceleration` [m/s^2] ends after `distance` [m]; 0 from there on. */
+static inline double rvads_stopping_speed(double distance, double deceleration) {
+    double square = 2.0 * deceleration * distance, root = square > 1.0 ? square : 1.0;
+    if (square <= 0.0) return 0.0;
+    for (int k = 0; k < 24; ++k) root = 0.5 * (root + square / root); /* Newton, so that nobody has to link libm */
+    return root;
+}
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,84 @@
+"""Attach a driving stack in Python to pytest-rvads: this file is all there is to it.
+
+    import rvads_client
+
+    for seen in rvads_client.connect("my stack", rate=20):
+        seen.answer(target_speed=8.0)
+
+The loop ends when the session does. With the first observation of a new scenario ``seen.fresh`` is true: forget what you
+know of the last one. ``seen.scenario`` is the reset message: map, itinerary, vehicle. Whatever you print goes to standard
+error; the protocol has a descriptor of its own. SI units throughout, angles in radians counter-clockwise.
+
+Only the standard library is needed, Python 3.8 or later. Licence: Apache-2.0.
+"""
+
+import json
+import os
+import sys
+import time
+
+VERSION = 1
+
+
+class Observation:
+    """What the vehicle sees, to be answered once.
+
+    `time` [s]; `me` and `others`, vehicles as dicts (name, entrance, turn, zone, station, x, y, heading, speed,
+    acceleration, length, width); `lights`, a colour per entrance; `scenario`, `fresh`.
+    """
+
+    def __init__(self, content, scenario, fresh, output):
+        self.time = content["time"]
+        self.me = content["me"]
+        self.others = content["others"]
+        self.lights = content["lights"]
+        self.scenario = scenario
+        self.fresh = fresh
+        self._step = content["step"]
+        self._output = output
+        self._since = time.perf_counter()
+
+    def answer(self, **command):
+        """Answer with ``throttle, brake, steering``; ``target_speed``; ``acceleration`` (and ``steering``); or ``trajectory``.
+
+        A trajectory is a list of (time, x, y); all but the controls are driven by the tracking controller.
+        """
+        _send(self._output, dict(command, type="command", step=self._step, compute=time.perf_counter() - self._since))
+
+
+def connect(name, rate=None):
+    """Say hello and yield one observation after the other.
+
+    Args:
+        name: of the stack.
+        rate: how often it wants to be asked [Hz]; None for the default.
+    """
+    output = os.fdopen(os.dup(1), "wb", buffering=0)
+    os.dup2(2, 1)
+    lines = os.fdopen(os.dup(0), "rb")
+    hello = json.loads(lines.readline() or b"{}")
+    if hello.get("protocol") != "rvads":
+        sys.exit("rvads: this program is to be started by pytest-rvads")
+    _send(output, {"type": "hello", "version": VERSION, "name": name, "format": "json", "rate": rate})
+    scenario, fresh = None, False
+    for line in lines:
+        content = json.loads(line)
+        if content["type"] == "reset":
+            scenario, fresh = content, True
+            _send(output, {"type": "ready"})
+        elif content["type"] == "observe":
+            yield Observation(content, scenario, fresh, output)
+            fresh = False
+        else:
+            return
+
+
+def stopping_speed(distance, deceleration=2.0):
+    """Return the speed from which braking at `deceleration` [m/s^2] ends after `distance` [m]; 0 from there on."""
+    return (2.0 * deceleration * distance) ** 0.5 if distance > 0 else 0.0
+
+
+def _send(output, content):
+    data = json.dumps(content).encode() + b"\n"
+    while data:
+        data = data[output.write(data) :]

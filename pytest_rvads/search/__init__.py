@@ -1,1 +1,0 @@
-"""Beyond the tables: metamorphic checks, falsification, strategies, chance, consistency of rules, power."""

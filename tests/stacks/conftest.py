@@ -1,0 +1,72 @@
+"""Stacks for tests: compiled ones, faulty ones, and a count of the processes they are."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pytest_rvads.stacks import Process
+
+ROOT = Path(__file__).parents[2]
+FAULTY = Path(__file__).with_name("faulty.py")
+
+
+def faulty_command(fault: str, scenario: int = 1, decision: int = 3) -> list[str]:
+    return [sys.executable, "-I", "-S", str(FAULTY), fault, str(scenario), str(decision)]
+
+
+@pytest.fixture
+def faulty() -> Callable[..., Process]:
+    """Return a function that makes a stack which fails: which fault, in which scenario, at which decision."""
+    made = []
+
+    def make(fault: str, scenario: int = 1, decision: int = 3, timeout: float = 0.2, startup: float = 5.0) -> Process:
+        made.append(Process(faulty_command(fault, scenario, decision), timeout=timeout, startup=startup))
+        return made[-1]
+
+    yield make
+    for stack in made:
+        stack.close()
+
+
+@pytest.fixture(scope="session")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Compile the example of the C++ client as its documentation says, and return the program."""
+    if shutil.which("g++") is None:
+        pytest.skip("needs g++")
+    folder = tmp_path_factory.mktemp("stack")
+    for file in (ROOT / "clients" / "c").iterdir():
+        shutil.copy(file, folder)
+    done = subprocess.run(
+        ["g++", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2", "-o", "stack", "example.cpp"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder / "stack"
+
+
+@pytest.fixture
+def marked() -> Callable[[str], list[int]]:
+    """Return a function that lists the processes with a word on their command line."""
+
+    def find(word: str) -> list[int]:
+        found = []
+        for entry in Path("/proc").iterdir():
+            if entry.name.isdigit() and int(entry.name) != os.getpid():
+                try:
+                    line = (entry / "cmdline").read_bytes().decode(errors="replace")
+                    state = (entry / "stat").read_text().rpartition(")")[2].split()[0]
+                except OSError:
+                    continue
+                if word in line.split("\0") and state != "Z":
+                    found.append(int(entry.name))
+        return found
+
+    return find

@@ -1,0 +1,152 @@
+"""A stack that fails is an error, never a verdict; it names the stack, and the next scenario is served."""
+
+import random
+from collections.abc import Callable
+
+import pytest
+
+from pytest_rvads.autopilots import Reference
+from pytest_rvads.errors import AutopilotError
+from pytest_rvads.logic.check import check
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.semantics.run import Run
+from pytest_rvads.stacks import Process
+
+Make = Callable[..., Process]
+STRAY = "to its standard output, which carries the protocol: print to standard error instead"
+AT_DECISION = {
+    "crash": "it exited with status 1 before it answered",
+    "segfault": "it was killed by signal SIGSEGV",
+    "hang": "it did not answer within 0.2 s",
+    "late": "it did not answer within 0.2 s",
+    "nan": "returned throttle nan, expected a finite number",
+    "inf": "returned a target speed inf, expected a finite number",
+    "text": "returned a brake of type str, expected a number",
+    "range": "returned throttle 1.5, expected 0..1",
+    "degrees": "returned steering 30, expected radians within -pi/2..pi/2 (was it in degrees?)",
+    "speed": "returned a target speed -3 m/s, expected 0 to 70",
+    "points": "returned a trajectory of 1 points, expected at least 2",
+    "empty": "its command says nothing: expected throttle, brake and steering; target_speed; acceleration; or trajectory",
+    "type": "it sent a message of type 'ready', expected 'command'",
+    "step": "it answered step None, expected step 3: answer every observation once",
+    "garbage": STRAY,
+    "print": f"it wrote 'loading weights ... done' {STRAY}",
+    "close": "it closed its standard input or output and went on",
+}
+"""What is said of each fault."""
+SCENARIO = Scenario("stop4", "2000", distance=20, speed=5, duration=0.5)
+
+
+def drive(stack: Process, scenario: Scenario = SCENARIO) -> Run:
+    return simulate(scenario, stack)
+
+
+@pytest.mark.parametrize("fault", AT_DECISION)
+def test_a_fault_ends_the_run_and_says_what_happened(faulty: Make, fault: str) -> None:
+    run = drive(faulty(fault))
+    assert run.fault is not None
+    assert run.fault.reason.startswith("stack ")
+    assert "faulty.py" in run.fault.reason
+    assert " driving a0 at 0.10 s" in run.fault.reason, "the third decision at 20 Hz"
+    assert AT_DECISION[fault] in run.fault.reason
+    assert run.fault.detail.endswith("cannot open the map" if fault == "crash" else f"last words of {fault}")
+    assert run.steps == 11, "the states up to there are kept"
+    assert check(run, "p1").status == "ERROR"
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [
+        ("version", "it speaks version 2 of the protocol, expected 1: build it with the client of this version"),
+        ("rate", "its rate must divide 100 Hz, such as 10, 20, 25 or 50, got 7"),
+        ("mute", "it did not answer within 0.3 s"),
+        ("unready", "it exited with status 4 before it answered"),
+    ],
+)
+def test_a_stack_that_does_not_get_started_is_an_error(faulty: Make, fault: str, says: str) -> None:
+    run = drive(faulty(fault, startup=0.3 if fault == "mute" else 5.0))
+    assert run.fault is not None
+    assert "faulty.py" in run.fault.reason
+    assert says in run.fault.reason
+    assert run.steps == 1
+
+
+@pytest.mark.parametrize(("command", "says"), [("./no-such-stack", "No such file"), ("/etc/passwd", "Permission denied")])
+def test_a_program_that_can_t_be_started_is_an_error(command: str, says: str) -> None:
+    run = drive(Process(command))
+    assert run.fault is not None
+    assert run.fault.reason.startswith(f"stack {command}: it can't be started: {says}")
+
+
+def test_a_program_that_knows_nothing_of_the_protocol_is_told_apart() -> None:
+    assert "exited with status 0 before it answered" in drive(Process("true")).fault.reason
+    run = drive(Process(["echo", "hello", "world"]))
+    assert "it wrote 'hello world' to its standard output, which carries the protocol" in run.fault.reason
+
+
+def test_a_hundred_of_a_hundred_injected_faults_are_errors_and_the_other_runs_go_on(faulty: Make) -> None:
+    """Every kind of fault, at decisions drawn at random, with a good run before and after."""
+    draw = random.Random(8)
+    good = drive(faulty("none"))
+    errors = 0
+    for number in range(100):
+        fault = list(AT_DECISION)[number % len(AT_DECISION)]
+        stack = faulty(fault, scenario=1, decision=draw.randint(1, 10), timeout=0.1)
+        run = drive(stack)
+        errors += check(run, "p1").status == check(run, "full_stop").status == "ERROR"
+        assert run.fault.reason.startswith(f"{stack.label} driving a0"), run.fault
+        assert run.label in ("stop4-class00-as2000-cfgd20.00v05.00",)
+        stack.close()
+    assert errors == 100
+    assert drive(faulty("crash", scenario=2)).hash == good.hash
+
+
+@pytest.mark.parametrize("fault", ["crash", "hang", "nan", "print", "close"])
+def test_a_new_process_serves_the_scenarios_after_a_fault(faulty: Make, fault: str) -> None:
+    good = drive(faulty("none"))
+    stack = faulty(fault, scenario=2)
+    runs = [drive(stack) for _ in range(3)]
+    assert [run.fault is None for run in runs] == [True, False, True], "the new process counts its scenarios anew"
+    assert runs[0].hash == runs[2].hash == good.hash
+
+
+def test_the_same_fault_gives_the_same_run(faulty: Make) -> None:
+    assert drive(faulty("garbage")).hash == drive(faulty("garbage")).hash
+
+
+def test_a_second_answer_is_not_taken_for_the_next_one(faulty: Make) -> None:
+    run = drive(faulty("twice", decision=3))
+    assert run.fault.reason.endswith("at 0.15 s: it answered step 3, expected step 4: answer every observation once")
+    # Ten decisions make a run: after the last one, the next scenario notices.
+    stack = faulty("twice", decision=10)
+    assert drive(stack).fault is None
+    assert drive(stack).fault.reason.endswith("at 0.00 s: it sent a message of type 'command', expected 'ready'")
+    assert drive(stack).fault is None
+
+
+def test_one_process_for_subject_and_traffic_is_refused(faulty: Make) -> None:
+    stack = faulty("none")
+    run = simulate(Scenario("stop4", "2200", duration=0.5, subject=0), stack, traffic=stack)
+    assert "it serves two vehicles at once: give the traffic a Process of its own" in run.fault.reason
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"command": []}, "a stack needs a command"),
+        ({"command": "./stack", "rate": 30}, "its rate must divide 100 Hz, such as 10, 20, 25 or 50, got 30"),
+        ({"command": "./stack", "rate": "fast"}, "its rate must divide 100 Hz, .*got 'fast'"),
+        ({"command": "./stack", "timeout": 0}, "timeout must be a number of seconds above 0, got 0"),
+        ({"command": "./stack", "startup": float("nan")}, "startup must be a number of seconds above 0, got nan"),
+    ],
+)
+def test_arguments_that_mean_nothing_are_refused(arguments: dict[str, object], says: str) -> None:
+    with pytest.raises(AutopilotError, match=says):
+        Process(**arguments)  # type: ignore[arg-type]
+
+
+def test_the_traffic_may_be_a_stack_too(faulty: Make) -> None:
+    run = simulate(Scenario("stop4", "2202", duration=0.5, subject=0), Reference, traffic=faulty("none"))
+    assert run.fault is None
+    assert set(run.meta["timing"]) == {"a1", "a3"}

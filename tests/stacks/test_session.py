@@ -1,0 +1,175 @@
+"""A stack under pytest: ``--rvads-sut``, errors and verdicts side by side, and no process that outlives the session."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+FAULTY = Path(__file__).with_name("faulty.py")
+TESTS = """
+    import pytest_rvads as rvads
+
+    @rvads.scenario("stop3", subject="all", grid="C", rules=("speed_limit", "no_collision"), duration=2)
+    def test_rules(run, rule, monitor):
+        monitor.check(rule)
+"""
+
+
+def wait_for(condition: Callable[[], object], seconds: float = 10.0) -> bool:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+def command(fault: str, scenario: int = 1, tag: str = "") -> str:
+    return f"{sys.executable} -I -S {FAULTY} {fault} {scenario} 3 {tag}"
+
+
+def test_the_documented_steps_lead_from_nothing_to_verdicts(pytester: pytest.Pytester, compiled: Path) -> None:
+    """Compile, then one command; no Python written."""
+    shutil.copy(compiled, pytester.path / "stack")
+    result = pytester.runpytest_subprocess("--rvads-sut", "./stack", "-k", "stop3 and full_stop or light3 and red")
+    outcomes = result.parseoutcomes()
+    assert outcomes["passed"] >= 12
+    assert "failed" not in outcomes, "the example stops, and waits for green"
+    result.stdout.fnmatch_lines(
+        [
+            "stop3 among reference traffic*",
+            "stop3: 4/4 classes, 8/8 classes with a subject*",
+            f"stack {pytester.path}/stack: * decisions in 16 runs, * ms each, * ms the longest",
+        ]
+    )
+
+
+def test_errors_stay_beside_verdicts(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(TESTS)
+    sut = command("crash", scenario=2)
+    result = pytester.runpytest("--rvads-sut", sut, "--rvads-report=out.json")
+    # Eight runs: in every process the second scenario crashes, so every second run is an error.
+    result.assert_outcomes(passed=8, errors=8)
+    result.stdout.fnmatch_lines(
+        [
+            "*ERROR at setup of test_rules?stop3-class02-as112-s0-cfgC-speed_limit?*",
+            "ERROR: stack *faulty.py* driving a0 at 0.10 s: it exited with status 1 *; *ends with: cannot open the map",
+            "*Captured standard error of the stack,*",
+            "*last words of crash*",
+        ]
+    )
+    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    assert sorted(r["status"] for r in records) == ["ERROR"] * 8 + ["PASS"] * 8
+
+
+def test_tests_of_ones_own_are_preferred(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(TESTS)
+    pytester.runpytest("--rvads-sut", "true", "--collect-only", "-q").stdout.fnmatch_lines(["16 tests collected*"])
+
+
+def test_the_command_line_overrides_the_fixture(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import pytest
+        import pytest_rvads as rvads
+
+        @pytest.fixture
+        def rvads_autopilot():
+            return rvads.Reference
+
+        @rvads.scenario("stop3", subject=0, scenarios="111", grid="C", duration=1)
+        def test_it(run):
+            assert run.meta["autopilot"].startswith("stack ")
+        """
+    )
+    pytester.runpytest("--rvads-sut", command("none")).assert_outcomes(passed=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--rvads-sut", "./no-such"), "*rvads_sut must be the command of a program that exists and may be executed*"),
+        (("--rvads-sut", "'"), "*rvads_sut can't be read as a command: No closing quotation*"),
+        (("--rvads-sut", "true", "--rvads-sut-timeout", "soon"), "*rvads_sut_timeout must be a number*"),
+    ],
+)
+def test_options_that_mean_nothing_are_refused(pytester: pytest.Pytester, options: tuple[str, ...], says: str) -> None:
+    pytester.makepyfile(TESTS)
+    result = pytester.runpytest(*options)
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines([says])
+
+
+@pytest.fixture
+def session(pytester: pytest.Pytester, marked: Callable[[str], list[int]]) -> Callable[..., subprocess.Popen[str]]:
+    """Start a session whose stack hangs at its third decision, and wait until the stack runs."""
+    started = []
+
+    def start(tag: str, *options: str, fault: str = "hang", shell: bool = False) -> subprocess.Popen[str]:
+        pytester.makepyfile(TESTS)
+        sut = command(fault, tag=tag)
+        if shell:
+            script = pytester.path / "start.sh"
+            script.write_text(f"#!/bin/sh\n{sut}\necho done\n", encoding="utf-8")
+            script.chmod(0o755)
+            sut = f"./start.sh {tag}"
+        process = subprocess.Popen(
+            [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--rvads-sut", sut, "--rvads-sut-timeout=60", *options],
+            cwd=pytester.path,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "PYTHONPATH": str(FAULTY.parents[2])},
+            start_new_session=True,
+        )
+        started.append(process)
+        assert wait_for(lambda: marked(tag)), "the stack runs"
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize("shell", [False, True], ids=["program", "script"])
+def test_ctrl_c_leaves_no_process(session, marked, shell: bool) -> None:
+    tag = f"ctrl-c-{os.getpid()}-{shell}"
+    process = session(tag, shell=shell)
+    os.killpg(process.pid, signal.SIGINT)
+    output, _ = process.communicate(timeout=20)
+    assert process.returncode == pytest.ExitCode.INTERRUPTED, output
+    assert wait_for(lambda: not marked(tag))
+
+
+@pytest.mark.parametrize("shell", [False, True], ids=["program", "script"])
+def test_a_killed_session_leaves_no_process(session, marked, shell: bool) -> None:
+    tag = f"killed-{os.getpid()}-{shell}"
+    process = session(tag, shell=shell)
+    process.kill()
+    assert wait_for(lambda: not marked(tag))
+
+
+def test_a_killed_worker_leaves_no_process(session, marked) -> None:
+    tag = f"worker-{os.getpid()}"
+    session(tag, "-n", "1", "--max-worker-restart=0")
+    (stack,) = marked(tag)
+    (worker,) = re.findall(r"PPid:\s+(\d+)", Path(f"/proc/{stack}/status").read_text(encoding="utf-8"))
+    os.kill(int(worker), signal.SIGKILL)
+    assert wait_for(lambda: stack not in marked(tag))
+
+
+def test_the_first_failure_leaves_no_process(session, marked) -> None:
+    tag = f"exitfirst-{os.getpid()}"
+    process = session(tag, "-x", fault="crash")
+    output, _ = process.communicate(timeout=20)
+    assert process.returncode == pytest.ExitCode.TESTS_FAILED, output
+    assert wait_for(lambda: not marked(tag))
