@@ -130,9 +130,12 @@ class _Loop:
     def _sample(self) -> None:
         """Take and record the current state of every vehicle; one that is gone stays as it was last seen."""
         states = self._states
+        gone = []
         for column in self._active:
-            states[column] = self._bodies[column].sample(self._motions[column])
-        for column in [column for column in self._active if states[column].zone is Zone.GONE]:
+            state = states[column] = self._bodies[column].sample(self._motions[column])
+            if state.zone is Zone.GONE:
+                gone.append(column)
+        for column in gone:
             self._active.remove(column)
             self.world.remove(column)
         self._lights = self._signals.colours(self._step * DT, self.junction.ways)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 from pytest_rvads.semantics.states import Colour
 
@@ -31,7 +32,13 @@ class SignalPlan:
         turn, within = divmod(round(time, 6), slot)
         if not self.groups:
             return (Colour.NONE,) * ways
-        active = self.groups[(int(turn) + self.first) % len(self.groups)]
+        active = (int(turn) + self.first) % len(self.groups)
         now = Colour.GREEN if within < GREEN else Colour.YELLOW if within < GREEN + YELLOW else Colour.RED
-        lit = frozenset[int]().union(*self.groups)
-        return tuple(now if i in active else Colour.RED if i in lit else Colour.NONE for i in range(ways))
+        return _shown(self.groups, active, now, ways)
+
+
+@lru_cache(maxsize=256)  # asked for in every step, and changes every few seconds
+def _shown(groups: tuple[frozenset[int], ...], active: int, now: Colour, ways: int) -> tuple[Colour, ...]:
+    """Return the colour at each entrance while the group `active` shows `now`."""
+    lit = frozenset[int]().union(*groups)
+    return tuple(now if i in groups[active] else Colour.RED if i in lit else Colour.NONE for i in range(ways))
