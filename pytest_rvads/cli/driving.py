@@ -6,9 +6,13 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import Subparsers, progress
 from pytest_rvads.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from pytest_rvads.experiment.pool import Progress
 
 __all__ = ["declare"]
 
@@ -56,7 +60,7 @@ def _braking(options: argparse.Namespace) -> int:
     if options.autopilot is not None:
         from pytest_rvads.experiment.stopping import closed_envelope
 
-        curves = closed_envelope(options.autopilot, _DISTANCES, progress=progress)
+        curves = closed_envelope(options.autopilot, _DISTANCES, progress=_bar(options))
         title = f"v(d)max that the autopilot {options.autopilot} reaches, red light ahead"
     if options.json:
         print(json.dumps({str(a): dict(zip(map(str, _DISTANCES), speeds, strict=True)) for a, speeds in curves.items()}))
@@ -78,17 +82,22 @@ def _paper(options: argparse.Namespace) -> int:
     from pytest_rvads.experiment import paper, report
 
     if options.sweep:
-        shares = paper.sweep(progress=progress)
+        shares = paper.sweep(progress=_bar(options))
         print(json.dumps(paper.nested(shares)) if options.json else report.text_sweep(shares))
         return 0
     if options.margins or options.ablation or options.null_models or options.snapshots:
         return _evidence(options)
-    verdicts = paper.compute(progress=progress)
+    verdicts = paper.compute(progress=_bar(options))
     # Printed first: a picture that can't be written must not cost the answer.
     print(json.dumps(paper.nested(verdicts)) if options.json else report.text_tables(verdicts), flush=True)
     if options.svg:
         Path(options.svg).write_text(report.svg_tables(verdicts), encoding="utf-8")
     return 1 if options.strict and report.disagreements(verdicts) else 0
+
+
+def _bar(options: argparse.Namespace) -> Progress | None:
+    """Return what shows how far it is; a program that wants JSON may read standard error along with it."""
+    return None if options.json and not sys.stderr.isatty() else progress
 
 
 def _evidence(options: argparse.Namespace) -> int:

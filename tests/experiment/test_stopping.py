@@ -8,6 +8,7 @@ import pytest
 
 from pytest_rvads import cli
 from pytest_rvads.cli import driving
+from pytest_rvads.cli.common import progress
 from pytest_rvads.draw.braking import draw_braking
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.experiment.stopping import closed_envelope
@@ -42,13 +43,24 @@ def test_the_command_answers_for_an_autopilot(
     monkeypatch.setattr(driving, "_CURVE", (0.3, 10.0))
     picture = tmp_path / "lgsvl.svg"
     assert cli.main(["braking", "--autopilot", "lgsvl", "--json", "--svg", str(picture)]) == 0
-    table = json.loads(capsys.readouterr().out)
+    out, err = capsys.readouterr()
+    assert err == "", "nothing but JSON"
+    table = json.loads(out)
     assert [table[level]["0.01"] for level in "123"] == [None] * 3
     assert all(table[level]["0.3"] > 0 for level in "123")
     words = [node.text for node in ElementTree.parse(picture).getroot().iter(f"{SVG}text")]
     assert words.count("×") == 3
     assert cli.main(["braking", "--autopilot", "lgsvl"]) == 0
-    assert "  0.01          none          none          none" in capsys.readouterr().out.splitlines()
+    out, err = capsys.readouterr()
+    assert "  0.01          none          none          none" in out.splitlines()
+    assert err.splitlines() == ["2/6 runs", "3/6 runs", "5/6 runs", "6/6 runs"], "a line per quarter, where nobody watches"
+
+
+def test_on_a_terminal_a_bar_grows(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    for done in (1, 2):
+        progress(done, 2)
+    assert capsys.readouterr().err.split("\r")[1:] == [f"[{'#' * 20}{' ' * 20}] 1/2 runs", f"[{'#' * 40}] 2/2 runs\n"]
 
 
 def test_a_curve_goes_through_its_points() -> None:
