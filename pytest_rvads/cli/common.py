@@ -12,11 +12,11 @@ Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """Where a module adds its commands."""
 
 
-def progress(done: int, total: int) -> None:
+def progress(done: int, total: int, what: str = "runs") -> None:
     """Draw a bar on standard error; where that is no terminal, a line per quarter."""
     if sys.stderr.isatty():
         full = 40 * done // total
         end = "\n" if done == total else ""
-        print(f"\r[{'#' * full}{' ' * (40 - full)}] {done}/{total} runs", end=end, file=sys.stderr, flush=True)
+        print(f"\r[{'#' * full}{' ' * (40 - full)}] {done}/{total} {what}", end=end, file=sys.stderr, flush=True)
     elif 4 * done // total > 4 * (done - 1) // total:
-        print(f"{done}/{total} runs", file=sys.stderr)
+        print(f"{done}/{total} {what}", file=sys.stderr)

@@ -8,6 +8,7 @@ import json
 import sys
 from typing import Any
 
+from pytest_rvads.cli import consistency
 from pytest_rvads.cli.common import Subparsers
 from pytest_rvads.errors import RunError
 
@@ -19,6 +20,7 @@ def declare(commands: Subparsers) -> None:
     rules = commands.add_parser("rules", help="list the rules: meaning, formula, source, who is responsible")
     rules.add_argument("--file", metavar="FILE", help="also those of a file of rules")
     rules.set_defaults(command=_rules)
+    consistency.declare(rules)
 
     check = commands.add_parser("check", help="judge runs that were recorded (.json) or kept by --rvads-keep (.npz)")
     check.add_argument("file", metavar="FILE")

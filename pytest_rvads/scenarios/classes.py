@@ -13,6 +13,7 @@ from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from math import gcd
+from typing import TypeVar
 
 from pytest_rvads.errors import ScenarioError
 
@@ -33,6 +34,7 @@ __all__ = [
     "seats",
 ]
 
+T = TypeVar("T")
 Directions = tuple[int, ...]
 WAYS = range(3, 9)
 """Arities the method is defined for here."""
@@ -63,8 +65,8 @@ def label(code: Directions) -> str:
     return "".join(map(str, code))
 
 
-def rotate(code: Directions, rows: int) -> Directions:
-    """Move every vehicle `rows` entrances on, keeping its symbolic direction."""
+def rotate(code: tuple[T, ...], rows: int) -> tuple[T, ...]:
+    """Move every vehicle `rows` entrances on, keeping its symbolic direction; or whatever else is given per entrance."""
     rows %= len(code)
     return code[-rows:] + code[:-rows] if rows else code
 

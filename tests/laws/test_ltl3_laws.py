@@ -14,7 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.logic import formula as f
+from pytest_rvads.logic.ending import with_ending
 from pytest_rvads.logic.export import label
+from pytest_rvads.logic.finite import settle
 from pytest_rvads.logic.ltl3 import Machine, Truth, synthesize
 from pytest_rvads.logic.monitor import Monitor, encode, run_machine
 from pytest_rvads.logic.parser import parse_ltl
@@ -252,3 +254,15 @@ def test_labels_hold_in_exactly_their_letters(formula: f.Formula) -> None:
                 held = {a: np.array([a.name in state]) for a in machine.atoms}
                 code = int(encode(machine, held, 1)[0])
                 assert holds_on(shown, [state]) is (code in letters)
+
+
+@LAW
+@given(FORMULAS, WORDS.filter(bool))
+def test_the_end_of_a_trace_can_be_a_proposition(formula: f.Formula, word: list[list[str]]) -> None:
+    """Finite-trace semantics by fixpoints over arrays, and the translation to infinite words, agree."""
+    values = {atom: np.array([atom.name in letter for letter in word]) for atom in (P, Q)}
+    monitor = Monitor(synthesize(with_ending(formula)))
+    for letter in word:
+        monitor.step([*letter, "alive"])
+    decided = monitor.step([])
+    assert decided is (Truth.TRUE if settle(formula, values, len(word))[0] else Truth.FALSE)

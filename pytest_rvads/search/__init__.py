@@ -1,0 +1,1 @@
+"""Beyond the tables: metamorphic checks, falsification, strategies, chance, consistency of rules, power."""

@@ -1,0 +1,11 @@
+"""What the tests of the searches share."""
+
+from functools import lru_cache
+
+import pytest_rvads as rvads
+
+
+@lru_cache(maxsize=256)
+def simulated(scenario: rvads.Scenario, autopilot):
+    """Simulate once per process."""
+    return rvads.simulate(scenario, autopilot)

@@ -1,0 +1,178 @@
+"""Consistency of rules, against simulation, against judged witnesses, and against what can be worked out by hand."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+import pytest_rvads as rvads
+from pytest_rvads.cli import main
+from pytest_rvads.errors import FormulaError
+from pytest_rvads.logic.rules import Rule, get_rule, rules_for
+from pytest_rvads.scenarios.classes import classes, members
+from pytest_rvads.search.abstraction import Model, weak_orders
+from pytest_rvads.search.consistency import core, decide
+from pytest_rvads.search.survey import survey
+from pytest_rvads.semantics.run import DT, Run
+
+PAPER = rules_for("paper")
+
+
+def model(junction, directions, arrivals):
+    scenario = rvads.Scenario(junction, directions)
+    return Model(scenario.find(), scenario.agents(), arrivals)
+
+
+def drawn(found, configurations):
+    """The run that goes through these configurations, a state each; after the first one there is one more per place."""
+    zone, lights = found.run.zone[list(configurations)], found.run.lights[list(configurations)]
+    return Run("witness", found.junction, found.agents, zone, lights)
+
+
+def test_orders_of_arrival_are_the_ordered_bell_numbers():
+    assert [len(list(weak_orders(n))) for n in range(1, 6)] == [1, 3, 13, 75, 541]
+    assert set(weak_orders(2)) == {(0, 0), (0, 1), (1, 0)}
+
+
+@pytest.mark.parametrize("directions", ["1111", "1133", "2222", "3333"])
+def test_nobody_can_obey_p2_when_four_arrive_at_once(directions):
+    """Right-of is a 4-cycle: whoever enters first has somebody to the right."""
+    four = model("stop4", directions, (0, 0, 0, 0))
+    assert not decide(four, PAPER).possible
+    assert [rule.name for rule in core(four, PAPER)] == ["p2"]
+
+
+def test_three_at_once_have_a_first():
+    assert decide(model("stop4", "1133", (0, 0, 0, 60)), PAPER).possible
+    assert decide(model("stop4", "1130", (0, 0, 0)), PAPER).possible
+
+
+@pytest.mark.parametrize(("junction", "rules"), [("stop4", "paper"), ("light4", "paper")])
+def test_a_witness_obeys_as_judged_by_the_monitors(junction, rules):
+    """The search and `check` share no state machine at the end of a run: the one knows when it ends, the other settles it."""
+    chosen = rules_for(rules, rvads.find(junction).control)
+    for code, ranks in [
+        ((1, 1, 3, 3), (0, 0, 1, 1)),
+        ((3, 1, 3, 2), (2, 0, 1, 0)),
+        ((2, 3, 2, 3), (0, 1, 2, 3)),
+        ((1, 2, 1, 2), (0, 1, 0, 2)),
+    ]:
+        found = model(junction, code, [60.0 * rank for rank in ranks])
+        answer = decide(found, chosen)
+        assert answer.possible
+        run = drawn(found, answer.witness)
+        assert (run.zone[-1] == rvads.Zone.EXIT).all()
+        statuses = {rule.name: rvads.check(run, rule).status for rule in chosen}
+        assert set(statuses.values()) <= {rvads.Status.PASS, rvads.Status.NA}, statuses
+
+
+def arrivals(run):
+    """When each vehicle of a run is first at its entrance [s]."""
+    return tuple(float(np.argmax(run.zone[:, k] == rvads.Zone.ENTRANCE)) * DT for k in range(len(run.agents)))
+
+
+def agrees(run, rules):
+    """Whether the run is no counterexample to what is said about its scenario and order of arrival."""
+    obeyed = (run.zone[-1] >= rvads.Zone.EXIT).all() and all(
+        rvads.check(run, rule).status in (rvads.Status.PASS, rvads.Status.NA) for rule in rules
+    )
+    return decide(Model(run.junction, run.agents, arrivals(run)), rules).possible or not obeyed
+
+
+@pytest.mark.parametrize("autopilot", [rvads.Reference, rvads.LgsvlLike], ids=["reference", "lgsvl"])
+def test_simulation_agrees_where_nobody_can_pass(autopilot):
+    rules = rules_for("paper", rvads.find("stop4").control)
+    for code in ((1, 1, 3, 3), (2, 2, 2, 2)):
+        run = rvads.simulate(rvads.Scenario("stop4", code, distance=20), autopilot)
+        assert len(set(arrivals(run))) == 1
+        assert not decide(Model(run.junction, run.agents, arrivals(run)), rules).possible
+        assert rvads.check(run, "p2").status in (rvads.Status.FAIL, rvads.Status.OPEN)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("autopilot", [rvads.Reference, rvads.LgsvlLike], ids=["reference", "lgsvl"])
+def test_simulation_agrees_on_every_class(autopilot):
+    """No run of any class, with four orders of arrival, obeys where nobody can; the impossible ones are among them."""
+    impossible = 0
+    for junction, code in product(("stop4", "light4"), classes(4)):
+        rules = rules_for("paper", rvads.find(junction).control)
+        for distance in (20, (0.3, 0.3, 20, 20), (2, 4, 6, 8), (20, 10, 20, 10)):
+            run = rvads.simulate(rvads.Scenario(junction, code, distance=distance), autopilot)
+            assert agrees(run, rules)
+            impossible += not decide(Model(run.junction, run.agents, arrivals(run)), rules).possible
+    assert impossible >= 24
+
+
+@pytest.mark.slow
+def test_all_scenarios_and_orders_of_an_x():
+    """The p2 cycle, and nothing else; 6075 pairs at each kind of junction."""
+    found = survey("stop4", PAPER)
+    assert (found.scenarios, found.orders) == (81, 75)
+    assert {(c.arrivals, c.rules) for c in found.contradictions} == {((0.0, 0.0, 0.0, 0.0), ("p2",))}
+    assert len(found.contradictions) == 81
+    assert survey("light4", PAPER).contradictions == ()
+
+
+def test_members_of_a_class_are_alike_without_using_it():
+    """The survey decides one member per rotation; deciding each anew gives the same."""
+    rules = [get_rule("p2"), Rule("left", get_rule("p2").text.replace("(N a'@j.en') U a@j", "(N a@j.en) U a'@j"))]
+    found = survey("stop4", rules, scenarios=members((1, 1, 2, 3)))
+    known = {(c.directions, c.arrivals) for c in found.contradictions}
+    for code in members((1, 1, 2, 3)):
+        for ranks in list(weak_orders(4))[::5]:
+            times = tuple(60.0 * rank for rank in ranks)
+            assert decide(model("stop4", code, times), rules).possible is ((code, times) not in known)
+
+
+def test_rules_without_a_way_through_are_found_whatever_they_speak_of():
+    two = model("stop4", "2200", (0.0, 60.0))
+    stay = Rule("stay", "forall a. G !a@j")
+    assert not decide(two, [stay]).possible
+    halt = Rule("halt", "forall a, j.en. G(a@j.en -> F stopped(a))")
+    never = Rule("never", "forall a. G !stopped(a)")
+    assert decide(two, [halt]).possible
+    assert decide(two, [never]).possible
+    assert [rule.name for rule in core(two, [halt, get_rule("p1"), never])] == ["halt", "never"]
+
+
+def test_a_run_may_begin_before_or_at_the_entrance():
+    one = model("stop4", "2000", (0.0,))
+    there = "exists j.en. exists a. a@j.en"
+    assert decide(one, [Rule("there", there)]).possible
+    assert decide(one, [Rule("elsewhere", f"!({there})")]).possible
+    assert not decide(one, [Rule("there", there), Rule("elsewhere", f"!({there})")]).possible
+
+
+def test_too_many_unknown_conditions_are_refused():
+    text = " & ".join(f"a.sp > {k}" for k in range(12))
+    with pytest.raises(FormulaError, match="hang together"):
+        decide(model("stop4", "2000", (0.0,)), [Rule("much", f"forall a. G({text})")])
+
+
+def test_command_line(capsys, tmp_path):
+    assert main(["rules", "check", "--scenario", "1133", "--control", "stop", "--arrivals", "0,0,0,0"]) == 1
+    out, _ = capsys.readouterr()
+    assert "in 1 of 1 no behaviour obeys" in out
+    assert "p2" in out
+    assert main(["rules", "check", "--scenario", "1130", "--control", "stop"]) == 0
+    assert "nothing contradicts itself" in capsys.readouterr().out
+    file = tmp_path / "mine.rules"
+    file.write_text("[waits]\ntext = forall a. G !a@j\n", encoding="utf-8")
+    assert main(["rules", "check", "--file", str(file), "--scenario", "122", "--ways", "3"]) == 1
+    assert "waits" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--arrivals", "0,0"], "one time per entrance (4), got 2"),
+        (["--arrivals", "soon"], "--arrivals takes times in seconds"),
+        (["--scenario", "111"], "names 3 entrances, expected 4"),
+        (["--rule", "p9"], "unknown rule 'p9'"),
+    ],
+)
+def test_command_line_misused(arguments, says, capsys):
+    assert main(["rules", "check", "--control", "stop", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert says in err
+    assert not out
