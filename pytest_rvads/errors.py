@@ -74,7 +74,11 @@ class OpenObligation(RuleViolation):
     """An obligation of the rule was still open when the run ended (status OPEN)."""
 
 
-for _public in (RuleViolation, OpenObligation):
+class MetamorphicViolation(RuleViolation):
+    """Runs that have to be judged alike are not; the note of the exception shows them side by side."""
+
+
+for _public in (RuleViolation, OpenObligation, MetamorphicViolation):
     _public.__module__ = "pytest_rvads"  # where users find them, and what pytest shows
 
 

@@ -55,6 +55,8 @@ class Scenario:
     """The one random draw of autopilots that have one [s]."""
     subject: int | None
     """Entrance of the vehicle under test where the others are traffic, else None."""
+    order: tuple[int, ...]
+    """Entrances before rotation, in the order in which their vehicles are created."""
 
     def __init__(
         self,
@@ -70,6 +72,7 @@ class Scenario:
         aggression: int = 1,
         wait: float = 1.5,
         subject: int | None = None,
+        order: Sequence[int] | None = None,
     ) -> None:
         """Describe a scenario; numbers may be given once for all entrances.
 
@@ -93,6 +96,9 @@ class Scenario:
             raise ScenarioError(f"wait must be 0 s or more, got {wait!r}")
         if subject is not None and not (0 <= subject < ways and code[subject - rotation]):
             raise ScenarioError(f"subject must be an occupied entrance of {label(rotate(code, rotation))}, got {subject!r}")
+        made = tuple(range(ways)) if order is None else tuple(order)
+        if sorted(made) != list(range(ways)):
+            raise ScenarioError(f"order must name each of the entrances 0..{ways - 1} once, got {order!r}")
         values = {
             "junction": junction,
             "directions": code,
@@ -105,6 +111,7 @@ class Scenario:
             "aggression": aggression,
             "wait": float(wait),
             "subject": subject,
+            "order": made,
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -127,13 +134,15 @@ class Scenario:
     @property
     def creation(self) -> tuple[int, ...]:
         """Occupied entrances in the order in which their vehicles are created."""
-        order = ((i + self.rotation) % self.ways for i in range(self.ways))
+        order = ((i + self.rotation) % self.ways for i in self.order)
         return tuple(e for e in order if self.placed[e])
 
     @property
     def name(self) -> str:
         """The id without the rule: junction, class, abstract scenario, configuration."""
         turned = f".r{self.rotation}" if self.rotation else ""
+        if self.order != tuple(range(self.ways)):
+            turned += f".o{label(self.order)}"
         seat = "" if self.subject is None else f"-s{self.subject}"
         scenario = f"{class_label(self.ways, self.number)}-as{label(self.placed)}{seat}"
         return f"{self.find().name}-{scenario}-cfg{self.configuration}{turned}"

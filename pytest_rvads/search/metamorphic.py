@@ -1,0 +1,142 @@
+"""Metamorphic checks: runs that have to be judged alike, whatever the verdicts are (paper, section 5.2).
+
+No oracle is needed but that two scenarios are equivalent: a controller that passes one and fails the other is wrong in one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError, suggest
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.rules import Rule, rules_for
+from pytest_rvads.logic.verdicts import Status, Verdict
+from pytest_rvads.physics.seat import Factory
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
+from pytest_rvads.search.sidebyside import side_by_side
+from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.vehicle import Vehicle
+
+__all__ = ["Comparison", "Difference", "compare", "equivalent", "judged"]
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """Two runs that a rule does not judge alike."""
+
+    what: str
+    """What was changed between them."""
+    one: Verdict
+    other: Verdict
+    table: str
+    """Both runs, side by side."""
+
+    def __str__(self) -> str:
+        return f"{self.what} turns {self.one.rule} from {self.one.status} into {self.other.status}"
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What was compared, and what was found."""
+
+    compared: tuple[str, ...]
+    incomparable: tuple[Incomparable, ...]
+    differences: tuple[Difference, ...]
+
+
+def equivalent(
+    scenario: Scenario,
+    autopilot: Factory,
+    rules: str | Rule | Sequence[str | Rule] = "paper",
+    *,
+    relations: str | Iterable[str] = "rotation",
+    vehicle: Vehicle | None = None,
+) -> Comparison:
+    """Require that equivalent scenarios are judged alike; statuses are compared, not who goes first.
+
+    Args:
+        scenario: the scenario to begin with.
+        autopilot: drives all vehicles.
+        rules: a rulebook, rules, or both; of a rulebook those about this kind of junction.
+        relations: one or several of ``rotation`` (the members of the structural equivalence class), ``creation`` (order of
+            creation), ``renaming`` (names of the agents), ``motion`` (the map translated and rotated), ``mirror`` (the map in a
+            mirror), ``approach`` (all vehicles start farther away).
+        vehicle: parameters of all vehicles.
+
+    Returns:
+        What was compared, and what could not be.
+
+    Raises:
+        MetamorphicViolation: two runs are judged differently; its note shows them side by side.
+        ScenarioError: an unknown relation, or nothing that could be compared.
+        RunError: a run ended by a fault.
+    """
+    __tracebackhide__ = True
+    found = compare(scenario, autopilot, rules, relations=relations, vehicle=vehicle)
+    if found.differences:
+        first, *more = found.differences
+        error = MetamorphicViolation(f"{first} in {scenario.name}" + (f" (the first of {len(more) + 1})" if more else ""))
+        error.add_note(first.table)
+        raise error
+    if not found.compared:
+        reasons = "; ".join(f"{item.what}: {item.why}" for item in found.incomparable)
+        raise ScenarioError(f"nothing is equivalent to {scenario.name}, so nothing was compared: {reasons}")
+    return found
+
+
+def compare(
+    scenario: Scenario,
+    autopilot: Factory,
+    rules: str | Rule | Sequence[str | Rule] = "paper",
+    *,
+    relations: str | Iterable[str] = "rotation",
+    vehicle: Vehicle | None = None,
+) -> Comparison:
+    """Compare like `equivalent`, and return the differences instead of raising."""
+    chosen = rules_for(rules, scenario.find().control)
+    variants = [variant for name in _known(relations) for variant in RELATIONS[name](scenario)]
+    usable = [v for v in variants if isinstance(v, Variant)]
+    base, before = judged(scenario, autopilot, chosen, vehicle) if usable else (None, {})
+    compared, differences = [], []
+    for variant in usable:
+        same = [rule for rule in chosen if variant.concerns(rule)]
+        if not same or base is None:
+            continue
+        run, after = judged(variant.scenario, variant.wrap(autopilot) if variant.wrap else autopilot, same, vehicle)
+        compared.append(variant.what)
+        for rule in same:
+            one, other = before[rule.name], after[rule.name]
+            if one.status is not other.status:
+                table = side_by_side(base, one, run, other, variant.image, variant.what)
+                differences.append(Difference(variant.what, one, other, table))
+    mute = tuple(
+        Incomparable(v.what, "the rules name left and right") for v in usable if not any(v.concerns(rule) for rule in chosen)
+    )
+    return Comparison(tuple(compared), mute + tuple(v for v in variants if isinstance(v, Incomparable)), tuple(differences))
+
+
+def judged(
+    scenario: Scenario, autopilot: Factory, rules: Iterable[Rule], vehicle: Vehicle | None = None
+) -> tuple[Run, dict[str, Verdict]]:
+    """Simulate and judge.
+
+    Raises:
+        RunError: the run ended by a fault.
+    """
+    run = simulate(scenario, autopilot, vehicle=vehicle)
+    verdicts = {rule.name: check(run, rule) for rule in rules}
+    for verdict in verdicts.values():
+        if verdict.status is Status.ERROR:
+            raise RunError(f"{scenario.name} can't be judged by {verdict.rule}, so nothing follows from it: {verdict.reason}")
+    return run, verdicts
+
+
+def _known(relations: str | Iterable[str]) -> tuple[str, ...]:
+    names = (relations,) if isinstance(relations, str) else tuple(relations)
+    for name in names:
+        if name not in RELATIONS:
+            raise ScenarioError(f"unknown relation {name!r}, there are {', '.join(RELATIONS)}{suggest(name, RELATIONS)}")
+    return names

@@ -1,0 +1,204 @@
+"""Metamorphic relations: from a scenario to others in which the same has to come out.
+
+Every relation yields variants, or says why it can't be applied: what is not comparable is told, never skipped in silence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from pytest_rvads.autopilots.renaming import renamed
+from pytest_rvads.logic import formula as f
+from pytest_rvads.logic.rules import Rule
+from pytest_rvads.maps.junction import Junction, JunctionControl
+from pytest_rvads.physics.seat import Factory
+from pytest_rvads.scenarios.classes import rotate
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.search.remap import mirrored, moved
+from pytest_rvads.search.symmetry import broken_by, rotations_of
+
+__all__ = ["RELATIONS", "Incomparable", "Variant", "with_fields"]
+
+MOTION = (137.0, -59.0, 0.3)
+"""Where maps are moved to: x, y [m], angle [rad]."""
+LONGER = 20.0
+"""By how much approaches are prolonged [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """Another scenario that has to be judged like the first."""
+
+    what: str
+    """What was changed, such as ``rotation by 1``."""
+    scenario: Scenario
+    image: tuple[int, ...]
+    """Per entrance of the first scenario, as it stands on the map, the entrance that corresponds to it."""
+    wrap: Callable[[Factory], Factory] | None = None
+    """What is done to the autopilot."""
+    sided: bool = False
+    """True where left and right have changed places, so that rules which name them say something else."""
+
+    def concerns(self, rule: Rule) -> bool:
+        """Return whether `rule` says the same about both scenarios."""
+        return not (self.sided and names_sides(rule))
+
+
+@dataclass(frozen=True, slots=True)
+class Incomparable:
+    """A variant that has nothing to be compared with."""
+
+    what: str
+    why: str
+
+
+Relation = Callable[[Scenario], Iterator[Variant | Incomparable]]
+
+
+def with_fields(scenario: Scenario, **changes: Any) -> Scenario:
+    """Return a scenario with some arguments of its constructor changed."""
+    values = {item.name: getattr(scenario, item.name) for item in fields(scenario)}
+    values["distance"], values["speed"] = values.pop("distances"), values.pop("speeds")
+    if {"distance", "speed"} & set(changes):
+        values["configuration"] = None
+    return Scenario(**(values | changes))
+
+
+def names_sides(rule: Rule) -> bool:
+    """Return whether a rule speaks of turns to the left or right."""
+    words = (term for atom in f.atoms(rule.formula) for term in atom.terms)
+    return any(isinstance(word, f.Word) and word.name in ("left", "right") for word in words)
+
+
+def rotation(scenario: Scenario) -> Iterator[Variant | Incomparable]:
+    """The members of the structural equivalence class, light phase included (the relation of the paper)."""
+    junction = scenario.find()
+    swaps = {symmetry.rows: symmetry.swaps for symmetry in rotations_of(junction)}
+    for rows in range(1, scenario.ways):
+        what = f"rotation by {rows}"
+        # Rows of a class swap the phase when they are odd; a junction may need something else.
+        if rows not in swaps:
+            yield Incomparable(what, f"{junction.name} has other {' and '.join(broken_by(junction, rows))} there")
+        elif len(junction.phase_groups) > 1 and swaps[rows] != bool(rows % 2):
+            yield Incomparable(what, f"the lights of {junction.name} do not follow the rotation")
+        elif scenario.subject is not None:
+            yield Incomparable(what, "one vehicle is the subject, and its seat stays")
+        else:
+            turned = with_fields(scenario, rotation=(scenario.rotation + rows) % scenario.ways)
+            yield Variant(what, turned, tuple((e + rows) % scenario.ways for e in range(scenario.ways)))
+
+
+def creation(scenario: Scenario) -> Iterator[Variant | Incomparable]:
+    """The other order of creation: reversed, so that of any two vehicles the other one comes first."""
+    if len(scenario.creation) < 2:
+        yield Incomparable("creation order", "there is only one vehicle")
+    else:
+        yield Variant("creation order reversed", with_fields(scenario, order=scenario.order[::-1]), _same(scenario))
+
+
+def renaming(scenario: Scenario) -> Iterator[Variant]:
+    """Other names of the agents, in another alphabetical order."""
+    names = {agent.name: f"v{scenario.ways - agent.entrance}" for agent in scenario.agents()}
+    yield Variant("renaming", scenario, _same(scenario), lambda factory: renamed(factory, names))
+
+
+def motion(scenario: Scenario) -> Iterator[Variant | Incomparable]:
+    """The map, translated and rotated."""
+    yield _elsewhere("moved map", scenario, str(moved(scenario, MOTION)), _place(MOTION), sided=False)
+
+
+def mirror(scenario: Scenario) -> Iterator[Variant | Incomparable]:
+    """The map in a mirror: traffic keeps to the other side."""
+    yield _elsewhere("mirrored map", scenario, str(mirrored(scenario)), lambda x, y: (x, -y), sided=True)
+
+
+def approach(scenario: Scenario) -> Iterator[Variant | Incomparable]:
+    """Longer approaches for all vehicles: whoever starts alike arrives alike, only later."""
+    what = f"approach longer by {LONGER:g} m"
+    starts = {scenario.start(e) for e in scenario.creation}
+    junction = scenario.find()
+    distance = [d + LONGER for d in scenario.distances]
+    if junction.control is JunctionControl.LIGHTS or junction.phase_groups:
+        yield Incomparable(what, "the lights would have changed meanwhile")
+    elif len(starts) > 1:
+        yield Incomparable(what, "the vehicles start at different distances or speeds, so their order may change")
+    elif any(scenario.start(e)[0] + LONGER > junction.approach(e) for e in scenario.creation):
+        yield Incomparable(what, f"the approaches of {junction.name} are too short")
+    else:
+        yield Variant(what, with_fields(scenario, distance=distance), _same(scenario))
+
+
+RELATIONS: Mapping[str, Relation] = MappingProxyType(
+    {
+        "rotation": rotation,
+        "creation": creation,
+        "renaming": renaming,
+        "motion": motion,
+        "mirror": mirror,
+        "approach": approach,
+    }
+)
+"""By the name to use in ``relations=``."""
+
+
+def _same(scenario: Scenario) -> tuple[int, ...]:
+    return tuple(range(scenario.ways))
+
+
+def _place(motion_: tuple[float, float, float]) -> Callable[[float, float], tuple[float, float]]:
+    x, y, angle = motion_
+    cos, sin = np.cos(angle), np.sin(angle)
+    return lambda px, py: (float(cos * px - sin * py + x), float(sin * px + cos * py + y))
+
+
+def _elsewhere(
+    what: str, scenario: Scenario, file: str, place: Callable[[float, float], tuple[float, float]], *, sided: bool
+) -> Variant | Incomparable:
+    """Return the scenario on another map of the same junction, entrance by entrance where `place` puts them."""
+    before = scenario.find()
+    after = with_fields(scenario, map=file, junction=before.id).find()
+    image = _match(before, after, place)
+    ways = scenario.ways
+    back = {image[e]: e for e in range(ways)}
+    placed = [0] * ways
+    for e, direction in enumerate(scenario.placed):
+        if direction:
+            placed[image[e]] = (image[(e + direction) % ways] - image[e]) % ways
+    first = scenario.signals().first
+    row = 0
+    if before.phase_groups:
+        green = frozenset(image[e] for e in before.phase_groups[first])
+        if green not in after.phase_groups:
+            return Incomparable(what, "the lights are grouped in another way there")
+        row = after.phase_groups.index(green) % 2
+    starts = [scenario.start(back[e]) for e in range(ways)]
+    # Row 1 of a class swaps the phase; everything else is turned back first, so that it ends where it has to be.
+    order = [image[(e + scenario.rotation) % ways] for e in scenario.order]
+    there = with_fields(
+        scenario,
+        map=file,
+        junction=before.id,
+        directions=rotate(tuple(placed), -row),
+        distance=rotate(tuple(d for d, _ in starts), -row),
+        speed=rotate(tuple(v for _, v in starts), -row),
+        rotation=row,
+        order=[(e - row) % ways for e in order],
+        subject=None if scenario.subject is None else image[scenario.subject],
+    )
+    return Variant(what, there, image, sided=sided)
+
+
+def _match(before: Junction, after: Junction, place: Callable[[float, float], tuple[float, float]]) -> tuple[int, ...]:
+    """Return per entrance the one that lies where `place` puts it."""
+
+    def vertices(junction: Junction) -> list[tuple[float, float]]:
+        approaches = junction.geometry.approaches if junction.geometry else ()
+        return [segment.pose(segment.length)[:2] for segment in approaches]
+
+    there = np.array(vertices(after))
+    return tuple(int(np.argmin(np.hypot(*(there - place(x, y)).T))) for x, y in vertices(before))

@@ -1,0 +1,114 @@
+"""Map files moved or mirrored: the same junction elsewhere, or with traffic on the other side."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from pytest_rvads.errors import MapError
+from pytest_rvads.maps.builtin import LAYOUTS, path_of
+from pytest_rvads.scenarios.scenario import Scenario
+
+__all__ = ["Motion", "mirrored", "moved"]
+
+Motion = tuple[float, float, float]
+"""Translation x, y [m] and rotation [rad], rotation first."""
+_COEFFICIENTS = "abcd"
+_SIDE = {
+    "arc": ("curvature",),
+    "spiral": ("curvStart", "curvEnd"),
+    "poly3": tuple(_COEFFICIENTS),
+    "paramPoly3": tuple(f"{c}V" for c in _COEFFICIENTS),
+    "laneOffset": tuple(_COEFFICIENTS),
+    "superelevation": tuple(_COEFFICIENTS),
+    "signal": ("t", "hOffset"),
+    "signalReference": ("t",),
+    "object": ("t", "hdg"),
+    "geometry": ("y", "hdg"),
+    "lane": ("id",),
+    "laneLink": ("from", "to"),
+    "validity": ("fromLane", "toLane"),
+}
+"""Attributes that change sign in a mirror."""
+
+
+def moved(scenario: Scenario, motion: Motion) -> Path:
+    """Return the map of a scenario, translated and rotated; written once per process.
+
+    Raises:
+        MapError: a map that can't be read.
+    """
+    return _rewritten(_source(scenario), motion)
+
+
+def mirrored(scenario: Scenario) -> Path:
+    """Return the map of a scenario seen in a mirror, y to -y, so that traffic keeps to the other side.
+
+    Raises:
+        MapError: a map that can't be read.
+    """
+    return _rewritten(_source(scenario), None)
+
+
+def _source(scenario: Scenario) -> Path:
+    if scenario.map is not None:
+        return Path(scenario.map)
+    if scenario.junction in LAYOUTS:
+        return path_of(scenario.junction)
+    raise MapError(f"the junction {scenario.junction!r} is named by its type: name it or its map, so that the map can be moved")
+
+
+_FOLDER = TemporaryDirectory(prefix="rvads-", ignore_cleanup_errors=True)
+
+
+@lru_cache
+def _rewritten(source: Path, motion: Motion | None) -> Path:
+    try:
+        tree = ET.parse(source)
+    except (OSError, ET.ParseError) as error:
+        raise MapError(f"map file {source} can't be moved: {error}") from error
+    for element in tree.getroot().iter():
+        if motion is None:
+            _mirror(element)
+        elif element.tag == "geometry":
+            _move(element, *motion)
+    number = len(list(Path(_FOLDER.name).iterdir()))
+    folder = Path(_FOLDER.name) / str(number)
+    folder.mkdir()
+    target = folder / f"{source.stem}{'-mirrored' if motion is None else '-moved'}.xodr"
+    tree.write(target, encoding="utf-8", xml_declaration=True)
+    return target
+
+
+def _move(geometry: ET.Element, x: float, y: float, angle: float) -> None:
+    px, py = float(geometry.get("x", "0")), float(geometry.get("y", "0"))
+    cos, sin = math.cos(angle), math.sin(angle)
+    geometry.set("x", repr(cos * px - sin * py + x))
+    geometry.set("y", repr(sin * px + cos * py + y))
+    geometry.set("hdg", repr(float(geometry.get("hdg", "0")) + angle))
+
+
+def _mirror(element: ET.Element) -> None:
+    for name in _SIDE.get(element.tag, ()):
+        value = element.get(name)
+        if value is not None:
+            element.set(name, value[1:] if value.startswith("-") else f"-{value}" if value.strip("0.") else value)
+    if element.tag == "road":
+        element.set("rule", "RHT" if element.get("rule") == "LHT" else "LHT")
+    elif element.tag == "lane":
+        for link in element.iter():
+            if link.tag in ("predecessor", "successor") and link.get("id"):
+                link.set("id", str(-int(link.get("id", "0"))))
+    elif element.tag == "laneSection":
+        left, right = element.find("left"), element.find("right")
+        for side, tag in ((left, "right"), (right, "left")):
+            if side is not None:
+                side.tag = tag
+                side[:] = list(side)[::-1]
+        # The schema wants left, center, right.
+        element[:] = sorted(
+            element, key=lambda part: ("left", "center", "right").index(part.tag) if part.tag != "userData" else 3
+        )

@@ -1,0 +1,144 @@
+"""Metamorphic relations: what is equivalent by construction must be judged alike, and faults that break it are found."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+import pytest_rvads as rvads
+from pytest_rvads.maps.junction import JunctionControl
+from pytest_rvads.search.metamorphic import compare, equivalent
+from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
+from pytest_rvads.search.remap import mirrored, moved
+from pytest_rvads.search.symmetry import broken_by, rotations_of
+
+NONE = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
+
+
+def lgsvl(*deficiencies):
+    return partial(rvads.LgsvlLike, **(NONE | dict.fromkeys(deficiencies, True)))
+
+
+@pytest.mark.parametrize("name", ["stop4", "light4", "paper_stop4", "paper_light4"])
+def test_an_x_has_four_rotations_and_odd_ones_swap_the_phase(name):
+    lights = rvads.find(name).control is JunctionControl.LIGHTS
+    assert [(s.rows, s.swaps) for s in rotations_of(rvads.find(name))] == [(r, lights and r % 2 == 1) for r in range(4)]
+
+
+@pytest.mark.parametrize("name", ["stop3", "light3"])
+def test_a_t_has_none_but_the_identity(name):
+    junction = rvads.find(name)
+    assert [s.rows for s in rotations_of(junction)] == [0]
+    assert "opposite" in broken_by(junction, 1)  # one pair faces each other, the stem faces nobody
+    found = list(RELATIONS["rotation"](rvads.Scenario(name, "112")))
+    assert len(found) == 2
+    assert all(isinstance(item, Incomparable) for item in found)
+
+
+def test_rotation_finds_the_hidden_zone_without_knowing_a_verdict():
+    with pytest.raises(rvads.MetamorphicViolation, match="turns p1 from PASS into FAIL") as caught:
+        equivalent(rvads.Scenario("paper_stop4", "1010"), lgsvl("i2"))
+    (note,) = caught.value.__notes__
+    assert "a0 0->1: arrives" in note
+    assert "a1 1->2: arrives" in note  # the vehicle in its place one entrance on
+    assert "p1" in note
+
+
+def test_order_of_creation_finds_ignored_ties():
+    with pytest.raises(rvads.MetamorphicViolation, match=r"p2 from (PASS into FAIL|FAIL into PASS)"):
+        equivalent(rvads.Scenario("paper_stop4", "2200"), lgsvl("i3"), relations="creation")
+    equivalent(rvads.Scenario("paper_stop4", "2200"), lgsvl(), relations="creation")
+
+
+def test_longer_approaches_find_the_launch():
+    with pytest.raises(rvads.MetamorphicViolation, match="approach longer by 20 m turns p1 from FAIL into PASS"):
+        equivalent(rvads.Scenario("stop4", "2020", distance=0.01), lgsvl("i1"), relations="approach")
+    equivalent(rvads.Scenario("stop4", "2020", distance=0.01), lgsvl(), relations="approach")
+
+
+@pytest.mark.parametrize(
+    ("junction", "directions", "compared"),
+    [("stop4", "1230", 8), ("stop3", "120", 5), ("light4", "2302", 6), ("light3", "210", 3)],
+)
+def test_reference_survives_all_relations(junction, directions, compared):
+    found = compare(rvads.Scenario(junction, directions), rvads.Reference, relations=tuple(RELATIONS))
+    assert not found.differences
+    assert len(found.compared) == compared
+
+
+def test_a_pilot_that_goes_by_names_is_found():
+    class Vain(rvads.Reference):
+        """Does not see who comes before it in the alphabet."""
+
+        def control(self, seen):
+            others = tuple(o for o in seen.others if o.name > seen.me.name)
+            return super().control(seen._replace(others=others))
+
+    found = compare(rvads.Scenario("stop4", "2200"), Vain, relations="renaming")
+    assert {d.one.rule for d in found.differences} == {"p2"}
+
+
+def test_a_pilot_that_goes_by_coordinates_is_found():
+    class Homesick(rvads.Reference):
+        """Stops for nobody far away from where it was tried out."""
+
+        def control(self, seen):
+            far = abs(seen.me.x) + abs(seen.me.y) > 60
+            return super().control(seen._replace(others=()) if far else seen)
+
+    found = compare(rvads.Scenario("stop4", "2020"), Homesick, relations="motion")
+    assert "p1" in {d.one.rule for d in found.differences}
+
+
+def test_moved_and_mirrored_maps_hold_the_same_junction():
+    scenario = rvads.Scenario("light3", "121")
+    before = scenario.find()
+    after = rvads.find(before.id, str(moved(scenario, (10.0, 20.0, 0.5))))
+    assert {k: round(m.length, 6) for k, m in after.movements.items()} == {
+        k: round(m.length, 6) for k, m in before.movements.items()
+    }
+    assert (after.right_of, after.opposite, after.phase_groups) == (before.right_of, before.opposite, before.phase_groups)
+    mirror = rvads.find(before.id, str(mirrored(scenario)))
+    assert mirror.left_hand
+    assert sorted(round(m.length, 6) for m in mirror.movements.values()) == sorted(
+        round(m.length, 6) for m in before.movements.values()
+    )
+    (variant,) = RELATIONS["mirror"](scenario)
+    assert isinstance(variant, Variant)
+    other = {rvads.Turn.LEFT: rvads.Turn.RIGHT, rvads.Turn.RIGHT: rvads.Turn.LEFT, rvads.Turn.STRAIGHT: rvads.Turn.STRAIGHT}
+    there = {agent.entrance: agent for agent in variant.scenario.agents()}
+    for agent in scenario.agents():
+        assert there[variant.image[agent.entrance]].turn is other[agent.turn]
+    assert {(variant.image[a], variant.image[b]) for a, b in before.right_of} == set(mirror.right_of)
+
+
+def test_vehicles_of_a_moved_map_start_where_they_did():
+    scenario = rvads.Scenario("light4", "1203", distance=(5, 10, 15, 20), rotation=1)
+    (variant,) = RELATIONS["motion"](scenario)
+    one, other = rvads.simulate(scenario, rvads.Reference), rvads.simulate(variant.scenario, rvads.Reference)
+    columns = [[a.entrance for a in other.agents].index(variant.image[a.entrance]) for a in one.agents]
+    assert np.allclose(one.station[0], other.station[0][columns])
+    assert (one.lights[0] == other.lights[0][list(variant.image)]).all()
+
+
+def test_order_of_creation_is_a_permutation_and_told_in_the_name():
+    scenario = rvads.Scenario("stop4", "1230", order=(2, 0, 3, 1), rotation=1)
+    assert scenario.creation == (3, 1, 2)
+    assert scenario.name.endswith(".r1.o2031")
+    with pytest.raises(rvads.ScenarioError, match="order must name each of the entrances"):
+        rvads.Scenario("stop4", "1230", order=(0, 1, 1, 2))
+
+
+def test_misuse():
+    scenario = rvads.Scenario("stop3", "120")
+    with pytest.raises(rvads.ScenarioError, match=r"unknown relation 'rotations'.*did you mean 'rotation'"):
+        equivalent(scenario, rvads.Reference, relations="rotations")
+    with pytest.raises(rvads.ScenarioError, match=r"nothing is equivalent to stop3-.*rotation by 1: stop3 has other right-of"):
+        equivalent(scenario, rvads.Reference)
+
+    class Broken:
+        def control(self, seen):
+            raise ValueError("no")
+
+    with pytest.raises(rvads.RunError, match="nothing follows from it"):
+        equivalent(rvads.Scenario("stop4", "1100"), Broken)
