@@ -61,7 +61,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Refuse a mark on what can't be parametrized, so that it is not silently a plain test."""
     for item in items:
-        if item.get_closest_marker("rvads_scenario") and "rvads_cell" not in getattr(item, "fixturenames", ()):
+        if "rvads_cell" not in getattr(item, "fixturenames", ()) and item.get_closest_marker("rvads_scenario"):
             raise pytest.UsageError(
                 f"{item.nodeid} has @rvads.scenario(...), which works on functions and classes of pytest only"
             )

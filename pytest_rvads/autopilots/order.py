@@ -16,9 +16,14 @@ _STANDING = 0.05
 
 
 class Queue:
-    """What a driver remembers of the vehicles at the entrances: when each arrived, and who has set off again."""
+    """What a driver remembers of the vehicles at the entrances: when each arrived, and who has set off again.
 
-    def __init__(self) -> None:
+    Args:
+        tie: who arrived within this time of each other arrived together [s].
+    """
+
+    def __init__(self, tie: float = 0.0) -> None:
+        self._tie = round(tie / DT)
         self._outside: dict[str, int] = {}
         self._stood: set[str] = set()
 
@@ -45,14 +50,20 @@ class Queue:
         """Return who goes next among the vehicles at the entrances, and whether right before left decides it.
 
         Returns:
-            The one vehicle whose turn it is, and True; or, where everybody who came first has somebody to the right,
+            The one vehicle whose turn it is, and True; or, where everybody who came first has somebody to let go first,
             all of them, and False.
         """
+        since = self._outside
         waiting = [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
-        earliest = min(self._outside[s.name] for s in waiting)
-        tied = [s for s in waiting if self._outside[s.name] == earliest]
+        earliest = min(since[s.name] for s in waiting)
+        tied = [s for s in waiting if since[s.name] - earliest <= self._tie]
         right_of = seen.junction.right_of
-        free = [s for s in tied if not any((o.entrance, s.entrance) in right_of for o in tied)]
+
+        def waits_for(s: VehicleState, other: VehicleState) -> bool:
+            later = since[s.name] - since[other.name]
+            return later > self._tie or (later >= -self._tie and (other.entrance, s.entrance) in right_of)
+
+        free = [s for s in tied if not any(waits_for(s, other) for other in waiting)]
         if not free:
             return tied, False
-        return [min(free, key=lambda s: s.entrance)], True
+        return [min(free, key=lambda s: (since[s.name], s.entrance))], True

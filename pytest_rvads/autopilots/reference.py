@@ -7,7 +7,8 @@ from typing import Protocol
 
 from pytest_rvads.autopilots.light import Light
 from pytest_rvads.autopilots.spacing import Stopping, behind_leader, clear_of_bodies, clear_of_crossing
-from pytest_rvads.autopilots.stop_sign import StopSign
+from pytest_rvads.autopilots.stop_sign import HOLD, StopSign
+from pytest_rvads.errors import AutopilotError
 from pytest_rvads.maps.junction import JunctionControl
 from pytest_rvads.semantics.states import Control, Observation, Zone
 from pytest_rvads.tracking.follower import Follower
@@ -35,15 +36,26 @@ class Reference(Follower):
     still in the junction.
 
     Everywhere it keeps its distance from who drives ahead, and stops before a body in its way.
+
+    Args:
+        tie: at a stop sign, who arrived within this time of each other arrived at once, and the right one goes first, at
+            most 0.5 [s]. The paper's rules know no such window, the road rulebook has one of 0.5 s:
+            ``functools.partial(Reference, tie=0.5)``.
+
+    Raises:
+        AutopilotError: a `tie` out of range.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, tie: float = 0.0) -> None:
+        if not 0.0 <= tie <= HOLD:
+            raise AutopilotError(f"tie must be 0 to {HOLD:g} s, the time that everybody stands at the sign, got {tie!r}")
+        self._tie = tie
         self._stopping = Stopping()
         self._gate: Gate | None = None
 
     def make_gate(self, seen: Observation) -> Gate:
         """Return what decides when to enter; called once, with the first observation."""
-        return Light() if seen.junction.control is JunctionControl.LIGHTS else StopSign()
+        return Light() if seen.junction.control is JunctionControl.LIGHTS else StopSign(self._tie)
 
     def control(self, seen: Observation) -> Control:
         """Return throttle, brake and steering."""

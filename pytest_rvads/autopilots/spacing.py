@@ -6,6 +6,7 @@ import math
 
 from pytest_rvads.autopilots.conflicts import conflict, movements
 from pytest_rvads.semantics.states import Observation, VehicleState, Zone
+from pytest_rvads.tracking.follower import resistance
 from pytest_rvads.tracking.track import Track
 
 __all__ = [
@@ -29,6 +30,8 @@ COMFORT = 2.3
 """Braking for the line begins when it takes this much [m/s^2]; people use up to 3.4 at stop signs."""
 FIRM = 3.0
 """Who needs more than this to stop at the line brakes at once, whatever the drive still does [m/s^2]."""
+URGENT = 0.8
+"""Who needs more than this share of all braking to stop before the entrance vertex brakes fully."""
 CREEP = 0.3
 """Slower than this in the entrance zone, a vehicle just stops there [m/s]."""
 GENTLE = 0.5
@@ -78,7 +81,12 @@ class Stopping:
             return 0.0
         self._braking = True
         full = vehicle.brake[seen.aggression - 1]
-        return -min(needed, full) if _needed(me.speed, -me.station) <= full else math.inf
+        most = full + resistance(vehicle, me.speed)
+        urgent = _needed(me.speed, -me.station)
+        if urgent > most:
+            return math.inf
+        # The brake's lag eats the reserve of a late stop, so that one begins with all there is.
+        return -full if urgent > URGENT * most else -min(needed, full)
 
 
 def can_stop(seen: Observation, deceleration: float) -> bool:

@@ -16,10 +16,14 @@ PATIENCE, PATIENCE_STEP = 1.0, 0.7
 
 
 class StopSign:
-    """Stops, waits for its turn, and enters when nobody else is in the junction."""
+    """Stops, waits for its turn, and enters when nobody else is in the junction.
 
-    def __init__(self) -> None:
-        self._queue = Queue()
+    Args:
+        tie: see `Queue`; no longer than `HOLD`, so that whoever ties is there when the own turn is worked out [s].
+    """
+
+    def __init__(self, tie: float = 0.0) -> None:
+        self._queue = Queue(tie)
         self._stood_since: float | None = None
         self._stuck_since: float | None = None
         self._released = False

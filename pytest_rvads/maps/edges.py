@@ -1,16 +1,18 @@
-"""Edges: the lanes of roads in the direction of travel, and the network that links them."""
+"""Edges: the lanes of roads in the direction of travel, the network that links them, and its draft."""
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.maps.doubts import MapWarning
+from pytest_rvads.maps.doubts import Doubt, MapWarning
+from pytest_rvads.maps.records import Document
 
-__all__ = ["Edge", "End", "Network"]
+__all__ = ["Draft", "Edge", "End", "Network"]
 
 End = tuple[str, str, int]
 """Road id, ``start`` or ``end``, lane id."""
@@ -61,6 +63,51 @@ class Edge:
         if self.forward:
             return float(np.interp(s, self.s, along))
         return float(np.interp(-s, -self.s, along))
+
+
+class Draft:
+    """A network in the making: what the steps of building it add to."""
+
+    def __init__(self, document: Document) -> None:
+        """Begin without any edge."""
+        self.document = document
+        self.warnings: list[MapWarning] = []
+        self.edges: dict[str, Edge] = {}
+        self.arriving: dict[End, str] = {}
+        """The edge that reaches a road end on a lane."""
+        self.departing: dict[End, str] = {}
+        """The edge that leaves a road end on a lane."""
+        self.direct: dict[str, list[tuple[str, str]]] = defaultdict(list)
+        """Per direct junction, the pairs of edges it links."""
+        self.listed: dict[str, set[tuple[str, str]]] = defaultdict(set)
+        """Per junction, the links into it that its connection table has."""
+        self.linked: dict[str, set[tuple[str, str]]] = defaultdict(set)
+        """Per junction, the links into it that its connecting roads have."""
+
+    def warn(self, kind: Doubt, message: str, road: str | None = None, junction: str | None = None) -> None:
+        """Add a warning."""
+        self.warnings.append(MapWarning(kind, message, road, junction))
+
+    def pair(self, one: End, two: End) -> tuple[str, str] | None:
+        """Return the edges at two lane ends in the direction in which traffic passes, None where none passes."""
+        for source, target in ((one, two), (two, one)):
+            if source in self.arriving and target in self.departing:
+                return self.arriving[source], self.departing[target]
+        return None
+
+    def link(self, one: End, two: End) -> tuple[str, str] | None:
+        """Link two lane ends in the direction in which traffic passes; return the edges, None where none passes."""
+        pair = self.pair(one, two)
+        if pair is not None:
+            self.join(*pair)
+        return pair
+
+    def join(self, source: str, target: str) -> None:
+        """Let edge `target` follow edge `source`."""
+        after = self.edges[source].after
+        if target not in after:
+            after.append(target)
+            self.edges[target].before.append(source)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

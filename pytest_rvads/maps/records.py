@@ -161,3 +161,22 @@ class Document:
     controllers: dict[str, tuple[str, ...]]
     """Signal ids per controller id."""
     warnings: tuple[MapWarning, ...]
+
+    def touching(self, junction: str, row: Connection) -> str | None:
+        """Return the end of the incoming road of a connection at which it holds, None where the roads do not touch.
+
+        By the links of the incoming road, else by those of the connecting road.
+        """
+        incoming, connecting = self.roads[row.incoming], self.roads[row.connecting]
+        ends = [
+            end
+            for end, link in (("start", incoming.predecessor), ("end", incoming.successor))
+            if link is not None
+            and (link.element == junction if link.junction else (link.element, link.contact) == (connecting.id, row.contact))
+        ]
+        if len(ends) == 1:
+            return ends[0]
+        back = connecting.predecessor if row.contact == "start" else connecting.successor
+        if back is not None and not back.junction and back.element == incoming.id and back.contact in ("start", "end"):
+            return back.contact
+        return ends[0] if ends else None

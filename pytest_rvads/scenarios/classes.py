@@ -130,6 +130,7 @@ def classes(ways: int) -> Iterator[Directions]:
             yield tuple(word[1:])
 
 
+@lru_cache(maxsize=4096)
 def class_number(code: Directions) -> int:
     """Return the number of the class of `code`, 1 for all-ones; 0 for a partial scenario."""
     if 0 in code:
@@ -137,6 +138,7 @@ def class_number(code: Directions) -> int:
     return bisect_left(_ranks(len(code)), _value(representative(code))) + 1
 
 
+@lru_cache(maxsize=4096)
 def class_label(ways: int, number: int) -> str:
     """Return ``class07``: the number padded to the width of the count of classes, at least two digits."""
     return f"class{number:0{max(2, len(str(count_classes(ways))))}d}"

@@ -140,12 +140,16 @@ class Scenario:
     @property
     def name(self) -> str:
         """The id without the rule: junction, class, abstract scenario, configuration."""
+        return self.name_at(self.find())
+
+    def name_at(self, junction: Junction) -> str:
+        """Return the name, given the junction that `find` returns."""
         turned = f".r{self.rotation}" if self.rotation else ""
         if self.order != tuple(range(self.ways)):
             turned += f".o{label(self.order)}"
         seat = "" if self.subject is None else f"-s{self.subject}"
         scenario = f"{class_label(self.ways, self.number)}-as{label(self.placed)}{seat}"
-        return f"{self.find().name}-{scenario}-cfg{self.configuration}{turned}"
+        return f"{junction.name}-{scenario}-cfg{self.configuration}{turned}"
 
     def find(self) -> Junction:
         """Return the junction, read once per process.
@@ -167,13 +171,16 @@ class Scenario:
         before = (entrance - self.rotation) % self.ways
         return self.distances[before], self.speeds[before]
 
-    def fit(self) -> None:
+    def fit(self, junction: Junction | None = None) -> None:
         """Check that every vehicle starts on its approach.
+
+        Args:
+            junction: the one that `find` returns, where it is at hand.
 
         Raises:
             ScenarioError: a distance is longer than the approach of its entrance.
         """
-        junction = self.find()
+        junction = junction or self.find()
         for entrance, direction in enumerate(self.placed):
             distance, _ = self.start(entrance)
             room = junction.approach(entrance)

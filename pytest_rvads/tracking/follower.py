@@ -8,10 +8,11 @@ from __future__ import annotations
 import math
 
 from pytest_rvads.semantics.states import Control, Observation
+from pytest_rvads.semantics.vehicle import Vehicle
 from pytest_rvads.tracking.pursuit import lookahead, pursue
 from pytest_rvads.tracking.track import Track
 
-__all__ = ["Follower"]
+__all__ = ["Follower", "resistance"]
 
 _GRAVITY = 9.81
 _GAIN = 4.0
@@ -79,7 +80,7 @@ class Follower:
         full = vehicle.brake[seen.aggression - 1]
         if acceleration == -math.inf and speed < 0.3:
             return Control(0.0, min(_HOLD / full, 1.0), self.steer(seen) if speed > STANDING else self._steering)
-        needed = acceleration + vehicle.rolling * _GRAVITY + vehicle.drag * speed * speed / vehicle.mass
+        needed = acceleration + resistance(vehicle, speed)
         if needed >= 0.0:
             throttle, brake = needed / vehicle.drive, 0.0
         else:
@@ -92,3 +93,8 @@ class Follower:
         x, y, _ = seen.itinerary.pose(me.station - vehicle.rear_axle_offset + lookahead(me.speed))
         self._steering = pursue(me, vehicle, x, y)
         return self._steering
+
+
+def resistance(vehicle: Vehicle, speed: float) -> float:
+    """Return the deceleration that tyres and air cause at `speed` [m/s] without any brake [m/s^2]."""
+    return vehicle.rolling * _GRAVITY + vehicle.drag * speed * speed / vehicle.mass

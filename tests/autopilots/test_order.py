@@ -26,9 +26,9 @@ def view(zones: dict[int, tuple[Zone, float]], tick: int, me: int = 0) -> Observ
     return Observation(tick * 0.01, states[me], others, (), ITINERARY, JUNCTION, Vehicle(), 11.176)
 
 
-def who(arrivals: dict[int, int], me: int = 0) -> tuple[set[int], bool]:
+def who(arrivals: dict[int, int], me: int = 0, tie: float = 0.0) -> tuple[set[int], bool]:
     """Who goes first when the vehicle of each entrance arrives in the given tick."""
-    queue = Queue()
+    queue = Queue(tie)
     for tick in range(max(arrivals.values()) + 1):
         seen = view({e: (Zone.ENTRANCE if tick >= t else Zone.APPROACH, 0.0) for e, t in arrivals.items()}, tick, me)
         queue.watch(seen)
@@ -71,6 +71,19 @@ def test_everybody_agrees_on_who_goes() -> None:
     for ticks in product((3, 4), repeat=4):
         answers = [who(dict(enumerate(ticks)), me) for me in range(4)]
         assert all(a == answers[0] for a in answers)
+
+
+def test_a_tie_window_lets_the_right_one_go_first() -> None:
+    assert who({0: 7, 1: 57}, tie=0.5) == ({1}, True)
+    assert who({0: 7, 1: 58}, tie=0.5) == ({0}, True)
+    assert who({0: 57, 1: 7}, tie=0.5) == ({1}, True), "the first one is the right one, too"
+    assert who({0: 7, 2: 20}, tie=0.5) == ({0}, True), "they face each other: nobody is to the right"
+
+
+def test_ties_in_a_chain_that_does_not_close_can_t_be_decided() -> None:
+    # 1 ties with 0 and is to its right; 2 ties with 1 and is to its right, but came more than the window after 0.
+    assert who({0: 0, 1: 40, 2: 80}, tie=0.5) == ({0, 1}, False)
+    assert who({0: 0, 1: 40, 2: 45}, tie=0.5) == ({2}, True)
 
 
 def test_setting_off_is_moving_after_having_stood() -> None:

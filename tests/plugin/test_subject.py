@@ -80,7 +80,7 @@ def test_only_what_the_subject_did_fails(pytester: pytest.Pytester, options: tup
     assert (outcomes["passed"], outcomes["failed"]) == (1, 1)
     result.stdout.fnmatch_lines(
         [
-            "*RuleViolation: full_stop at t=*: a0 entered the junction before a0 had stopped at the line",
+            "*RuleViolation: full_stop at t=*: a0 entered the junction before it had stopped at the line",
             "stop3 among Rude traffic *test_mine*",
             "*provoked*",
             "stop3 among reference traffic *test_rude*",

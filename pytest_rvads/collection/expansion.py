@@ -1,4 +1,4 @@
-"""The marks ``@rvads.scenario`` and ``@rvads.known``, and their expansion into test items at collection.
+"""The expansion of marks into test items at collection.
 
 One item per verdict: abstract scenario x configuration x rule, the rule innermost, so that the items of one
 run follow each other.
@@ -6,15 +6,15 @@ run follow each other.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from pytest_rvads.errors import OpenObligation, RuleViolation, RvadsError, ScenarioError, suggest
+from pytest_rvads.collection.cells import DEFAULT, Cell, cells_of
+from pytest_rvads.errors import OpenObligation, RuleViolation, RvadsError, ScenarioError
 
 if TYPE_CHECKING:
     from pytest_rvads.autopilots.traffic import Policy
@@ -22,139 +22,8 @@ if TYPE_CHECKING:
     from pytest_rvads.maps.junction import Junction
     from pytest_rvads.options import Options
     from pytest_rvads.scenarios.grid import Configuration
-    from pytest_rvads.scenarios.scenario import Scenario
 
-__all__ = ["KEYS", "Cell", "expand", "known", "register_marks", "scenario"]
-
-KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "traffic", "rule")
-"""Keywords that select cells, in ``-m "rvads(cls=7)"`` and in ``@rvads.known(cls=7)``."""
-
-
-DEFAULT = "reference"
-"""The traffic policy where a mark names none; ids leave it out."""
-
-
-@dataclass(frozen=True, slots=True)
-class Cell:
-    """What one item runs and judges."""
-
-    scenario: Scenario
-    rule: Rule | None
-    """None where the test does not ask for the rule axis."""
-    traffic: Policy | None = None
-    """Drives the others where the scenario has a subject."""
-
-    @property
-    def id(self) -> str:
-        """The part in brackets of the item's id."""
-        return f"{self.run}-{self.rule.name}" if self.rule else self.run
-
-    @property
-    def run(self) -> str:
-        """The id without the rule: what cells of the same run share."""
-        name = self.scenario.name
-        return name if self.traffic is None or self.traffic.name == DEFAULT else f"{name}-{self.traffic.name}"
-
-    @property
-    def keys(self) -> dict[str, str | int]:
-        """What the cell is selected by; every value a str or an int."""
-        from pytest_rvads.scenarios.classes import label
-
-        scenario = self.scenario
-        keys: dict[str, str | int] = {
-            "junction": scenario.find().name,
-            "cls": scenario.number,
-            "scenario": label(scenario.placed),
-            "cfg": scenario.configuration,
-            "rotation": scenario.rotation,
-        }
-        if scenario.subject is not None:
-            keys["seat"] = scenario.subject
-        if self.traffic:
-            keys["traffic"] = self.traffic.name
-        if self.rule:
-            keys["rule"] = self.rule.name
-        return keys
-
-
-def scenario(
-    junction: str,
-    *,
-    map: str | None = None,
-    classes: int | Iterable[int] | None = None,
-    scenarios: str | Iterable[str] | None = None,
-    cover: str | None = None,
-    grid: str | Iterable[str] | None = None,
-    distances: float | Sequence[Any] | None = None,
-    speeds: float | Sequence[Any] | None = None,
-    probe: bool = False,
-    rules: str | Rule | Iterable[str | Rule] | None = None,
-    subject: int | str | None = None,
-    traffic: str | Callable[[], Any] | Iterable[str | Callable[[], Any]] | None = None,
-    duration: float = 60.0,
-    aggression: int = 1,
-    wait: float = 1.5,
-) -> pytest.MarkDecorator:
-    """Run a test over the scenarios of a junction.
-
-    Args:
-        junction: built-in name (``stop4``), id of a junction in `map`, or a type such as ``"4-way stop"``.
-        map: OpenDRIVE file, looked for beside the test file, then in the working directory; by default the
-            one of ``rvads_map``, if any.
-        classes: numbers of structural equivalence classes; all by default.
-        scenarios: direction strings such as ``"1133"`` that stand at row 0 of their class, instead of `classes`.
-        cover: ``"class"`` runs one scenario per class, ``"scenario"`` every distinct member, ``"rotation"`` all rows.
-        grid: ``"paper"``, or letters of the paper's configurations such as ``"CD"``.
-        distances: instead of `grid`: metres to the stopping line, a number for all vehicles, a tuple with one
-            per entrance, or a list of either to run one after the other.
-        speeds: with `distances`: initial speeds [m/s], likewise; 0 by default.
-        probe: keep points of the grid beyond the braking envelope v(d)max; by default they are left out.
-        rules: a rulebook, rules, or both; of a rulebook only the rules about this kind of junction run. By default
-            ``"paper"``, and ``"road"`` with a subject.
-        subject: entrance of the vehicle under test, or ``"all"`` for every seat in turn; the others are traffic, and only
-            what the subject is to blame for fails the test. By default all vehicles are under test. ``cover="class"`` then
-            runs every class of (scenario, seat): as many as there are scenarios, 81 at four ways and 8 at three.
-        traffic: with a subject, what drives the others: a policy by name (``"reference"`` by default, ``"hesitant"``,
-            ``"rolling_stop"``, ``"late_yielder"``, ``"red_light_runner"``, ``"stopped"``, ``"lgsvl"``), an autopilot or
-            traffic system of your own, or several of these to run one after the other.
-        duration: longest run [s].
-        aggression: braking level 1, 2 or 3.
-        wait: the random draw of autopilots that have one [s].
-    """
-    given = locals()
-    if not isinstance(junction, str):
-        raise ScenarioError(f"write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got {junction!r}")
-    mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(**given)
-    return mark
-
-
-def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | int]) -> pytest.MarkDecorator:
-    """Mark the cells of a known deficiency: they must fail (a strict xfail), and a pass is reported.
-
-    Args:
-        name: of the deficiency, as it shall appear in reports.
-        reason: what goes wrong.
-        where: values, or several of them, for any of junction, cls, scenario, cfg, rotation, seat, traffic, rule.
-
-    Raises:
-        ScenarioError: another keyword.
-    """
-    for key in where:
-        if key not in KEYS:
-            raise ScenarioError(f"@rvads.known selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
-    values = {key: (value,) if isinstance(value, str | int) else tuple(value) for key, value in where.items()}
-    mark: pytest.MarkDecorator = pytest.mark.rvads_known(name, reason=reason, **values)
-    return mark
-
-
-def register_marks(config: pytest.Config) -> None:
-    """Tell pytest about the marks."""
-    for line in (
-        "rvads_scenario(junction, ...): run over scenarios; written as @rvads.scenario",
-        "rvads_known(name, ...): cells of a known deficiency; written as @rvads.known",
-        f"rvads({', '.join(KEYS)}): on every item, to select by -m \"rvads(cls=7, rule='p1')\"",
-    ):
-        config.addinivalue_line("markers", line)
+__all__ = ["expand"]
 
 
 def expand(metafunc: pytest.Metafunc, options: Options) -> None:
@@ -173,13 +42,11 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
         raise pytest.Collector.CollectError(f"{name} has @rvads.scenario(...) but takes neither run nor monitor: add an argument")
     declared = list(metafunc.definition.iter_markers("rvads_known"))
     try:
-        cells = list(dict.fromkeys(cell for mark in marks for cell in _cells(mark, metafunc, options)))
-        _distinct(cells)
+        cells = _distinct(cell for mark in marks for cell in _cells(mark, metafunc, options))
         _in_use([mark for mark in metafunc.definition.own_markers if mark.name == "rvads_known"], cells)
     except RvadsError as error:
         raise pytest.Collector.CollectError(f"{name}: {error}") from error
-    params = [pytest.param(cell, id=cell.id, marks=_marks(cell, declared)) for cell in cells]
-    metafunc.parametrize("rvads_cell", params, indirect=True)
+    metafunc.parametrize("rvads_cell", list(_params(cells, declared)), indirect=True)
 
 
 def _nearest(definition: pytest.Function) -> list[pytest.Mark]:
@@ -187,15 +54,17 @@ def _nearest(definition: pytest.Function) -> list[pytest.Mark]:
     return [mark for node, mark in found if node is found[0][0]]
 
 
-def _distinct(cells: Sequence[Cell]) -> None:
-    """Refuse cells that differ only in what is not part of their id."""
+def _distinct(cells: Iterable[Cell]) -> list[Cell]:
+    """Return each cell once; refuse cells that differ only in what is not part of their id."""
     seen: dict[str, Cell] = {}
     for cell in cells:
-        if seen.setdefault(cell.id, cell) != cell:
+        known = seen.setdefault(cell.id, cell)
+        if known is not cell and known != cell:
             raise ScenarioError(
                 f"two different scenarios have the id {cell.id!r}: they differ in duration, aggression, wait or map, which ids "
                 "do not tell; put them into two tests"
             )
+    return list(seen.values())
 
 
 def _in_use(declared: Sequence[pytest.Mark], cells: Sequence[Cell]) -> None:
@@ -210,14 +79,16 @@ def _known(mark: pytest.Mark, keys: Mapping[str, str | int]) -> bool:
     return all(keys.get(key) in values for key, values in mark.kwargs.items() if key != "reason")
 
 
-def _marks(cell: Cell, declared: Sequence[pytest.Mark]) -> list[pytest.MarkDecorator]:
-    keys = cell.keys
-    marks = [pytest.mark.rvads(**keys)]
-    for mark in declared:
-        if _known(mark, keys):
-            reason = ": ".join(filter(None, (mark.args[0], mark.kwargs["reason"])))
-            marks.append(pytest.mark.xfail(strict=True, raises=(RuleViolation, OpenObligation), reason=reason))
-    return marks
+def _params(cells: Sequence[Cell], declared: Sequence[pytest.Mark]) -> Iterator[Any]:
+    """Yield a parameter per cell, with one mark to select it by and the xfail of every known deficiency it has."""
+    select = pytest.mark.rvads
+    for cell in cells:
+        marks = [select.with_args(**cell.keys)]
+        for mark in declared:
+            if _known(mark, cell.keys):
+                reason = ": ".join(filter(None, (mark.args[0], mark.kwargs["reason"])))
+                marks.append(pytest.mark.xfail(strict=True, raises=(RuleViolation, OpenObligation), reason=reason))
+        yield pytest.param(cell, id=cell.id, marks=marks)
 
 
 def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> Iterator[Cell]:
@@ -262,11 +133,9 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
             f"would expand to {total:,} items ({rows:,} scenarios × {points} points{among} × {len(rules)} rules): "
             "narrow the grid, use --rvads-cover=class, or raise --rvads-max-items"
         )
-    for scenario_ in selection:
-        scenario_.fit()
-        for policy in policies:
-            for rule in rules:
-                yield Cell(scenario_, rule, policy)
+    for scenario in selection:
+        scenario.fit(junction)
+        yield from cells_of(scenario, junction, policies, rules)
 
 
 def _policies(subject: int | str | None, traffic: Any) -> tuple[Policy | None, ...]:

@@ -1,0 +1,96 @@
+"""The marks ``@rvads.scenario`` and ``@rvads.known``: what is asked for, to be expanded at collection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from pytest_rvads.collection.cells import KEYS
+from pytest_rvads.errors import ScenarioError, suggest
+
+if TYPE_CHECKING:
+    from pytest_rvads.logic.rules import Rule
+
+__all__ = ["known", "register_marks", "scenario"]
+
+
+def scenario(
+    junction: str,
+    *,
+    map: str | None = None,
+    classes: int | Iterable[int] | None = None,
+    scenarios: str | Iterable[str] | None = None,
+    cover: str | None = None,
+    grid: str | Iterable[str] | None = None,
+    distances: float | Sequence[Any] | None = None,
+    speeds: float | Sequence[Any] | None = None,
+    probe: bool = False,
+    rules: str | Rule | Iterable[str | Rule] | None = None,
+    subject: int | str | None = None,
+    traffic: str | Callable[[], Any] | Iterable[str | Callable[[], Any]] | None = None,
+    duration: float = 60.0,
+    aggression: int = 1,
+    wait: float = 1.5,
+) -> pytest.MarkDecorator:
+    """Run a test over the scenarios of a junction.
+
+    Args:
+        junction: built-in name (``stop4``), id of a junction in `map`, or a type such as ``"4-way stop"``.
+        map: OpenDRIVE file, looked for beside the test file, then in the working directory; by default the
+            one of ``rvads_map``, if any.
+        classes: numbers of structural equivalence classes; all by default.
+        scenarios: direction strings such as ``"1133"`` that stand at row 0 of their class, instead of `classes`.
+        cover: ``"class"`` runs one scenario per class, ``"scenario"`` every distinct member, ``"rotation"`` all rows.
+        grid: ``"paper"``, or letters of the paper's configurations such as ``"CD"``.
+        distances: instead of `grid`: metres to the stopping line, a number for all vehicles, a tuple with one
+            per entrance, or a list of either to run one after the other.
+        speeds: with `distances`: initial speeds [m/s], likewise; 0 by default.
+        probe: keep points of the grid beyond the braking envelope v(d)max; by default they are left out.
+        rules: a rulebook, rules, or both; of a rulebook only the rules about this kind of junction run. By default
+            ``"paper"``, and ``"road"`` with a subject.
+        subject: entrance of the vehicle under test, or ``"all"`` for every seat in turn; the others are traffic, and only
+            what the subject is to blame for fails the test. By default all vehicles are under test. ``cover="class"`` then
+            runs every class of (scenario, seat): as many as there are scenarios, 81 at four ways and 8 at three.
+        traffic: with a subject, what drives the others: a policy by name (``"reference"`` by default, ``"hesitant"``,
+            ``"rolling_stop"``, ``"late_yielder"``, ``"red_light_runner"``, ``"stopped"``, ``"lgsvl"``), an autopilot or
+            traffic system of your own, or several of these to run one after the other.
+        duration: longest run [s].
+        aggression: braking level 1, 2 or 3.
+        wait: the random draw of autopilots that have one [s].
+    """
+    given = locals()
+    if not isinstance(junction, str):
+        raise ScenarioError(f"write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got {junction!r}")
+    mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(**given)
+    return mark
+
+
+def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | int]) -> pytest.MarkDecorator:
+    """Mark the cells of a known deficiency: they must fail (a strict xfail), and a pass is reported.
+
+    Args:
+        name: of the deficiency, as it shall appear in reports.
+        reason: what goes wrong.
+        where: values, or several of them, for any of junction, cls, scenario, cfg, rotation, seat, traffic, rule.
+
+    Raises:
+        ScenarioError: another keyword.
+    """
+    for key in where:
+        if key not in KEYS:
+            raise ScenarioError(f"@rvads.known selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
+    values = {key: (value,) if isinstance(value, str | int) else tuple(value) for key, value in where.items()}
+    mark: pytest.MarkDecorator = pytest.mark.rvads_known(name, reason=reason, **values)
+    return mark
+
+
+def register_marks(config: pytest.Config) -> None:
+    """Tell pytest about the marks."""
+    for line in (
+        "rvads_scenario(junction, ...): run over scenarios; written as @rvads.scenario",
+        "rvads_known(name, ...): cells of a known deficiency; written as @rvads.known",
+        f"rvads({', '.join(KEYS)}): on every item, to select by -m \"rvads(cls=7, rule='p1')\"",
+    ):
+        config.addinivalue_line("markers", line)
