@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from pytest_rvads.logic import formula as f
 from pytest_rvads.logic.block import block
 from pytest_rvads.logic.judge import Judgement
@@ -124,7 +126,8 @@ def _violated(story: Story, worst: Judgement | None) -> str:
         return f"open: {owed}"
     by = collision_cause(worst, run)
     blame = [name(e) for e in responsible(worst, run)] if by else []
-    return happened(worst, name) + (f", caused by {' and '.join(blame)}" if blame else "")
+    # Whether it was one step too early or many is no other violation.
+    return happened(replace(worst, together=False), name) + (f", caused by {' and '.join(blame)}" if blame else "")
 
 
 def _roles(story: Story, worst: Judgement | None) -> str:
