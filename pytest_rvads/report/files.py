@@ -33,7 +33,14 @@ def save(path: Path, report: Report) -> None:
         raise RvadsError(f"a report is a {' or '.join(FORMATS)} file, got {str(path)!r}")
     text = FORMATS[path.suffix](report)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    # An earlier report, perhaps the baseline, outlives a disk that is full.
+    part = path.with_name(f"{path.name}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def append_summary(path: Path, report: Report) -> None:

@@ -1,0 +1,95 @@
+"""Sessions that are interrupted or can't write keep every verdict reached, and say what is missing."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+TESTS = """
+    from pathlib import Path
+    import pytest
+    import pytest_rvads as rvads
+
+    class Racer(rvads.Follower):
+        def target_speed(self, seen):
+            return 8.0
+
+    @pytest.fixture
+    def rvads_autopilot():
+        return Racer
+
+    @rvads.scenario("stop4", grid="B", rules="p1", duration=3)
+    def test_rules(run, rule, monitor):
+        Path("started").touch()
+        monitor.check(rule)
+"""
+
+
+@pytest.mark.parametrize("workers", [(), ("-n", "2")])
+def test_ctrl_c(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
+    pytester.makepyfile(test_it=TESTS)
+    command = [sys.executable, "-m", "pytest", "-v", "--rvads-report=out.json", *workers]
+    session = subprocess.Popen(
+        command,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # in the background, shells have it ignored
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    while not Path("started").exists() and session.poll() is None:
+        time.sleep(0.01)
+    time.sleep(0.5)
+    session.send_signal(signal.SIGINT)
+    said, _ = session.communicate(timeout=60)
+    assert session.returncode == pytest.ExitCode.INTERRUPTED, said
+    content = json.loads(Path("out.json").read_text(encoding="utf-8"))
+    counts = Counter(r["status"] for r in content["records"])
+    assert counts["FAIL"] == said.count(" FAILED "), "every verdict that was reached is there"
+    assert counts["FAIL"] >= 1
+    assert counts["FAIL"] + counts["NOT RUN"] == 24
+    note = f"the session did not end by itself (exit status 2): {counts['NOT RUN']} items did not run"
+    assert content["notes"] == [note]
+    assert f"rvads: {note}" in said
+
+
+def test_artefacts_that_can_t_be_written_cost_no_verdict(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_it=TESTS)
+    pytester.path.joinpath("file").write_text("in the way", encoding="utf-8")
+    result = pytester.runpytest("-k", "class01 or class02", "--rvads-keep=file", "--rvads-artefacts=file")
+    result.assert_outcomes(failed=2)
+    result.stdout.fnmatch_lines(
+        ["look      not drawn: *", "stop4: *2 verdicts: 2 fail", "rvads: the runs of 2 items could not be kept: *"]
+    )
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+
+
+def test_what_should_be_kept_and_is_not_is_no_success(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_it=TESTS.replace("monitor.check(rule)", "monitor.verdict(rule)"))
+    pytester.path.joinpath("file").write_text("in the way", encoding="utf-8")
+    result = pytester.runpytest("-k", "class01", "--rvads-keep=file")
+    result.assert_outcomes(passed=1)
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+
+
+def test_a_damaged_run_is_kept_again(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_it=TESTS)
+    pytester.runpytest("-k", "class01", "--rvads-keep=runs")
+    (kept,) = pytester.path.joinpath("runs").iterdir()
+    whole = kept.read_bytes()
+    kept.write_bytes(whole[:100])
+    pytester.runpytest("-k", "class01", "--rvads-keep=runs").stdout.no_fnmatch_line("*could not be kept*")
+    assert kept.read_bytes() == whole
+
+
+def test_an_earlier_report_outlives_a_failed_one(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_it=TESTS)
+    pytester.path.joinpath("out.json").write_text("earlier", encoding="utf-8")
+    pytester.path.joinpath("out.json.part").mkdir()  # so that nothing can be written beside it
+    result = pytester.runpytest("-k", "class01", "--rvads-report=out.json")
+    result.stdout.fnmatch_lines(["rvads: the report could not be written: *"])
+    assert pytester.path.joinpath("out.json").read_text(encoding="utf-8") == "earlier"
