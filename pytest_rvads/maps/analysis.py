@@ -206,6 +206,9 @@ def _reason(
     type = document.junctions[id].type
     if type not in ("default", ""):
         return f'it is of type "{type}", and only junctions made of connecting roads (type "default") can be used'
+    lost = _left_out(document, network, id)
+    if lost is not None:
+        return f"road {lost!r}, which belongs to it or leads to it, has no geometry or no length"
     if not ways:
         return "no drivable lane leads through it"
     for one, two in pairs:
@@ -239,6 +242,19 @@ def _reason(
         listed = ", ".join(f"{i} to {k}" for i, k in missing[:6])
         return f"it lacks {len(missing)} movements: from entrance to exit {listed}; every entrance needs one to each other arm"
     return _widest_gap(network, ways)
+
+
+def _left_out(document: Document, network: Network, id: str) -> str | None:
+    """Return a road of a junction, or one that it connects, whose lanes have no place."""
+    if not network.left_out:
+        return None
+    for row in document.junctions[id].connections:
+        road = document.roads.get(row.connecting)
+        links = () if road is None else (road.predecessor, road.successor)
+        for name in (row.incoming, row.connecting, *(link.element for link in links if link is not None and not link.junction)):
+            if name in network.left_out:
+                return name
+    return None
 
 
 def _widest_gap(network: Network, ways: Sequence[Way]) -> str | None:

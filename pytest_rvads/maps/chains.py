@@ -29,8 +29,14 @@ def add_edges(draft: Draft, road: Road, *, left_hand: bool) -> None:
     """Make the edges of `road` and link them to each other.
 
     Raises:
-        MapError: the road has no geometry, or coordinates that are not finite.
+        MapError: coordinates that are not finite.
     """
+    if not road.shapes or road.length <= 0:
+        if any(lane.drivable for section in road.sections for lane in section.lanes.values()):
+            what = "no plan-view geometry" if not road.shapes else "no length"
+            draft.warn(Doubt.LENGTH, f"road {road.id!r} has lanes but {what}; it was left out", road.id)
+            draft.left_out.add(road.id)
+        return
     lines = lane_lines(road, draft.warnings)
     links = _section_links(road, lines, left_hand)
     follow: dict[_Node, list[_Node]] = defaultdict(list)

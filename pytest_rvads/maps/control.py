@@ -8,6 +8,7 @@ entrance lanes at the end of the road it stands near, or by the lanes it names; 
 from __future__ import annotations
 
 import math
+import re
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
@@ -25,6 +26,19 @@ SIGNAL_RANGE = 50.0
 LINE_RANGE = 10.0
 """Farthest place of a stopping line before the entrance vertex [m]."""
 _STOP = frozenset({"206", "r1", "r1-1", "stop"})
+_STOP_ABROAD = frozenset(
+    {
+        *(("gb", "601.1"), ("uk", "601.1"), ("gbr", "601.1"), ("fr", "ab4"), ("fra", "ab4"), ("be", "b5"), ("bel", "b5")),
+        *(("nl", "b7"), ("nld", "b7"), ("es", "r2"), ("esp", "r2"), ("pl", "b20"), ("pol", "b20"), ("cz", "p6"), ("cze", "p6")),
+        *(("se", "b2"), ("swe", "b2"), ("fi", "b6"), ("fin", "b6"), ("no", "204"), ("nor", "204"), ("dk", "b13"), ("dnk", "b13")),
+        *(("ch", "3.01"), ("che", "3.01"), ("jp", "330"), ("jpn", "330"), ("jp", "330a"), ("ca", "ra1"), ("can", "ra1")),
+    }
+)
+"""Country and number of the stop sign in catalogues other than the German and the US one."""
+_UNTYPED = frozenset({"", "-1", "none", "unknown"})
+_STOP_NAME = re.compile(r"(?<![a-z])stop([ _-]?sign)?(?![a-z])|(?<![a-z])sign[ _-]?stop(?![a-z])")
+_LIGHT_NAME = re.compile(r"traffic[ _-]?(light|signal)|signal[ _-]?3?light")
+_OTHER_NAME = re.compile(r"pedestrian|walk|bicycle|bike|bus|tram|rail|line|ahead")
 _LIGHT = frozenset({1_000_001, *range(1_000_008, 1_000_013), *range(1_000_020, 1_000_100)})
 
 
@@ -55,12 +69,26 @@ def kind_of(signal: Signal) -> ObjectKind | None:
     """Return what a signal is to the rules: a stop sign, a light for vehicles, a stop line, or nothing."""
     if signal.line:
         return ObjectKind.LINE
+    if signal.type in _UNTYPED:
+        return _by_name(signal.name)
     if signal.type in _STOP:
         # In the US catalogue R1 with subtype 2 is the yield sign R1-2.
         return None if signal.type == "r1" and signal.subtype == "2" else ObjectKind.STOP
-    if signal.dynamic and signal.type.isascii() and signal.type.isdigit() and int(signal.type[:9]) in _LIGHT:
+    if (signal.country, re.sub(r"[\s_-]", "", signal.type)) in _STOP_ABROAD:
+        return ObjectKind.STOP
+    digits = signal.type.replace(".", "")  # the catalogue of the standard writes 1.000.001
+    if signal.dynamic and digits.isascii() and digits.isdigit() and int(digits[:9]) in _LIGHT:
         return ObjectKind.LIGHT
     return None
+
+
+def _by_name(name: str) -> ObjectKind | None:
+    """Return what a signal without type is, by its name; what is not clearly for vehicles is nothing."""
+    if _OTHER_NAME.search(name):
+        return None
+    if _LIGHT_NAME.search(name):
+        return ObjectKind.LIGHT
+    return ObjectKind.STOP if _STOP_NAME.search(name) else None
 
 
 def attach(
@@ -171,12 +199,16 @@ class _Attacher:
         return found
 
     def _near_end(self, road: Road, signal: Signal) -> list[tuple[str, Edge]]:
+        """Return (junction, entrance edge) near a signal on a road outside, on this road or on one it leads into."""
         reach = min(SIGNAL_RANGE, road.length / 2)
         ends: dict[bool, list[tuple[str, Edge]]] = {}
         for edge in self.by_road[road.id]:
             distance = abs((road.length if edge.forward else 0.0) - signal.s)
-            if edge.id in self.entered and distance <= reach + 1e-6:
-                ends.setdefault(edge.forward, []).extend((junction, edge) for junction in self.entered[edge.id])
+            if edge.id in self.entered:
+                if distance <= reach + 1e-6:
+                    ends.setdefault(edge.forward, []).extend((junction, edge) for junction in self.entered[edge.id])
+            elif places := self._ahead(edge, distance):
+                ends.setdefault(edge.forward, []).extend(places)
         if len(ends) == 2:
             return ends[signal.orientation != "-"]
         for forward, places in ends.items():
@@ -184,6 +216,22 @@ class _Attacher:
                 for junction, _ in places[:1]:
                     self.inverted[junction].append(signal.id)
             return places
+        return []
+
+    def _ahead(self, edge: Edge, distance: float) -> list[tuple[str, Edge]]:
+        """Return (junction, entrance edge) that traffic reaches within `SIGNAL_RANGE` from `distance` before the end of `edge`.
+
+        That is where the last road before a junction is so short that its signals stand on the road before.
+        """
+        seen = {edge.id}
+        while distance <= SIGNAL_RANGE and len(edge.after) == 1 and edge.after[0] not in seen:
+            edge = self.network.edges[edge.after[0]]
+            seen.add(edge.id)
+            distance += edge.length
+            if edge.junction is not None:
+                return []
+            if edge.id in self.entered:
+                return [(junction, edge) for junction in self.entered[edge.id]] if distance <= SIGNAL_RANGE else []
         return []
 
     def _lines(self, signal: Signal) -> list[tuple[str, str]]:

@@ -14,7 +14,7 @@ class Doubt(StrEnum):
     GAP = "gap"
     """Two linked lanes, or two pieces of a reference line, do not meet."""
     LENGTH = "length"
-    """The drawn reference line is not as long as the road says."""
+    """The drawn reference line is not as long as the road says, or there is none and the road was left out."""
     KINK = "kink"
     """A reference line bends sharply at a joint; the lane on the inner side was cut there."""
     ORIENTATION = "orientation"
@@ -30,7 +30,7 @@ class Doubt(StrEnum):
     ORDER = "order"
     """The movements of an entrance do not follow the cyclic order of the exits."""
     SIDE = "side"
-    """A road does not say on which side traffic keeps; the side of the other roads was assumed."""
+    """A road does not say on which side traffic keeps, or says the wrong one; what the lanes need was taken."""
     UNITS = "units"
     """The header states a length unit; the standard's metres were taken."""
 

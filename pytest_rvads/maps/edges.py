@@ -83,6 +83,8 @@ class Draft:
         """Per junction, the links into it that its connection table has."""
         self.linked: dict[str, set[tuple[str, str]]] = defaultdict(set)
         """Per junction, the links into it that its connecting roads have."""
+        self.left_out: set[str] = set()
+        """Roads whose lanes have no place."""
 
     def warn(self, kind: Doubt, message: str, road: str | None = None, junction: str | None = None) -> None:
         """Add a warning."""
@@ -125,4 +127,6 @@ class Network:
     """Per direct junction, the pairs of edges it links."""
     inside: dict[str, tuple[str, ...]]
     """Per junction, the edges that lie in it."""
+    left_out: frozenset[str]
+    """Roads whose lanes have no place, because the road has no geometry or no length."""
     warnings: tuple[MapWarning, ...]

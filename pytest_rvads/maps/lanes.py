@@ -71,18 +71,14 @@ def lane_lines(road: Road, warnings: list[MapWarning]) -> list[dict[int, LaneLin
     """Return the centre lines of the drivable lanes of `road`, per lane section by lane id.
 
     Args:
-        road: the road.
+        road: the road, with geometry if any lane is drivable.
         warnings: gaps, kinks and length mismatches of the reference line are appended here.
 
     Raises:
-        MapError: the road has no geometry, or coordinates that are not finite.
+        MapError: coordinates that are not finite.
     """
     if not any(lane.drivable for section in road.sections for lane in section.lanes.values()):
         return [{} for _ in road.sections]
-    if not road.shapes:
-        raise MapError(f"road {road.id!r} has lanes but no plan-view geometry, expected at least one <geometry>")
-    if not road.length > 0:
-        raise MapError(f"road {road.id!r} has the length {road.length:g} m, expected more than 0")
     found = []
     with np.errstate(all="ignore"):
         _check_shapes(road, warnings)

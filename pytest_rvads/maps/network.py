@@ -44,7 +44,16 @@ def build(document: Document) -> Network:
             inside[edge.junction].append(edge.id)
     table = {junction: tuple(ids) for junction, ids in inside.items()}
     sides = kept_sides(draft, leftward)
-    return Network(draft.edges, draft.arriving, draft.departing, sides, dict(draft.direct), table, tuple(draft.warnings))
+    return Network(
+        draft.edges,
+        draft.arriving,
+        draft.departing,
+        sides,
+        dict(draft.direct),
+        table,
+        frozenset(draft.left_out),
+        tuple(draft.warnings),
+    )
 
 
 def _bound(document: Document) -> None:

@@ -67,14 +67,21 @@ def read(path: str | os.PathLike[str]) -> Document:
 
 
 def _adopt(roads: dict[str, Road], junctions: dict[str, JunctionRecord], warnings: list[MapWarning]) -> None:
-    """Put connecting roads into their junction where the road itself says it lies outside of any."""
+    """Put connecting roads into the junction whose table names them, and take roads out of junctions that do not exist."""
+    for road in list(roads.values()):
+        if road.junction is not None and road.junction not in junctions:
+            roads[road.id] = replace(road, junction=None)
+            message = (
+                f"road {road.id!r} says it lies in junction {road.junction!r}, which does not exist; taken as outside of any"
+            )
+            warnings.append(MapWarning(Doubt.LINK, message, road.id))
     for junction in junctions.values():
         for row in junction.connections if junction.type in ("default", "") else ():
-            road = roads.get(row.connecting)
-            if road is not None and road.junction is None:
-                roads[road.id] = replace(road, junction=junction.id)
-                message = f"road {road.id!r} connects roads in junction {junction.id!r} but does not say that it lies in it"
-                warnings.append(MapWarning(Doubt.TABLE, message, road.id, junction.id))
+            connecting = roads.get(row.connecting)
+            if connecting is not None and connecting.junction is None:
+                roads[connecting.id] = replace(connecting, junction=junction.id)
+                message = f"road {connecting.id!r} connects roads in junction {junction.id!r} but does not say that it lies in it"
+                warnings.append(MapWarning(Doubt.TABLE, message, connecting.id, junction.id))
 
 
 def _header(header: Element | None, warnings: list[MapWarning]) -> None:
@@ -205,9 +212,11 @@ def _signals(road: Element, id: str, place: str) -> list[Signal]:
                 reference,
                 type,
                 element.get("subtype", "").strip().lower(),
-                element.get("dynamic", "").lower() == "yes",
+                element.get("dynamic", "").lower() in ("yes", "true", "1"),
                 _validity(element, place),
                 not reference and (type == "294" or any(word in text for word in _STOP_LINE)),
+                element.get("country", "").lower(),
+                text,
             )
         )
     for element in road.iterfind("objects/object"):

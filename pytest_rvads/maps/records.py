@@ -22,8 +22,8 @@ __all__ = [
     "Signal",
 ]
 
-DRIVABLE = frozenset({"driving", "entry", "exit", "onramp", "offramp", "connectingramp", "sliplane"})
-"""Lane types (in lower case) that vehicles drive on."""
+DRIVABLE = frozenset({"driving", "entry", "exit", "mwyentry", "mwyexit", "onramp", "offramp", "connectingramp", "sliplane"})
+"""Lane types (in lower case) that vehicles drive on; mwyEntry and mwyExit are entry and exit before version 1.4."""
 
 
 class Cubic(NamedTuple):
@@ -106,6 +106,10 @@ class Signal(NamedTuple):
     """Ranges of lane ids it is valid for; empty where the file gives none."""
     line: bool
     """True for a stop line."""
+    country: str = ""
+    """In lower case, as the file has it."""
+    name: str = ""
+    """In lower case."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,177 @@
+"""What writers leave out of a file is completed where only one answer is possible, each time with a warning."""
+
+import copy
+import math
+from collections import Counter
+from xml.etree.ElementTree import Element, SubElement
+
+import pytest
+
+from pytest_rvads.maps.junction import JunctionControl
+
+
+def arms(root: Element) -> list[Element]:
+    return [road for road in root.findall("road") if road.get("junction") == "-1"]
+
+
+def connecting(root: Element) -> list[Element]:
+    return [road for road in root.findall("road") if road.get("junction") != "-1"]
+
+
+def drop(parents: list[Element], tag: str) -> None:
+    for parent in parents:
+        for child in parent.findall(tag):
+            parent.remove(child)
+
+
+def lane_links(root: Element) -> None:
+    drop(list(root.iter("lane")), "link")
+    drop(list(root.iter("connection")), "laneLink")
+
+
+def contacts_of_roads(root: Element) -> None:
+    for road in connecting(root):
+        for link in road.find("link"):
+            link.attrib.pop("contactPoint", None)
+
+
+def contacts(root: Element) -> None:
+    contacts_of_roads(root)
+    for row in root.iter("connection"):
+        del row.attrib["contactPoint"]
+
+
+def links_of_connecting_roads(root: Element) -> None:
+    drop(connecting(root), "link")
+
+
+def links_of_roads(root: Element) -> None:
+    drop(root.findall("road"), "link")
+
+
+def contacts_and_lane_links(root: Element) -> None:
+    contacts(root)
+    lane_links(root)
+
+
+@pytest.mark.parametrize("left_hand", [False, True])
+@pytest.mark.parametrize(
+    "missing", [lane_links, contacts_of_roads, contacts, links_of_connecting_roads, links_of_roads, contacts_and_lane_links]
+)
+def test_missing_links_are_completed(read, tree, missing, left_hand: bool) -> None:
+    whole, root = read(tree(ways=5, stop=25, left_hand=left_hand)).report("1"), tree(ways=5, stop=25, left_hand=left_hand)
+    missing(root)
+    road_map = read(root)
+    report = road_map.report("1")
+    assert report.usable, report.reason
+    assert [way[:4] for way in report.movements] == [way[:4] for way in whole.movements]
+    assert (report.right_of, report.control) == (whole.right_of, whole.control)
+    assert {warning.kind for warning in road_map.warnings} >= {"link"}
+
+
+def test_lanes_that_do_not_meet_are_not_linked(read, tree) -> None:
+    """The first arm lies 0.2 m beside its place: nothing tells that it belongs there."""
+    root = tree()
+    lane_links(root)
+    shape = arms(root)[0].find("planView/geometry")
+    heading = float(shape.get("hdg"))
+    shape.set("x", repr(float(shape.get("x")) - 0.2 * math.sin(heading)))
+    shape.set("y", repr(float(shape.get("y")) + 0.2 * math.cos(heading)))
+    report = read(root).report("1")
+    assert report.ways == 3
+
+
+def test_a_junction_that_does_not_exist_is_none(read, tree) -> None:
+    root = tree()
+    for arm in arms(root):
+        arm.set("junction", "0")
+    road_map = read(root)
+    assert road_map.report("1").usable
+    assert Counter(warning.kind for warning in road_map.warnings) == {"link": 4}
+    assert "junction '0', which does not exist" in road_map.warnings[0].message
+
+
+@pytest.mark.parametrize("what", ["planView", "length", "connecting"])
+def test_a_road_without_a_place_makes_its_junction_unusable(read, tree, what: str) -> None:
+    """It is left out, and the rest of the map can be used; the junction must not become a T."""
+    root = tree()
+    road = (connecting if what == "connecting" else arms)(root)[0]
+    if what == "length":
+        road.set("length", "0")
+    else:
+        drop([road], "planView")
+    road_map = read(root)
+    assert road_map.warnings[0].kind == "length"
+    assert f"road '{road.get('id')}' has lanes but no " in road_map.warnings[0].message
+    assert f"road '{road.get('id')}', which belongs to it or leads to it, has no geometry" in (road_map.report("1").reason or "")
+
+
+def split(root: Element, near: float, signal: float) -> None:
+    """Cut every arm `near` metres before the junction; its signals stand on the road behind, `signal` metres from the cut."""
+    for arm in arms(root):
+        far = copy.deepcopy(arm)
+        far.set("id", f"far{arm.get('id')}")
+        shape, moved = arm.find("planView/geometry"), far.find("planView/geometry")
+        heading = float(shape.get("hdg"))
+        moved.set("x", repr(float(shape.get("x")) + near * math.cos(heading)))
+        moved.set("y", repr(float(shape.get("y")) + near * math.sin(heading)))
+        for part in (arm, shape):
+            part.set("length", repr(near))
+        for part in (far, moved):
+            part.set("length", repr(120 - near))
+        drop([far], "link")
+        drop([far], "objects")
+        drop([arm], "signals")
+        for element in far.iter("signal"):
+            element.set("s", repr(signal))
+        to = {"elementType": "road", "contactPoint": "start"}
+        SubElement(arm.find("link"), "successor", {**to, "elementId": far.get("id")})
+        SubElement(SubElement(far, "link"), "predecessor", {**to, "elementId": arm.get("id"), "contactPoint": "end"})
+        root.insert(0, far)
+
+
+@pytest.mark.parametrize(
+    ("near", "signal", "found"), [(4.0, 2.0, True), (4.0, 45.0, True), (4.0, 47.0, False), (60.0, 1.0, False)]
+)
+@pytest.mark.parametrize("control", [JunctionControl.STOP, JunctionControl.LIGHTS])
+def test_signals_on_the_road_before_a_short_one(
+    read, tree, near: float, signal: float, found: bool, control: JunctionControl
+) -> None:
+    """Within 50 m of the junction."""
+    root = tree(control=control)
+    split(root, near, signal)
+    report = read(root).report("1")
+    assert report.usable
+    assert report.approach == pytest.approx((120.0,) * 4)
+    assert report.control is (control if found else JunctionControl.NONE)
+
+
+def typed(root: Element, **attributes: str) -> None:
+    for element in root.iter("signal"):
+        element.attrib.update(attributes)
+
+
+@pytest.mark.parametrize(
+    ("control", "attributes", "found"),
+    [
+        ("lights", {"type": "1.000.001"}, "lights"),
+        ("lights", {"dynamic": "true"}, "lights"),
+        ("lights", {"type": "-1", "name": "Signal_3Light_Post01"}, "lights"),
+        ("lights", {"type": "", "name": "TrafficLight"}, "lights"),
+        ("lights", {"type": "-1", "name": "PedestrianTrafficLight"}, "none"),
+        ("lights", {"type": "1000002", "name": "TrafficLight"}, "none"),
+        ("stop", {"type": "-1", "name": "Sign_Stop"}, "stop"),
+        ("stop", {"type": "none", "name": "StopSign_02"}, "stop"),
+        ("stop", {"type": "-1", "name": "BusStop"}, "none"),
+        ("stop", {"type": "-1", "name": "Sign_NoStopping"}, "none"),
+        ("stop", {"type": "601.1", "country": "GB"}, "stop"),
+        ("stop", {"type": "B2", "country": "SE"}, "stop"),
+        ("stop", {"type": "B2", "country": "PL"}, "none"),
+        ("stop", {"type": "B-20", "country": "PL"}, "stop"),
+        ("stop", {"type": "205"}, "none"),
+    ],
+)
+def test_types_of_signals(read, tree, control: str, attributes: dict[str, str], found: str) -> None:
+    root = tree(control=JunctionControl(control))
+    typed(root, **attributes)
+    assert read(root).report("1").control == found
