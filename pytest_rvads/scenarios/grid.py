@@ -13,7 +13,18 @@ from itertools import product
 from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.maps.junction import JunctionControl
 
-__all__ = ["PAPER", "Configuration", "Envelope", "configuration", "explicit", "explicit_label", "grid", "outside", "per_entrance"]
+__all__ = [
+    "PAPER",
+    "Configuration",
+    "Envelope",
+    "configuration",
+    "explicit",
+    "explicit_label",
+    "grid",
+    "outside",
+    "per_entrance",
+    "probe",
+]
 
 Envelope = Callable[[float], float | None]
 """v(d)max: distance to the stopping line [m] to the greatest safe speed [m/s], None where even 0 m/s is unsafe."""
@@ -107,6 +118,18 @@ def outside(point: Configuration, envelope: Envelope) -> tuple[float, float] | N
         if limit is None or speed > limit:
             return distance, speed
     return None
+
+
+def probe(point: Configuration, envelope: Envelope) -> str:
+    """Return what `point` deliberately probes, as a sentence; an empty one where it is a fair start like any other."""
+    beyond = outside(point, envelope)
+    if beyond is not None:
+        distance, speed = beyond
+        limit = envelope(distance) or 0.0
+        return f"a deliberate probe: at {speed:g} m/s nobody stops within {distance:g} m, v(d)max is {limit:.2f} m/s"
+    if min(point.distances) <= _NEAR:
+        return f"a deliberate probe: {_NEAR:g} m before the line nobody stays who drives off before looking"
+    return ""
 
 
 def per_entrance(name: str, value: float | Sequence[float], ways: int) -> tuple[float, ...]:

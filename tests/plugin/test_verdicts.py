@@ -55,6 +55,23 @@ def test_pass_fail_and_na(files: pytest.Pytester) -> None:
     result.stdout.no_fnmatch_line("*judging.py*")
 
 
+def test_the_failure_of_a_deliberate_probe_says_so(pytester: pytest.Pytester) -> None:
+    pytester.makeconftest(CONFTEST)
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", scenarios="1133", distances=5, speeds=[5, 11], probe=True, rules="p1")
+        def test_racer(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest()
+    result.assert_outcomes(failed=2)
+    (shown,) = (line for line in result.outlines if line.startswith("probe     "))
+    assert shown.startswith("probe     a deliberate probe: at 11 m/s nobody stops within 5 m, v(d)max is ")
+
+
 def test_the_explanation_has_start_and_a_rerun_line_that_works(files: pytest.Pytester) -> None:
     result = files.runpytest("-k", "racer and p1")
     result.stdout.fnmatch_lines(

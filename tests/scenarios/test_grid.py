@@ -6,7 +6,7 @@ import pytest
 
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.scenarios.grid import configuration, explicit, grid, outside
+from pytest_rvads.scenarios.grid import configuration, explicit, grid, outside, probe
 
 
 def test_the_letters_are_those_of_the_papers_tables() -> None:
@@ -75,3 +75,12 @@ def test_unknown_configuration_and_empty_grid() -> None:
         grid("DK", 4, JunctionControl.STOP)
     with pytest.raises(ScenarioError, match="at least one configuration"):
         grid((), 4, JunctionControl.STOP)
+
+
+def test_probes_say_what_they_probe() -> None:
+    (fast,) = explicit((20.0, 1.0, 20.0, 20.0), 4.0, 4)
+    assert probe(fast, lambda distance: 2.0 * distance) == (
+        "a deliberate probe: at 4 m/s nobody stops within 1 m, v(d)max is 2.00 m/s"
+    )
+    assert "drives off before looking" in probe(configuration("A", 4), lambda distance: 10.0)
+    assert [probe(configuration(letter, 4), lambda distance: 10.0) for letter in "BCDE"] == [""] * 4
