@@ -27,6 +27,7 @@ from pytest_rvads.maps.segment import Turn as Turn
 from pytest_rvads.physics.braking import vmax as vmax
 from pytest_rvads.physics.simulation import simulate as simulate
 from pytest_rvads.scenarios.scenario import Scenario as Scenario
+from pytest_rvads.scenarios.senses import Senses as Senses
 from pytest_rvads.search.metamorphic import equivalent as equivalent
 from pytest_rvads.semantics.commands import (
     Acceleration as Acceleration,

@@ -51,7 +51,7 @@ def cells_of(
         "junction": junction.name,
         "cls": scenario.number,
         "scenario": label(scenario.placed),
-        "cfg": scenario.configuration,
+        "cfg": scenario.point,
         "rotation": scenario.rotation,
     }
     if scenario.subject is not None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pytest_rvads.maps.junction import Junction
     from pytest_rvads.options import Options
     from pytest_rvads.scenarios.grid import Configuration
+    from pytest_rvads.scenarios.senses import Senses
 
 __all__ = ["expand"]
 
@@ -111,6 +112,7 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
         aggression=ask["aggression"],
         wait=ask["wait"],
         subject=ask["subject"],
+        senses=_senses(ask["senses"]),
     )
     policies = _policies(ask["subject"], ask["traffic"])
     if options.rules:
@@ -125,7 +127,7 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
                 f"no rule of {ask['rules'] or default!r} is about a junction with control {junction.control.value!r} like "
                 f"{junction.name!r}: name rules outright, `rvads rules` lists them"
             )
-    rows, points = selection.count(), len(selection.configurations)
+    rows, points = selection.count(), len(selection.configurations) * len(selection.senses)
     total = rows * points * len(policies) * len(rules)
     if total > options.max_items:
         among = f" × {len(policies)} kinds of traffic" if len(policies) > 1 else ""
@@ -136,6 +138,16 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
     for scenario in selection:
         scenario.fit(junction)
         yield from cells_of(scenario, junction, policies, rules)
+
+
+def _senses(asked: Any) -> tuple[Senses, ...]:
+    """Return the senses to run with, one after the other."""
+    from pytest_rvads.scenarios.senses import IDEAL, Senses
+
+    if isinstance(asked, Mapping):
+        return Senses.grid(asked)
+    found = _several("senses", asked, Senses, "rvads.Senses(...) or a dict of their fields")
+    return (IDEAL,) if found is None else found
 
 
 def _policies(subject: int | str | None, traffic: Any) -> tuple[Policy | None, ...]:

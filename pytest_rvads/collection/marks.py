@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,6 +12,7 @@ from pytest_rvads.errors import ScenarioError, suggest
 
 if TYPE_CHECKING:
     from pytest_rvads.logic.rules import Rule
+    from pytest_rvads.scenarios.senses import Senses
 
 __all__ = ["known", "register_marks", "scenario"]
 
@@ -30,6 +31,7 @@ def scenario(
     rules: str | Rule | Iterable[str | Rule] | None = None,
     subject: int | str | None = None,
     traffic: str | Callable[[], Any] | Iterable[str | Callable[[], Any]] | None = None,
+    senses: Senses | Iterable[Senses] | Mapping[str, Any] | None = None,
     duration: float = 60.0,
     aggression: int = 1,
     wait: float = 1.5,
@@ -56,6 +58,8 @@ def scenario(
         traffic: with a subject, what drives the others: a policy by name (``"reference"`` by default, ``"hesitant"``,
             ``"rolling_stop"``, ``"late_yielder"``, ``"red_light_runner"``, ``"stopped"``, ``"lgsvl"``), an autopilot or
             traffic system of your own, or several of these to run one after the other.
+        senses: how imperfectly the vehicle under test sees and acts: `Senses`, several of them to run one after the other,
+            or a dict of its fields, ``{"delay": [0, 0.1, 0.2], "range": 40}``; lists are multiplied out. Ideal by default.
         duration: longest run [s].
         aggression: braking level 1, 2 or 3.
         wait: the random draw of autopilots that have one [s].

@@ -14,6 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.errors import AutopilotError, RunError, ScenarioError
+from pytest_rvads.physics.latency import Latency
+from pytest_rvads.physics.perception import Perception
+from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.semantics.commands import Command, trouble
 from pytest_rvads.semantics.run import DT
 from pytest_rvads.semantics.states import Agent, Control, Observation
@@ -60,7 +63,7 @@ class Seat:
         Halt: no method ``control``, or a period that is not a multiple of the step.
     """
 
-    def __init__(self, agent: Agent, autopilot: Any) -> None:
+    def __init__(self, agent: Agent, autopilot: Any, senses: Senses = IDEAL, key: str = "") -> None:
         self.agent = agent
         self.name = getattr(autopilot, "label", type(autopilot).__qualname__)
         self.autopilot = autopilot
@@ -73,6 +76,9 @@ class Seat:
         self._every = self._steps(getattr(autopilot, "period", DT))
         self._held: Command = Control()
         self._tracker: Tracker | None = None
+        key = f"{key} {agent.name}"
+        self._perception = Perception(senses, key) if senses.blurred else None
+        self._latency = Latency(senses, key) if senses.latency or senses.jitter else None
 
     def command(self, step: int, seen: Observation) -> Control:
         """Return the control for the step that starts in state number `step`.
@@ -80,35 +86,43 @@ class Seat:
         Raises:
             Halt: the autopilot raised, or its answer is not a command.
         """
+        if self._perception is not None:
+            self._perception.watch(seen)
         if step % self._every == 0:
-            try:
-                answer = self._ask(seen)
-            except AutopilotError as error:
-                where = f"{self.name} driving {self.agent.name} at {seen.time:.2f} s"
-                raise Halt(self.agent.name, f"{where}: {error}", getattr(error, "detail", "")) from error
-            except _MISHAPS as error:
-                raise Halt(
-                    self.agent.name, f"{self.name} driving {self.agent.name} {_describe(error)} at {seen.time:.2f} s"
-                ) from error
-            if type(answer) is Control:
-                throttle, brake, steering = answer
-                # Plain floats in range are the usual case; everything else is looked at closely.
-                if type(throttle) is type(brake) is type(steering) is float and (
-                    0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0 and -1.5 < steering < 1.5
-                ):
-                    self._held = answer
-                    return answer
-            try:
-                self._held = self._checked(answer, seen.time)
-            except Halt as halt:
-                if callable(getattr(self.autopilot, "abandon", None)):
-                    halt.detail = self.autopilot.abandon()
-                raise
-        if isinstance(self._held, Control):
-            return self._held
+            self._held = self._answer(seen if self._perception is None else self._perception.view(seen))
+            if self._latency is not None:
+                self._latency.send(step, self._held)
+        command = self._held if self._latency is None else self._latency.held(step)
+        if isinstance(command, Control):
+            return command
         if self._tracker is None:
             self._tracker = Tracker()
-        return self._tracker.control(self._held, seen)
+        # The tracking controller sits in the vehicle: it knows where it is.
+        return self._tracker.control(command, seen)
+
+    def _answer(self, seen: Observation) -> Command:
+        try:
+            answer = self._ask(seen)
+        except AutopilotError as error:
+            where = f"{self.name} driving {self.agent.name} at {seen.time:.2f} s"
+            raise Halt(self.agent.name, f"{where}: {error}", getattr(error, "detail", "")) from error
+        except _MISHAPS as error:
+            raise Halt(
+                self.agent.name, f"{self.name} driving {self.agent.name} {_describe(error)} at {seen.time:.2f} s"
+            ) from error
+        if type(answer) is Control:
+            throttle, brake, steering = answer
+            # Plain floats in range are the usual case; everything else is looked at closely.
+            if type(throttle) is type(brake) is type(steering) is float and (
+                0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0 and -1.5 < steering < 1.5
+            ):
+                return answer
+        try:
+            return self._checked(answer, seen.time)
+        except Halt as halt:
+            if callable(getattr(self.autopilot, "abandon", None)):
+                halt.detail = self.autopilot.abandon()
+            raise
 
     def _steps(self, period: Any) -> int:
         if isinstance(period, Real) and not isinstance(period, bool) and math.isfinite(period):
@@ -145,7 +159,14 @@ class Seat:
         return Control(min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0), steering)
 
 
-def crew(agents: Sequence[Agent], autopilot: Factory, subject: int | None = None, traffic: Factory | None = None) -> list[Seat]:
+def crew(
+    agents: Sequence[Agent],
+    autopilot: Factory,
+    subject: int | None = None,
+    traffic: Factory | None = None,
+    senses: Senses = IDEAL,
+    key: str = "",
+) -> list[Seat]:
     """Make the autopilots of a run.
 
     Args:
@@ -153,6 +174,8 @@ def crew(agents: Sequence[Agent], autopilot: Factory, subject: int | None = None
         autopilot: drives every vehicle, or the subject alone.
         subject: entrance of the subject, or None.
         traffic: drives the other vehicles where there is a subject.
+        senses: of what `autopilot` drives; traffic sees everything.
+        key: what their random draws depend on, beside the seed and the vehicle.
 
     Returns:
         One seat per agent, in the same order.
@@ -174,8 +197,8 @@ def crew(agents: Sequence[Agent], autopilot: Factory, subject: int | None = None
                 + ("; rvads.traffic(name) returns a traffic policy" if isinstance(factory, str) else "")
             )
     if traffic is None:
-        return _hire(autopilot, agents)
-    seats = {seat.agent: seat for seat in _hire(autopilot, [a for a in agents if a.entrance == subject])}
+        return _hire(autopilot, agents, senses, key)
+    seats = {seat.agent: seat for seat in _hire(autopilot, [a for a in agents if a.entrance == subject], senses, key)}
     seats |= {seat.agent: seat for seat in _hire(traffic, [a for a in agents if a.entrance != subject])}
     return [seats[agent] for agent in agents]
 
@@ -190,14 +213,14 @@ def name_of(factory: Factory | None) -> str | None:
     return str(getattr(inner, "__qualname__", type(inner).__qualname__))
 
 
-def _hire(factory: Factory, agents: Sequence[Agent]) -> list[Seat]:
+def _hire(factory: Factory, agents: Sequence[Agent], senses: Senses = IDEAL, key: str = "") -> list[Seat]:
     """Return the seats of `agents`, filled by one factory, asked in order; or once, if it makes a traffic system."""
     seats: list[Seat] = []
     for agent in agents:
         made = _make(factory, agent)
         if callable(getattr(made, "autopilots", None)):
-            return _delegate(made, agents)
-        seats.append(Seat(agent, made))
+            return [Seat(a, one, senses, key) for a, one in zip(agents, _delegate(made, agents), strict=True)]
+        seats.append(Seat(agent, made, senses, key))
     return seats
 
 
@@ -208,7 +231,7 @@ def _make(factory: Factory, agent: Agent) -> Any:
         raise Halt(agent.name, f"making {name_of(factory)} for {agent.name} {_describe(error)}") from error
 
 
-def _delegate(system: Any, agents: Sequence[Agent]) -> list[Seat]:
+def _delegate(system: Any, agents: Sequence[Agent]) -> list[Any]:
     name = type(system).__qualname__
     try:
         made = list(system.autopilots(tuple(agents)))
@@ -220,7 +243,7 @@ def _delegate(system: Any, agents: Sequence[Agent]) -> list[Seat]:
         raise Halt(
             agents[0].name, f"{name}.autopilots returned {len(made)} autopilots, expected one for each of {len(agents)} agents"
         )
-    return [Seat(agent, one) for agent, one in zip(agents, made, strict=True)]
+    return made
 
 
 def _describe(error: BaseException) -> str:

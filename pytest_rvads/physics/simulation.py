@@ -111,7 +111,9 @@ class _Loop:
         try:
             self._sample()
             order = [self._agents[column] for column in self._active]
-            seats = dict(zip(self._active, crew(order, autopilot, scenario.subject, traffic), strict=True))
+            key = f"{scenario.junction} {scenario.placed} {scenario.configuration}"
+            crewed = crew(order, autopilot, scenario.subject, traffic, scenario.senses, key)
+            seats = dict(zip(self._active, crewed, strict=True))
             self.seats = tuple(seats.values())
             while self._step < last:
                 if all(self._states[i].station >= body.itinerary.leave for i, body in enumerate(self._bodies)):

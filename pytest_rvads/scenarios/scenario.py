@@ -12,6 +12,7 @@ from pytest_rvads.maps.finder import find
 from pytest_rvads.maps.junction import Junction
 from pytest_rvads.scenarios.classes import class_label, class_number, label, parse, rotate
 from pytest_rvads.scenarios.grid import explicit_label, per_entrance
+from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.semantics.itinerary import Itinerary
 from pytest_rvads.semantics.lights import SignalPlan
 from pytest_rvads.semantics.states import Agent
@@ -57,6 +58,8 @@ class Scenario:
     """Entrance of the vehicle under test where the others are traffic, else None."""
     order: tuple[int, ...]
     """Entrances before rotation, in the order in which their vehicles are created."""
+    senses: Senses
+    """How imperfectly the vehicle under test, or all of them, see and act."""
 
     def __init__(
         self,
@@ -73,6 +76,7 @@ class Scenario:
         wait: float = 1.5,
         subject: int | None = None,
         order: Sequence[int] | None = None,
+        senses: Senses = IDEAL,
     ) -> None:
         """Describe a scenario; numbers may be given once for all entrances.
 
@@ -99,6 +103,8 @@ class Scenario:
         made = tuple(range(ways)) if order is None else tuple(order)
         if sorted(made) != list(range(ways)):
             raise ScenarioError(f"order must name each of the entrances 0..{ways - 1} once, got {order!r}")
+        if not isinstance(senses, Senses):
+            raise ScenarioError(f"senses must be rvads.Senses(...), got {senses!r}")
         values = {
             "junction": junction,
             "directions": code,
@@ -112,6 +118,7 @@ class Scenario:
             "wait": float(wait),
             "subject": subject,
             "order": made,
+            "senses": senses,
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -149,7 +156,12 @@ class Scenario:
             turned += f".o{label(self.order)}"
         seat = "" if self.subject is None else f"-s{self.subject}"
         scenario = f"{class_label(self.ways, self.number)}-as{label(self.placed)}{seat}"
-        return f"{junction.name}-{scenario}-cfg{self.configuration}{turned}"
+        return f"{junction.name}-{scenario}-cfg{self.point}{turned}"
+
+    @property
+    def point(self) -> str:
+        """Label of the point of the grid: the configuration, and what is not ideal in the senses."""
+        return ".".join(filter(None, (self.configuration, self.senses.label)))
 
     def find(self) -> Junction:
         """Return the junction, read once per process.
@@ -221,4 +233,6 @@ class Scenario:
 
     def record(self) -> dict[str, Any]:
         """Return the fields as builtins, for records and run files."""
-        return asdict(self)
+        values = asdict(self)
+        values["senses"] = self.senses.record()
+        return values

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.scenarios.classes import (
@@ -19,6 +20,7 @@ from pytest_rvads.scenarios.classes import (
 )
 from pytest_rvads.scenarios.grid import Configuration
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.senses import IDEAL, Senses
 
 __all__ = ["COVERS", "Selection"]
 
@@ -48,6 +50,8 @@ class Selection:
     wait: float = 1.5
     subject: int | str | None = None
     """Entrance of the vehicle under test among traffic, or ``"all"`` for every seat in turn."""
+    senses: tuple[Senses, ...] = (IDEAL,)
+    """One after the other, for every configuration."""
 
     def __post_init__(self) -> None:
         total = count_classes(self.ways)
@@ -76,13 +80,14 @@ class Selection:
         aggression: int = 1,
         wait: float = 1.5,
         subject: int | str | None = None,
+        senses: tuple[Senses, ...] = (IDEAL,),
     ) -> Selection:
         """Build a selection from class numbers or direction strings."""
         for code in scenarios or ():
             if len(code) != ways:
                 raise ScenarioError(f"scenario {code!r} names {len(code)} entrances, junction {junction!r} has {ways}")
         codes = None if scenarios is None else tuple(parse(s) for s in scenarios)
-        return cls(junction, map, ways, configurations, cover, classes, codes, duration, aggression, wait, subject)
+        return cls(junction, map, ways, configurations, cover, classes, codes, duration, aggression, wait, subject, senses)
 
     def count(self) -> int:
         """Return how many abstract scenarios (rows and seats) are selected, without listing a whole arity."""
@@ -100,7 +105,7 @@ class Selection:
         """Yield the scenarios, class by class, row by row, configuration by configuration."""
         for first in self._firsts():
             for row, subject in self._seated(first):
-                for point in self.configurations:
+                for point, senses in product(self.configurations, self.senses):
                     yield Scenario(
                         self.junction,
                         first,
@@ -113,6 +118,7 @@ class Selection:
                         aggression=self.aggression,
                         wait=self.wait,
                         subject=subject,
+                        senses=senses,
                     )
 
     def _firsts(self) -> Iterator[Directions]:

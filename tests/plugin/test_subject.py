@@ -134,3 +134,41 @@ def test_marks_that_mean_nothing_are_refused(pytester: pytest.Pytester, mark: st
     result = pytester.runpytest()
     assert result.ret == pytest.ExitCode.INTERRUPTED
     result.stdout.fnmatch_lines([says])
+
+
+def test_senses_are_an_axis(pytester: pytest.Pytester, brackets) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        axes = {"delay": [0, 0.5], "range": 30}
+
+        @rvads.scenario("stop3", subject=0, scenarios="111", grid="C", rules="no_collision", senses=axes)
+        def test_it(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    assert brackets(pytester.runpytest("--collect-only", "-q")) == [
+        "stop3-class01-as111-s0-cfgC.range30.00-no_collision",
+        "stop3-class01-as111-s0-cfgC.delay00.50.range30.00-no_collision",
+    ]
+    result = pytester.runpytest()
+    result.assert_outcomes(passed=2)
+    result.stdout.fnmatch_lines(["*#1 = C.delay00.50.range30.00", "*#2 = C.range30.00"])
+    assert len(brackets(pytester.runpytest("--collect-only", "-q", "-m", "rvads(cfg='C.range30.00')"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("senses", "says"),
+    [
+        ("{'dely': 1}", "*senses have delay, range, *got 'dely'; did you mean 'delay'*"),
+        ("0.2", "*senses takes rvads.Senses(...) or a dict of their fields, one or several, got 0.2*"),
+        ("[]", "*senses is empty*"),
+        ("rvads.Senses(delay=-1)", "*delay must be a number of 0 or more, got -1*"),
+    ],
+)
+def test_senses_that_mean_nothing_are_refused(pytester: pytest.Pytester, senses: str, says: str) -> None:
+    pytester.makepyfile(
+        f"import pytest_rvads as rvads\n\n@rvads.scenario('stop4', subject=0, senses={senses})\ndef test_it(run): ...\n"
+    )
+    pytester.runpytest().stdout.fnmatch_lines([says])

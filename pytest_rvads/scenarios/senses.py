@@ -1,0 +1,100 @@
+"""How imperfectly the vehicle under test sees and acts: parameters of a scenario, ideal by default."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from itertools import product
+from typing import Any
+
+from pytest_rvads.errors import ScenarioError, suggest
+
+__all__ = ["IDEAL", "Senses"]
+
+
+@dataclass(frozen=True, slots=True)
+class Senses:
+    """What an autopilot gets to see of the others, how late, and how late its commands take effect.
+
+    Its own state, the lights and the map are known as they are. All that is drawn at random comes from `seed`.
+
+    Raises:
+        ScenarioError: a number out of range.
+    """
+
+    delay: float = 0.0
+    """Age of what is seen of the other vehicles [s]."""
+    range: float = math.inf
+    """Vehicles farther away than this, reference point to reference point, are not seen [m]."""
+    occlusion: bool = False
+    """Whether a vehicle behind another one is not seen: no line from the own front to its front, centre or rear is free."""
+    dropout: float = 0.0
+    """Share of the decisions in which a vehicle that could be seen is not, 0..1; drawn for each vehicle and decision."""
+    position_noise: float = 0.0
+    """Standard deviation of positions, along and across the way, drawn for each vehicle and decision [m]."""
+    speed_noise: float = 0.0
+    """Likewise of speeds [m/s]."""
+    latency: float = 0.0
+    """From an observation to the effect of the command [s]."""
+    jitter: float = 0.0
+    """Up to so much is added to the latency, drawn for each decision [s]."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value: Any = getattr(self, item.name)
+            if item.name in _KINDS:
+                kind, expected = _KINDS[item.name]
+                if type(value) is not kind or value < 0:
+                    raise ScenarioError(f"{item.name} must be {expected}, got {value!r}")
+                continue
+            if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
+                raise ScenarioError(f"{item.name} must be a number of 0 or more, got {value!r}")
+            if value == math.inf and item.name != "range":
+                raise ScenarioError(f"{item.name} must be finite, got {value!r}")
+            object.__setattr__(self, item.name, float(value))
+        if self.dropout > 1:
+            raise ScenarioError(f"dropout must be a share, 0 to 1, got {self.dropout!r}")
+
+    @classmethod
+    def grid(cls, axes: Mapping[str, Any]) -> tuple[Senses, ...]:
+        """Return the product of fields, each a value or a list of values.
+
+        Raises:
+            ScenarioError: no such field, an empty list, or a value out of range.
+        """
+        known = [item.name for item in fields(cls)]
+        for name in axes:
+            if name not in known:
+                raise ScenarioError(f"senses have {', '.join(known)}, got {name!r}{suggest(str(name), known)}")
+        lists = [value if isinstance(value, list | tuple) else [value] for value in axes.values()]
+        if not all(lists):
+            raise ScenarioError(f"senses are given by values or lists of at least one value, got {dict(axes)!r}")
+        return tuple(cls(**dict(zip(axes, point, strict=True))) for point in product(*lists))
+
+    @property
+    def blurred(self) -> bool:
+        """Whether anything is seen otherwise than it is."""
+        return Senses(latency=self.latency, jitter=self.jitter, seed=self.seed) != self
+
+    @property
+    def label(self) -> str:
+        """What is not ideal, as in ids: ``delay0.20.range40.00``; empty where everything is."""
+        parts = []
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if value != item.default:
+                text = "" if value is True else f"{value:05.2f}" if isinstance(value, float) else str(value)
+                parts.append(f"{item.name}{text}")
+        return ".".join(parts)
+
+    def record(self) -> dict[str, Any]:
+        """Return what is not ideal as builtins."""
+        return {item.name: value for item in fields(self) if (value := getattr(self, item.name)) != item.default}
+
+
+_KINDS: dict[str, tuple[Any, str]] = {"occlusion": (bool, "True or False"), "seed": (int, "a whole number of 0 or more")}
+"""The fields that are no amounts: their type, and how to say it."""
+IDEAL = Senses()
+"""Sees everything at once as it is, and acts at once."""
