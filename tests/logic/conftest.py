@@ -6,6 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pytest_rvads.logic.ground import ground
+from pytest_rvads.logic.ltl3 import synthesize
+from pytest_rvads.logic.prepare import prepare
 from pytest_rvads.maps.finder import find
 from pytest_rvads.semantics.run import Collision, Run
 from pytest_rvads.semantics.states import Agent, Colour, Zone
@@ -16,8 +19,11 @@ Make = Callable[..., Run]
 
 
 @pytest.fixture(autouse=True)
-def no_rules_of_other_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+def nothing_left_by_other_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every test registers its own rules and builds its own monitors, so that it finds what it is there to find."""
     monkeypatch.setattr("pytest_rvads.logic.rules._USER", {})
+    for cache in (ground, prepare, synthesize):
+        cache.cache_clear()
 
 
 @pytest.fixture(scope="session")

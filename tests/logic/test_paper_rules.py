@@ -191,6 +191,9 @@ def test_a_tie_window_says_where_it_decides(make: Make) -> None:
     assert check(run, "p2", tie=0.29).status is Status.NA, "30 ticks apart is outside 29"
 
 
+MIRRORED = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}
+
+
 @pytest.mark.parametrize(
     ("sign", "inside", "outside"),
     [("=", True, False), ("!=", False, True), ("<", False, True), ("<=", True, True), (">", False, False), (">=", True, False)],
@@ -202,6 +205,9 @@ def test_comparisons_of_waiting_times_up_to_a_tie(make: Make, sign: str, inside:
     atom = f.Atom(sign, (one, two))
     assert bool(Values(run, 0.30)[atom][-1]) is inside
     assert bool(Values(run, 0.29)[atom][-1]) is outside
+    mirrored = f.Atom(MIRRORED.get(sign, sign), (two, one))
+    assert bool(Values(run, 0.30)[mirrored][-1]) is inside
+    assert bool(Values(run, 0.29)[mirrored][-1]) is outside
 
 
 def test_a_tie_window_can_be_unsatisfiable_in_a_triple(make: Make) -> None:

@@ -105,6 +105,21 @@ def test_a_vehicle_that_turned_back_is_told_where_it_is(make: Make) -> None:
     assert "broken at 0.50 s: a0 on the approach while a1 is still at entrance 1; " in verdict.explanation
 
 
+def test_who_waited_longer_may_stand_on_the_left(make: Make) -> None:
+    # a0 came first; a1, on its right, does not wait for it.
+    run = make("stop4", {0: (2, 10, 150, 200), 1: (2, 30, 50, 300)}, 400)
+    text = check(run, "p3").explanation
+    assert "\nyields    a1 @ entrance 1, straight   arrived 0.30 s, waited 0.20 s\n" in text
+    assert "\npriority  a0 @ entrance 0, straight   arrived 0.10 s, waited 0.41 s   entrance 1 is right of 0\n" in text
+
+
+def test_only_who_waits_is_responsible_for_what_stays_open(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, None, None), 1: (2, 10, None, None)}, 400)
+    verdict = check(run, "p2")
+    assert (verdict.status, verdict.responsible, verdict.time) == ("OPEN", ("a0",), 0.1)
+    assert check(make("stop4", {0: (2, 10, 50, 90)}, 400), "p3").time is None
+
+
 A, B = f.Element(Sort.AGENT, 0, "a0"), f.Element(Sort.AGENT, 1, "a1")
 HERE, IN, OUT = f.Element(Sort.ENTRANCE, 2, "j.en2"), f.Element(Sort.JUNCTION, 0, "j"), f.Element(Sort.EXIT, 3, "j.ex3")
 LIGHT, ROAD = f.Element(Sort.LIGHT, 2, "lt2"), f.Element(Sort.ROAD, 5, "r5")

@@ -91,6 +91,7 @@ def test_no_rule_takes_the_place_of_another_of_its_name() -> None:
 def test_a_rule_of_ones_own(make: Make) -> None:
     made = rule("gets_in", "forall a, j.en. G(a@j.en -> F a@j)", title="nobody waits forever", requirement="REQ-7")
     assert get_rule("gets_in") is made
+    assert rule("plain", made.text) == Rule("plain", made.text)
     run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, None, None)}, 300)
     verdict = check(run, "gets_in")
     assert (verdict.status, verdict.responsible) == ("OPEN", ("a1",))

@@ -8,7 +8,8 @@ import pytest
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.commands import list_rules, show_monitor
 from pytest_rvads.logic.export import to_dot, to_hoa
-from pytest_rvads.logic.ltl3 import synthesize
+from pytest_rvads.logic.ltl3 import Truth, synthesize
+from pytest_rvads.logic.monitor import Monitor
 from pytest_rvads.logic.parser import parse_ltl
 from pytest_rvads.logic.words import answer
 
@@ -170,6 +171,27 @@ def test_hoa_and_dot_say_the_same_machine() -> None:
     dot = to_dot(machine)
     assert dot.startswith("digraph monitor {")
     assert '0 -> 2 [label="c"]' in dot
+
+
+@pytest.mark.parametrize("text", ["p <-> q", "G(p -> q)", "(p ^ q) U r", "p & q | !r"])
+def test_guards_of_every_form_are_exported(text: str) -> None:
+    machine = synthesize(parse_ltl(text))
+    names = [str(a) for a in machine.atoms]
+    body = to_hoa(machine).split("--BODY--\n")[1].split("State: ")
+    edges = [line[1:].rpartition("] ") for line in body[1].splitlines()[1:]]
+    for letter in range(1 << len(names)):
+        true = [bool(letter >> k & 1) for k in range(len(names))]
+        monitor = Monitor(machine)
+        verdict = monitor.step([n for n, v in zip(names, true, strict=True) if v])
+        (target,) = [int(t) for guard, _, t in edges if holds(guard, true)]
+        assert Truth(int(machine.output[target])) is verdict
+
+
+def test_machines_are_values() -> None:
+    machine = synthesize(parse_ltl("p U q"))
+    for array in (machine.delta, machine.output):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
 
 
 def test_the_exported_texts_are_whole() -> None:
