@@ -21,8 +21,9 @@ __all__ = ["FIRST", "STRAIGHT", "Arm", "Path", "arms_of", "paths_of", "sort_arms
 
 FIRST = math.radians(-112.5)
 """Direction from which arms are counted [rad]."""
-STRAIGHT = math.radians(45.0)
-"""Change of heading from which on a movement is a turn [rad]."""
+STRAIGHT = math.radians(44.0)
+"""Change of heading from which on a movement is a turn [rad]; as in SUMO's netconvert, one degree below the arms of a regular
+8-way junction, so that rounding never makes one of two neighbours straight and the other a turn."""
 _FACING = math.radians(70.0)
 _BESIDE = 30.0
 _PER_DEGREE = 0.05

@@ -119,3 +119,13 @@ def test_left_hand_traffic_is_the_mirror_image(read) -> None:
     assert {(m.entrance, m.exit): m.turn for m in left.movements} == {
         (-a % 4, -b % 4): mirrored[t] for (a, b), t in turns.items()
     }
+
+
+@pytest.mark.parametrize("left_hand", [False, True])
+def test_neighbours_at_45_degrees_are_turns_on_both_sides(read, left_hand: bool) -> None:
+    """In a regular 8-way junction the arms beside the straight one are at 45 degrees; rounding must not decide."""
+    report = read(opendrive(Layout(8, JunctionControl.STOP, stop=40, left_hand=left_hand))).report("1")
+    turns = {(way.entrance, way.exit): way.turn.value for way in report.movements}
+    for entrance in range(8):
+        kinds = [turns[entrance, (entrance + direction) % 8] for direction in range(1, 8)]
+        assert kinds == ["right"] * 3 + ["straight"] + ["left"] * 3
