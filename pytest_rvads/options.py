@@ -45,7 +45,11 @@ _DECLARED = {
     "max-items": _Option("refuse a test that would expand to more items than this", "10000"),
     "rules": _Option("file with rules of your own, see `rvads rules --file`"),
     "keep": _Option("folder to keep every run in, as .npz for `rvads check`"),
-    "report": _Option("also write the verdicts to FILE.json or FILE.md; may be repeated", metavar="FILE", several=True),
+    "report": _Option(
+        "also write the verdicts to FILE.json, FILE.md, or FILE.csv (by requirement); may be repeated",
+        metavar="FILE",
+        several=True,
+    ),
     "cov-fail-under": _Option(
         "fail when less than N percent of the (class x configuration x rule) cells that the collected tests expand to, "
         "before -k and -m, were exercised; NA exercises nothing",

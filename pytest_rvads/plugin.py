@@ -9,6 +9,7 @@ from collections.abc import Generator
 
 import pytest
 
+from pytest_rvads import hooks
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.fixtures.budget import BUDGET, Budget
 from pytest_rvads.fixtures.comparing import explain
@@ -27,6 +28,11 @@ __all__ = ["monitor", "rule", "run", "rvads_autopilot", "rvads_cell", "rvads_map
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Declare ``--rvads-*`` and their ini twins."""
     declare(parser)
+
+
+def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
+    """Offer the hooks of users."""
+    pluginmanager.add_hookspecs(hooks)
 
 
 def pytest_configure(config: pytest.Config) -> None:

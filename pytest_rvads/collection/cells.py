@@ -36,14 +36,27 @@ class Cell:
     """The id without the rule: what cells of the same run share."""
     keys: dict[str, str | int] = field(compare=False)
     """What the cell is selected by; every value a str or an int."""
+    requirements: tuple[str, ...] = field(compare=False)
+    """What scenario and rule trace to."""
 
 
 def cells_of(
-    scenario: Scenario, junction: Junction, policies: Sequence[Policy | None], rules: Sequence[Rule | None]
+    scenario: Scenario,
+    junction: Junction,
+    policies: Sequence[Policy | None],
+    rules: Sequence[Rule | None],
+    requirements: tuple[str, ...] = (),
 ) -> Iterator[Cell]:
     """Yield the cells of a scenario, the rule innermost.
 
     There are thousands of cells, so what they share is worked out once.
+
+    Args:
+        scenario: what to run.
+        junction: the one that ``scenario.find()`` returns.
+        policies: of the traffic.
+        rules: to judge by.
+        requirements: identifiers of the requirements that the scenario traces to.
     """
     from pytest_rvads.scenarios.classes import label
 
@@ -62,6 +75,7 @@ def cells_of(
         keys = shared | {"traffic": policy.name} if policy else shared
         for rule in rules:
             if rule is None:
-                yield Cell(scenario, rule, policy, run, run, keys)
+                yield Cell(scenario, rule, policy, run, run, keys, requirements)
             else:
-                yield Cell(scenario, rule, policy, f"{run}-{rule.name}", run, keys | {"rule": rule.name})
+                traced = (*requirements, rule.requirement) if rule.requirement else requirements
+                yield Cell(scenario, rule, policy, f"{run}-{rule.name}", run, keys | {"rule": rule.name}, traced)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from pytest_rvads.collection.cells import DEFAULT, Cell, cells_of
+from pytest_rvads.collection.extensions import extensions
 from pytest_rvads.errors import OpenObligation, RuleViolation, RvadsError, ScenarioError
 
 if TYPE_CHECKING:
@@ -24,7 +25,10 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.grid import Configuration
     from pytest_rvads.scenarios.senses import Senses
 
-__all__ = ["expand"]
+__all__ = ["LEFT_OUT", "expand"]
+
+LEFT_OUT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
+"""Node id of a test to how many points of its grid are beyond v(d)max and were left out."""
 
 
 def expand(metafunc: pytest.Metafunc, options: Options) -> None:
@@ -98,13 +102,17 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
     from pytest_rvads.scenarios.selection import Selection
 
     ask = mark.kwargs
-    file = _map_file(ask["junction"], ask["map"], metafunc, options)
-    junction = find(ask["junction"], file)
+    added = extensions(metafunc.config)
+    file, place = _map_file(ask["junction"], ask["map"], metafunc, options), ask["junction"]
+    if ask["map"] is None and place in added.junctions:
+        file, place = added.junctions[place]
+    junction = find(place, file)
+    configurations, left_out = _configurations(ask, junction, options, added.grids)
     selection = Selection.of(
-        ask["junction"],
+        place,
         file,
         junction.ways,
-        _configurations(ask, junction, options),
+        configurations,
         classes=_several("classes", ask["classes"], int, "class numbers"),
         scenarios=_several("scenarios", ask["scenarios"], str, "direction strings such as '1133'"),
         cover=options.cover if ask["cover"] is None else ask["cover"],
@@ -115,6 +123,7 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
         senses=_senses(ask["senses"]),
     )
     policies = _policies(ask["subject"], ask["traffic"])
+    requirements = _several("requirement", ask["requirement"], str, "identifiers of requirements")
     if options.rules:
         _register(options.rules)
     rules: Sequence[Rule | None] = [None]
@@ -137,7 +146,10 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
         )
     for scenario in selection:
         scenario.fit(junction)
-        yield from cells_of(scenario, junction, policies, rules)
+        yield from cells_of(scenario, junction, policies, rules, requirements or ())
+    if left_out:
+        dropped = metafunc.config.stash.setdefault(LEFT_OUT, {})
+        dropped[metafunc.definition.nodeid] = dropped.get(metafunc.definition.nodeid, 0) + left_out
 
 
 def _senses(asked: Any) -> tuple[Senses, ...]:
@@ -199,23 +211,38 @@ def _map_file(junction: str, map: str | None, metafunc: pytest.Metafunc, options
     return str((beside if beside.exists() else Path(map)).resolve())
 
 
-def _configurations(ask: Mapping[str, Any], junction: Junction, options: Options) -> tuple[Configuration, ...]:
+def _configurations(
+    ask: Mapping[str, Any], junction: Junction, options: Options, grids: Mapping[str, tuple[Any, Any]]
+) -> tuple[tuple[Configuration, ...], int]:
+    """Return the points to run, and how many were left out because nobody could stop there."""
     from pytest_rvads.scenarios.grid import explicit, grid, outside
 
+    ways = junction.ways
     if ask["distances"] is None and ask["speeds"] is None:
-        names = _several("grid", ask["grid"], str, "letters of configurations or 'paper'")
-        return grid(options.grid if names is None else names, junction.ways, junction.control)
-    if ask["grid"] is not None or ask["distances"] is None:
+        names = (
+            _several(
+                "grid", options.grid if ask["grid"] is None else ask["grid"], str, "letters of configurations or names of grids"
+            )
+            or ()
+        )
+        letters = [name for name in names if name not in grids]
+        points = grid(letters, ways, junction.control) if letters else ()
+        own = [point for name in names if name in grids for point in explicit(*grids[name], ways)]
+    elif ask["grid"] is not None or ask["distances"] is None:
         raise ScenarioError("give either grid=, or distances= with speeds=")
-    points = explicit(ask["distances"], 0.0 if ask["speeds"] is None else ask["speeds"], junction.ways)
-    if ask["probe"]:
-        return points
+    else:
+        points, own = (), list(explicit(ask["distances"], 0.0 if ask["speeds"] is None else ask["speeds"], ways))
+    if ask["probe"] or not own:
+        return tuple(dict.fromkeys((*points, *own))), 0
     from pytest_rvads.physics.braking import vmax
 
-    kept = tuple(p for p in points if outside(p, lambda distance: vmax(distance, ask["aggression"])) is None)
-    if not kept:
+    kept = [p for p in own if outside(p, lambda distance: vmax(distance, ask["aggression"])) is None]
+    if not kept and not points:
+        values = (
+            f"distances={ask['distances']!r}, speeds={ask['speeds']!r}" if ask["distances"] is not None else f"grid={names!r}"
+        )
         raise ScenarioError(
-            f"every point of distances={ask['distances']!r}, speeds={ask['speeds']!r} is too fast to stop before the line "
+            f"every point of {values} is too fast to stop before the line "
             "(`rvads braking` lists v(d)max): lower the speeds, or say probe=True to run them all the same"
         )
-    return kept
+    return tuple(dict.fromkeys((*points, *kept))), len(own) - len(kept)

@@ -35,6 +35,7 @@ def scenario(
     duration: float = 60.0,
     aggression: int = 1,
     wait: float = 1.5,
+    requirement: str | Iterable[str] | None = None,
 ) -> pytest.MarkDecorator:
     """Run a test over the scenarios of a junction.
 
@@ -63,6 +64,7 @@ def scenario(
         duration: longest run [s].
         aggression: braking level 1, 2 or 3.
         wait: the random draw of autopilots that have one [s].
+        requirement: identifier of the requirement that the scenario traces to, or several; see `--rvads-report=FILE.csv`.
     """
     given = locals()
     if not isinstance(junction, str):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from pytest_rvads.report.document import Cell, Report, cell_of
 
-__all__ = ["Coverage", "measure", "shortfall"]
+__all__ = ["Coverage", "dropped", "measure", "shortfall"]
 
 _JUDGED = ("PASS", "FAIL", "OPEN", "PROVOKED", "FLAKY")
 _REASONS = ("ERROR", "NOT JUDGED", "NA", "NOT RUN")
@@ -65,3 +65,12 @@ def shortfall(report: Report, least: float) -> str:
     if found.planned and 100 * found.exercised >= least * found.planned:
         return ""
     return f"coverage is below {least:g} %: {found}"
+
+
+def dropped(report: Report) -> list[str]:
+    """Return a line on the points of grids that were left out because nobody could stop there, if there are any."""
+    if not report.left_out:
+        return []
+    tests = ", ".join(f"{count} of {test}" for test, count in report.left_out.items())
+    count = sum(report.left_out.values())
+    return [f"{count} point{'' if count == 1 else 's'} beyond v(d)max left out: {tests}"]

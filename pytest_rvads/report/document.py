@@ -33,6 +33,8 @@ class Report:
     """Of pytest; above 1 the session did not end by itself."""
     notes: tuple[str, ...] = ()
     """What is missing or doubtful, a sentence each."""
+    left_out: dict[str, int] = field(default_factory=dict)
+    """Test to how many points of its grid are beyond v(d)max and were left out."""
     comparison: Comparison | None = None
     """With the baseline, where there is one; JSON keeps the kind of change of every record."""
 

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.report.coverage import measure
+from pytest_rvads.report.coverage import dropped, measure
 from pytest_rvads.report.document import Report
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import coverage, matrices
 from pytest_rvads.report.timing import timing
+from pytest_rvads.report.traceability import table
 from pytest_rvads.report.triage import causes, provoked
 
 __all__ = ["FORMATS", "append_summary", "load", "markdown", "save"]
@@ -83,6 +84,7 @@ def _report(content: dict[str, Any]) -> Report:
         dict(content["versions"]),
         int(content["exitstatus"]),
         tuple(content["notes"]),
+        {str(test): int(count) for test, count in content["left_out"].items()},
     )
 
 
@@ -93,6 +95,7 @@ def _json(report: Report) -> str:
         "versions": report.versions,
         "exitstatus": report.exitstatus,
         "notes": report.notes,
+        "left_out": report.left_out,
         "totals": {str(ways): total for ways, total in report.totals.items()},
         "planned": report.planned,
         "records": report.records,
@@ -116,7 +119,13 @@ def markdown(report: Report) -> str:
             lines += [f"## {title}", "", "| items | rule | cause | first |", "|---:|---|---|---|"]
             lines += [f"| {c.count} | {_cell(c.rule)} | {_cell(c.line)} | `{_cell(c.example)}` |" for c in groups]
             lines.append("")
-    said = (*coverage(records, report.totals), *extremes(records), *timing(records), f"coverage: {measure(report)}")
+    said = (
+        *coverage(records, report.totals),
+        *extremes(records),
+        *timing(records),
+        f"coverage: {measure(report)}",
+        *dropped(report),
+    )
     lines += [f"- {_cell(line)}" for line in said]
     for matrix in matrices(records):
         lines += ["", f"## {matrix.title}", ""]
@@ -130,5 +139,5 @@ def _cell(text: str) -> str:
     return text.replace("|", "\\|").replace("\n", " ")
 
 
-FORMATS = {".json": _json, ".md": markdown}
+FORMATS = {".json": _json, ".md": markdown, ".csv": table}
 """How a report is written, by the ending of its file."""

@@ -46,6 +46,7 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
         versions,
         _exitstatus([report for _, report in reports], merged, bool(clashes)),
         tuple(differences + notes),
+        {test: count for _, report in reports for test, count in report.left_out.items()},
     )
 
 

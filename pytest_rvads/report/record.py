@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 __all__ = ["SEVERITY", "Record", "cell_record", "conclude", "flake", "not_run", "properties"]
@@ -15,7 +15,9 @@ SEVERITY = ("ERROR", "FLAKY", "FAIL", "OPEN", "PROVOKED", "PASS", "NA", "NOT JUD
 _WORST = ("ERROR", "FAIL", "OPEN", "PROVOKED", "PASS", "NA")
 
 
-def cell_record(nodeid: str, line: int, test: str, keys: dict[str, str | int], ways: int) -> Record:
+def cell_record(
+    nodeid: str, line: int, test: str, keys: Mapping[str, str | int], ways: int, requirements: Sequence[str] = ()
+) -> Record:
     """Start the record of an item.
 
     Args:
@@ -24,8 +26,19 @@ def cell_record(nodeid: str, line: int, test: str, keys: dict[str, str | int], w
         test: name of the test function.
         keys: what selects the cell: junction, cls, scenario, cfg, rotation, and seat, traffic, rule where there is one.
         ways: number of entrances of the junction.
+        requirements: identifiers of what scenario and rule trace to.
     """
-    return {"nodeid": nodeid, "line": line, "test": test, "ways": ways, "seat": None, "traffic": None, "rule": None, **keys}
+    return {
+        "nodeid": nodeid,
+        "line": line,
+        "test": test,
+        "ways": ways,
+        "seat": None,
+        "traffic": None,
+        "rule": None,
+        **keys,
+        "requirements": list(requirements),
+    }
 
 
 def conclude(

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from pytest_rvads.report.coverage import measure
+from pytest_rvads.report.coverage import dropped, measure
 from pytest_rvads.report.document import Report
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import Matrix, coverage, matrices
@@ -65,7 +65,13 @@ def summary(report: Report, *, colour: bool, width: int, unicode: bool) -> str:
     records = report.records
     for title, groups in (("causes of failures", causes(records)), ("provoked by traffic", provoked(records))):
         _list(console, title, groups)
-    for line in (*extremes(records), *coverage(records, report.totals), *timing(records), f"coverage: {measure(report)}"):
+    for line in (
+        *extremes(records),
+        *coverage(records, report.totals),
+        *timing(records),
+        f"coverage: {measure(report)}",
+        *dropped(report),
+    ):
         console.print(Text(line), soft_wrap=True)
     return out.getvalue()
 

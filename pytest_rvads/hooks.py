@@ -1,0 +1,59 @@
+"""Hooks that a ``conftest.py`` or another plugin may implement to extend pytest-rvads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from pytest_rvads.logic.rules import Rule
+
+__all__ = ["pytest_rvads_grids", "pytest_rvads_junctions", "pytest_rvads_rules", "pytest_rvads_verdict"]
+
+
+@pytest.hookspec
+def pytest_rvads_junctions(config: pytest.Config) -> Mapping[str, tuple[str | Path, str]]:  # type: ignore[empty-body]
+    """Return junctions of your own: a name for ``@rvads.scenario`` to an OpenDRIVE file and an id or type in it.
+
+    A file that is not absolute is looked for in pytest's root folder. Called once per process, at collection. Since 0.1.
+
+    Example:
+        >>> def pytest_rvads_junctions(config):
+        ...     return {"depot": ("maps/depot.xodr", "169"), "town": ("maps/town.xodr", "4-way stop")}
+    """
+
+
+@pytest.hookspec
+def pytest_rvads_rules(config: pytest.Config) -> Iterable[Rule | str | Path]:  # type: ignore[empty-body]
+    """Return rules of your own, made by ``rvads.rule``, or files of rules, to be named in ``rules=``.
+
+    A file that is not absolute is looked for in pytest's root folder. Called once per process, at collection. Since 0.1.
+
+    Example:
+        >>> def pytest_rvads_rules(config):
+        ...     return ["rules/site.ini"]
+    """
+
+
+@pytest.hookspec
+def pytest_rvads_grids(config: pytest.Config) -> Mapping[str, tuple[Any, Any]]:  # type: ignore[empty-body]
+    """Return grids of your own: a name for ``grid=`` or ``--rvads-grid`` to ``distances=`` and ``speeds=`` of the mark.
+
+    Points beyond the braking envelope are left out, as they are of a mark. Called once per process, at collection. Since 0.1.
+
+    Example:
+        >>> def pytest_rvads_grids(config):
+        ...     return {"rush": ([5.0, 20.0], [0.0, 3.0])}
+    """
+
+
+@pytest.hookspec
+def pytest_rvads_verdict(record: dict[str, Any], config: pytest.Config) -> None:
+    """Learn the verdict of an item as soon as it is known.
+
+    The record is what reports are made of (see docs/sessions.md): builtins, to be read and not changed. Called in the main
+    process, also under xdist; not for items that never ran. An item that is repeated gives one call each time. Since 0.1.
+    """
