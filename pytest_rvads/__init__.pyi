@@ -17,6 +17,7 @@ from pytest_rvads.errors import (
     ScenarioError as ScenarioError,
 )
 from pytest_rvads.logic.check import check as check
+from pytest_rvads.logic.live import RuleMonitor as RuleMonitor
 from pytest_rvads.logic.rulefile import load_rules as load_rules
 from pytest_rvads.logic.rules import Rule as Rule, rule as rule
 from pytest_rvads.logic.signature import predicate as predicate

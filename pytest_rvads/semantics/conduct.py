@@ -29,6 +29,7 @@ __all__ = [
     "speed_limit",
     "speeding",
     "standing_time",
+    "stands_inside",
     "stopped",
     "stretches",
     "vehicle_size",
@@ -106,15 +107,20 @@ def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
     return found
 
 
-def blocks(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent has been standing for longer than `BLOCKING_TIME` with part of its body in the junction."""
+def stands_inside(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The agent stands still with part of its body in the junction."""
     who = run.agents[agent]
     length, _ = vehicle_size(run)
     station = _station(run, agent)
     inside = (station > 0.0) & (station - length < run.junction.movements[who.entrance, who.exit].length)
-    standing = inside & (run.zone[:, agent] != Zone.GONE) & (_speed(run, agent) <= STANDSTILL)
+    found: NDArray[np.bool_] = inside & (run.zone[:, agent] != Zone.GONE) & (_speed(run, agent) <= STANDSTILL)
+    return found
+
+
+def blocks(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The agent has been standing for longer than `BLOCKING_TIME` with part of its body in the junction."""
     tick = np.arange(run.steps)
-    since = np.maximum.accumulate(np.where(standing, -1, tick))
+    since = np.maximum.accumulate(np.where(stands_inside(run, agent), -1, tick))
     found: NDArray[np.bool_] = (tick - since) * run.dt > BLOCKING_TIME
     return found
 

@@ -8,7 +8,7 @@ DOCS = Path(__file__).parents[2] / "docs" / "rules.md"
 
 def test_the_code_in_the_documentation_runs() -> None:
     blocks = re.findall(r"```python\n(.*?)```", DOCS.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(blocks) == 3
+    assert len(blocks) == 4
     for block in blocks:
         exec(compile(block, str(DOCS), "exec"), {})
 

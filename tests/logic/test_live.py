@@ -1,0 +1,111 @@
+"""A rule followed state by state says in every state what the whole run up to there says."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from pytest_rvads.errors import RunError
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.live import RuleMonitor
+from pytest_rvads.logic.ltl3 import Truth
+from pytest_rvads.logic.rules import Rule, get_rule, rulebook
+from pytest_rvads.logic.verdicts import Status
+from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.states import Colour
+
+Make = Callable[..., Run]
+GREEN, RED = Colour.GREEN, Colour.RED
+
+
+def follow(run: Run, rule: str | Rule, **more: Any) -> list[Truth]:
+    """Feed a run of positions to a monitor, state by state."""
+    size = run.meta["vehicle"]
+    monitor = RuleMonitor(
+        rule, run.junction, run.agents, speed_limit=run.meta["speed_limit"], vehicle_size=(size["length"], size["width"]), **more
+    )
+    assert run.station is not None
+    assert run.speed is not None
+    hits: dict[int, list[tuple[str, str]]] = {}
+    for c in run.collisions:
+        hits.setdefault(round(c.time / run.dt), []).append(c.agents)
+    return [
+        monitor.step(run.zone[k], run.lights[k], station=run.station[k], speed=run.speed[k], collisions=hits.get(k, ()))
+        for k in range(run.steps)
+    ]
+
+
+@pytest.fixture(scope="module")
+def traffic(drive: Make) -> dict[str, Run]:
+    """Two runs in which much goes wrong: rolling through, standing in the junction, speeding, touching."""
+    stop = {
+        0: (2, -6.0, [(0, 4.0), (110, 0.05), (120, 4.0), (300, 0.0), (700, 3.0)]),
+        1: (1, -1.5, [(0, 5.0)]),
+        2: (3, -0.8, [(0, 0.0), (60, 6.0), (200, 13.0)]),
+        3: (2, -3.0, [(0, 1.0), (200, 0.0), (900, 5.0)]),
+    }
+    lights = {e: [(0, RED if e % 2 else GREEN), (400, GREEN if e % 2 else RED)] for e in range(4)}
+    return {
+        "stop": drive("stop4", stop, 1000, collisions=[(310, "a0", "a2"), (650, "a3", "a1")]),
+        "lights": drive("light4", stop, 1000, lights, [(310, "a0", "a2")]),
+    }
+
+
+RULES = [r for book in ("paper", "variants", "road") for r in rulebook(book)]
+
+
+@pytest.mark.parametrize("rule", RULES, ids=[r.name for r in RULES])
+def test_step_by_step_says_what_the_whole_run_says(traffic: dict[str, Run], rule: Rule) -> None:
+    for run in [traffic[rule.about]] if rule.about else traffic.values():
+        told, whole = follow(run, rule), check(run, rule)
+        broken = [k for k, verdict in enumerate(told) if verdict is Truth.FALSE]
+        if whole.status is Status.FAIL:
+            assert whole.time is not None
+            assert broken == list(range(round(whole.time / run.dt), run.steps))
+        else:
+            assert not broken
+
+
+def test_much_goes_wrong_in_these_runs(traffic: dict[str, Run]) -> None:
+    failed = {r.name for r in RULES for run in traffic.values() if check(run, r).status is Status.FAIL}
+    assert {"full_stop", "keep_clear", "speed_limit", "no_collision", "no_conflict", "p1", "p3", "right_on_red"} <= failed
+
+
+def test_what_is_violated_is_named(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 150, 300)}, 200)
+    monitor = RuleMonitor("p2", run.junction, run.agents)
+    told = [str(monitor.step(zone)) for zone in run.zone]
+    assert told == ["?"] * 50 + ["F"] * 150
+    assert monitor.violated == ({"j.en": "entrance 1", "j.en'": "entrance 0", "a": "a1", "a'": "a0"},)
+
+
+def test_a_rule_that_is_met_for_good_is_true(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200)}, 60)
+    monitor = RuleMonitor(Rule("gets_in", "forall a. F a@j"), run.junction, run.agents)
+    assert str(monitor.verdict) == "?"
+    assert [str(monitor.step(zone)) for zone in run.zone] == ["?"] * 50 + ["T"] * 10
+    nobody = RuleMonitor("p2", run.junction, run.agents)
+    assert str(nobody.step(run.zone[0])) == "T", "one vehicle alone can't break it"
+
+
+def test_the_tie_window_is_the_rule_s(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 150, 200), 1: (2, 40, 100, 300)}, 200)
+    strict = replace(get_rule("first_come"), name="strict", tie=0.0)
+    for rule, verdict in ((strict, Truth.FALSE), (get_rule("first_come"), Truth.UNKNOWN)):
+        monitor = RuleMonitor(rule, run.junction, run.agents)
+        assert [monitor.step(zone) for zone in run.zone][-1] is verdict
+
+
+def test_wrong_use_is_told(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 10, 50, 200)}, 60)
+    with pytest.raises(RunError, match="p4 is about junctions with lights, this one has stop"):
+        RuleMonitor("p4", run.junction, run.agents)
+    monitor = RuleMonitor("full_stop", run.junction, run.agents)
+    for zone in ([0], [0, float("nan")], [[0, 0]]):
+        with pytest.raises(RunError, match="zone of a state must be 2 finite numbers, got"):
+            monitor.step(zone)
+    with pytest.raises(RunError, match="the run holds no speeds"):
+        monitor.step([1, 0])
+    with pytest.raises(RunError, match="the run holds no speed limit"):
+        RuleMonitor("speed_limit", run.junction, run.agents).step([0, 0], speed=[1.0, 1.0])
