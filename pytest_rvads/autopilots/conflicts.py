@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.maps.junction import Junction, Movement
 from pytest_rvads.maps.segment import Segment, Turn
-from pytest_rvads.semantics.states import Observation, VehicleState, Zone
+from pytest_rvads.semantics.states import APPROACH, ENTRANCE, EXIT, JUNCTION, Observation, VehicleState
 
 __all__ = ["CLEARANCE", "RUNNER", "Stretch", "conflict", "exit_blocked", "in_the_way", "movements", "runs_through"]
 
@@ -57,7 +57,7 @@ def movements(junction: Junction, entrance: int, turn: Turn) -> tuple[Movement, 
 
 def in_the_way(junction: Junction, mine: tuple[int, int], other: VehicleState) -> bool:
     """Return whether `other`, in the junction, has yet to leave where its movement and `mine` conflict."""
-    if other.zone is not Zone.JUNCTION:
+    if other.zone is not JUNCTION:
         return False
     for movement in movements(junction, other.entrance, other.turn):
         found = conflict(junction, mine, (movement.entrance, movement.exit))
@@ -68,7 +68,7 @@ def in_the_way(junction: Junction, mine: tuple[int, int], other: VehicleState) -
 
 def runs_through(other: VehicleState) -> bool:
     """Return whether `other`, before the junction, can't stop there, or is about to enter and does not brake for it."""
-    if other.speed < 1.0 or (other.zone is not Zone.APPROACH and other.zone is not Zone.ENTRANCE):
+    if other.speed < 1.0 or (other.zone is not APPROACH and other.zone is not ENTRANCE):
         return False
     distance = max(-other.station, 0.1)
     needed = other.speed * other.speed / (2.0 * distance)
@@ -79,7 +79,7 @@ def exit_blocked(seen: Observation) -> bool:
     """Return whether somebody stands on the exit road so near that there would be no room behind."""
     me = seen.me
     for other in seen.others:
-        if other.zone is Zone.EXIT and other.speed < 1.0:
+        if other.zone is EXIT and other.speed < 1.0:
             for movement in movements(seen.junction, other.entrance, other.turn):
                 room = other.station - other.length - movement.length
                 if movement.exit == seen.itinerary.exit and room < me.length + 2.5:

@@ -6,7 +6,7 @@ from pytest_rvads.autopilots.conflicts import conflict, exit_blocked, in_the_way
 from pytest_rvads.autopilots.spacing import can_stop, time_to
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.semantics.itinerary import ENTRANCE_ZONE
-from pytest_rvads.semantics.states import Colour, Observation, VehicleState, Zone
+from pytest_rvads.semantics.states import APPROACH, ENTRANCE, Colour, Observation, VehicleState
 from pytest_rvads.tracking.follower import STANDING
 
 __all__ = ["Light"]
@@ -34,7 +34,7 @@ class Light:
         """Return whether to enter the junction; to be called in every step before it."""
         me = seen.me
         colour = seen.lights[me.entrance]
-        if me.zone is Zone.ENTRANCE and me.speed < STANDING:
+        if me.zone is ENTRANCE and me.speed < STANDING:
             self._stood = True
         prior = [other for other in seen.others if self._has_priority(seen, other, colour)]
         self._remember(seen, prior)
@@ -53,7 +53,7 @@ class Light:
 
     def _has_priority(self, seen: Observation, other: VehicleState, colour: Colour) -> bool:
         """Return whether `other`, on its way to the junction, goes first if it comes to it."""
-        if other.zone is not Zone.APPROACH and other.zone is not Zone.ENTRANCE:
+        if other.zone is not APPROACH and other.zone is not ENTRANCE:
             return False
         me, junction = seen.me, seen.junction
         far = Turn.RIGHT if junction.left_hand else Turn.LEFT
@@ -63,14 +63,14 @@ class Light:
 
     def _remember(self, seen: Observation, prior: list[VehicleState]) -> None:
         """Keep whom to let in first: once both were at their entrances, it stays so whatever the lights show."""
-        if seen.me.zone is Zone.ENTRANCE:
-            self._owed |= {other.name for other in prior if other.zone is Zone.ENTRANCE}
-        self._owed &= {other.name for other in seen.others if other.zone is Zone.ENTRANCE}
+        if seen.me.zone is ENTRANCE:
+            self._owed |= {other.name for other in prior if other.zone is ENTRANCE}
+        self._owed &= {other.name for other in seen.others if other.zone is ENTRANCE}
 
 
 def _leaves_time(seen: Observation, other: VehicleState) -> bool:
     """Return whether one can pass before `other`, who has priority, needs the place."""
-    if other.zone is Zone.ENTRANCE:
+    if other.zone is ENTRANCE:
         return False
     me, junction = seen.me, seen.junction
     delay = SET_OFF if me.speed < 1.0 else 0.0
@@ -96,7 +96,7 @@ def _comes_first(seen: Observation, mine: tuple[int, int], other: VehicleState) 
     Both see the same, so exactly one of them waits.
     """
     me = seen.me
-    if other.zone is not Zone.APPROACH and other.zone is not Zone.ENTRANCE:
+    if other.zone is not APPROACH and other.zone is not ENTRANCE:
         return False
     if (me.entrance, other.entrance) not in seen.junction.opposite or other.turn is not me.turn:
         return False

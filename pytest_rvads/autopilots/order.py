@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from pytest_rvads.semantics.run import DT
-from pytest_rvads.semantics.states import Observation, VehicleState, Zone
+from pytest_rvads.semantics.states import ENTRANCE, Observation, VehicleState
 
 __all__ = ["Queue"]
 
@@ -33,7 +33,7 @@ class Queue:
         outside, stood = self._outside, self._stood
         for state in (seen.me, *seen.others):
             name = state.name
-            if state.zone is not Zone.ENTRANCE:
+            if state.zone is not ENTRANCE:
                 outside[name] = tick
                 stood.discard(name)
             else:
@@ -44,7 +44,7 @@ class Queue:
 
     def setting_off(self, others: Iterable[VehicleState]) -> bool:
         """Return whether one of `others` stood at its entrance and is on its way now."""
-        return any(o.zone is Zone.ENTRANCE and o.speed > _MOVING and o.name in self._stood for o in others)
+        return any(o.zone is ENTRANCE and o.speed > _MOVING and o.name in self._stood for o in others)
 
     def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
         """Return who goes next among the vehicles at the entrances, and whether right before left decides it.
@@ -54,7 +54,7 @@ class Queue:
             all of them, and False.
         """
         since = self._outside
-        waiting = [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
+        waiting = [s for s in (seen.me, *seen.others) if s.zone is ENTRANCE]
         earliest = min(since[s.name] for s in waiting)
         tied = [s for s in waiting if since[s.name] - earliest <= self._tie]
         right_of = seen.junction.right_of

@@ -10,7 +10,7 @@ from pytest_rvads.autopilots.spacing import Stopping, behind_leader, clear_of_bo
 from pytest_rvads.autopilots.stop_sign import HOLD, StopSign
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.semantics.states import Control, Observation, Zone
+from pytest_rvads.semantics.states import APPROACH, ENTRANCE, JUNCTION, Control, Observation
 from pytest_rvads.tracking.follower import Follower
 
 __all__ = ["Gate", "Reference"]
@@ -62,7 +62,7 @@ class Reference(Follower):
         wanted = self.towards(seen, self.target_speed(seen))
         zone = seen.me.zone
         stops = False
-        if zone is Zone.APPROACH or zone is Zone.ENTRANCE:
+        if zone is APPROACH or zone is ENTRANCE:
             if self._gate is None:
                 self._gate = self.make_gate(seen)
             stops = not self._gate.allows(seen)
@@ -75,6 +75,6 @@ class Reference(Follower):
                 # Whoever leads is past the line; before it there is nobody to follow.
                 wanted = min(wanted, behind_leader(seen))
             wanted = min(wanted, clear_of_bodies(seen, self.track(seen)))
-            if zone is Zone.JUNCTION:
+            if zone is JUNCTION:
                 wanted = min(wanted, clear_of_crossing(seen))
         return self.drive(seen, wanted)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from pytest_rvads.autopilots.conflicts import conflict, movements
-from pytest_rvads.semantics.states import Observation, VehicleState, Zone
+from pytest_rvads.semantics.states import ENTRANCE, EXIT, JUNCTION, Observation, VehicleState
 from pytest_rvads.tracking.follower import resistance
 from pytest_rvads.tracking.track import Track
 
@@ -67,7 +67,7 @@ class Stopping:
         """
         me, vehicle = seen.me, seen.vehicle
         distance = seen.itinerary.line - STAND_OFF - me.station
-        if me.speed < CREEP and (distance < 0.02 or me.zone is Zone.ENTRANCE):
+        if me.speed < CREEP and (distance < 0.02 or me.zone is ENTRANCE):
             return -math.inf
         needed = _needed(me.speed, distance)
         if not self._braking:
@@ -102,7 +102,7 @@ def behind_leader(seen: Observation) -> float:
     remaining = itinerary.length - me.station
     least = math.inf
     for other in seen.others:
-        if other.zone is not Zone.JUNCTION and other.zone is not Zone.EXIT:
+        if other.zone is not JUNCTION and other.zone is not EXIT:
             continue
         for movement in movements(seen.junction, other.entrance, other.turn):
             left = movement.length - other.station
@@ -120,7 +120,7 @@ def clear_of_crossing(seen: Observation) -> float:
     me, itinerary = seen.me, seen.itinerary
     least = math.inf
     for other in seen.others:
-        if other.zone is not Zone.JUNCTION:
+        if other.zone is not JUNCTION:
             continue
         for movement in movements(seen.junction, other.entrance, other.turn):
             if movement.exit == itinerary.exit:

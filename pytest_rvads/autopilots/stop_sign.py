@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pytest_rvads.autopilots.conflicts import exit_blocked, runs_through
 from pytest_rvads.autopilots.order import Queue
-from pytest_rvads.semantics.states import Colour, Observation, Zone
+from pytest_rvads.semantics.states import ENTRANCE, JUNCTION, Colour, Observation
 from pytest_rvads.tracking.follower import STANDING
 
 __all__ = ["StopSign"]
@@ -32,12 +32,12 @@ class StopSign:
         """Return whether to enter the junction; to be called in every step before it."""
         self._queue.watch(seen)
         me = seen.me
-        if me.zone is Zone.ENTRANCE and self._stood_since is None and me.speed < STANDING:
+        if me.zone is ENTRANCE and self._stood_since is None and me.speed < STANDING:
             self._stood_since = seen.time
         if self._stood_since is None or seen.time - self._stood_since < HOLD:
             return False
         # Also when it is already on its way: whoever goes out of turn is let in, not met in the junction.
-        if any(other.zone is Zone.JUNCTION for other in seen.others) or self._queue.setting_off(seen.others):
+        if any(other.zone is JUNCTION for other in seen.others) or self._queue.setting_off(seen.others):
             self._released, self._stuck_since = False, None
             return False
         self._released = self._released or self._my_turn(seen)

@@ -16,7 +16,7 @@ from pytest_rvads.physics.seat import Factory, Halt, Seat, crew, name_of
 from pytest_rvads.physics.world import BulletWorld, World
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT, Scenario
 from pytest_rvads.semantics.run import DT, Collision, Fault, Run
-from pytest_rvads.semantics.states import Colour, Control, Observation, VehicleState, Zone
+from pytest_rvads.semantics.states import GONE, Colour, Control, Observation, VehicleState
 from pytest_rvads.semantics.vehicle import Vehicle
 from pytest_rvads.versions import versions
 
@@ -135,7 +135,7 @@ class _Loop:
         gone = []
         for column in self._active:
             state = states[column] = self._bodies[column].sample(self._motions[column])
-            if state.zone is Zone.GONE:
+            if state.zone is GONE:
                 gone.append(column)
         for column in gone:
             self._active.remove(column)

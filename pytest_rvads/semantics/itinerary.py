@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pytest_rvads.errors import MapError
 from pytest_rvads.maps.junction import Junction
 from pytest_rvads.maps.segment import Pose, Segment, Turn, join
-from pytest_rvads.semantics.states import Zone
+from pytest_rvads.semantics.states import APPROACH, ENTRANCE, EXIT, GONE, JUNCTION, Zone
 
 __all__ = ["ENTRANCE_ZONE", "EXIT_LENGTH", "LEAVE", "Itinerary"]
 
@@ -80,10 +80,10 @@ class Itinerary:
     def zone(self, station: float) -> Zone:
         """Return the part of the itinerary that `station` [m] lies in."""
         if station <= 0.0:
-            return Zone.ENTRANCE if station >= self.line - ENTRANCE_ZONE else Zone.APPROACH
+            return ENTRANCE if station >= self.line - ENTRANCE_ZONE else APPROACH
         if station < self.length:
-            return Zone.JUNCTION
-        return Zone.EXIT if station < self.end else Zone.GONE
+            return JUNCTION
+        return EXIT if station < self.end else GONE
 
     def start(self, distance: float) -> float:
         """Return the station `distance` [m] before the stopping line."""

@@ -18,7 +18,21 @@ if TYPE_CHECKING:
     from pytest_rvads.semantics.itinerary import Itinerary
     from pytest_rvads.semantics.vehicle import Vehicle
 
-__all__ = ["Agent", "Autopilot", "Colour", "Control", "Observation", "TrafficSystem", "VehicleState", "Zone"]
+__all__ = [
+    "APPROACH",
+    "ENTRANCE",
+    "EXIT",
+    "GONE",
+    "JUNCTION",
+    "Agent",
+    "Autopilot",
+    "Colour",
+    "Control",
+    "Observation",
+    "TrafficSystem",
+    "VehicleState",
+    "Zone",
+]
 
 
 class Zone(IntEnum):
@@ -34,6 +48,10 @@ class Zone(IntEnum):
     """On the exit road, from the exit vertex on."""
     GONE = 4
     """Past the end of the itinerary: the vehicle has left the run."""
+
+
+APPROACH, ENTRANCE, JUNCTION, EXIT, GONE = Zone
+"""The zones by themselves, for what asks thousands of times a second: looking one up in its class takes 20 times as long."""
 
 
 class Colour(IntEnum):
