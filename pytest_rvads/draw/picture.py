@@ -18,7 +18,7 @@ STYLE = """
 .stop{stroke:#fff;stroke-width:.5}.number{font-size:2.6px;text-anchor:middle;fill:#666}
 .sign{fill:#c1272d;stroke:#fff;stroke-width:.2}.letter,.name{font-size:1.8px;text-anchor:middle;fill:#fff;font-weight:bold}
 .trail{fill:none;stroke-width:.35;opacity:.75}.front{fill:none;stroke:#fff;stroke-width:.22}
-.broken{stroke:#d11f1f;stroke-width:.45}.title{font-size:2.4px;fill:#222}svg{font-family:sans-serif}
+.broken{stroke:#d11f1f;stroke-width:.5;stroke-dasharray:.9 .45}.title{font-size:2.4px;fill:#222}svg{font-family:sans-serif}
 """
 
 

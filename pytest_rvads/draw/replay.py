@@ -1,9 +1,10 @@
-"""A run as a self-contained page: play, scrub, speed, keyboard, a link to a time, the list of events."""
+"""A run as a self-contained page: play, scrub, speed, keyboard, a link to a time, events, zones, lights and monitors over time."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from string import Template
@@ -17,20 +18,38 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Colour, Zone
 
-__all__ = ["events", "replay"]
+__all__ = ["Track", "events", "replay"]
 
 _EVERY = 5
 """Positions are stored every so many states and drawn on straight lines between; zones and lights are exact."""
 
 
-def replay(run: Run, title: str, notes: str = "", marked: Iterable[tuple[float, str]] = ()) -> str:
+@dataclass(frozen=True, slots=True)
+class Track:
+    """A value that changes now and then, such as the state of a monitor."""
+
+    label: str
+    changes: tuple[tuple[int, str], ...]
+    """Since which tick it has been what; the words ``watching``, ``due``, ``violated``, ``satisfied`` have colours."""
+
+
+def replay(
+    run: Run,
+    title: str,
+    notes: str = "",
+    marked: Iterable[tuple[float, str]] = (),
+    tracks: Iterable[Track] = (),
+    responsible: Collection[str] = (),
+) -> str:
     """Return an HTML page that replays `run`, state by state.
 
     Args:
         run: a run with positions.
         title: heading of the page.
         notes: text shown beside the picture, such as an explanation.
-        marked: further events (time [s], text), such as a violation.
+        marked: further events (time [s], text), such as a violation; they stand out.
+        tracks: what else to show over time, such as the monitors of a rule.
+        responsible: names of the vehicles to point out.
 
     Raises:
         RunError: the run holds no positions.
@@ -41,9 +60,12 @@ def replay(run: Run, title: str, notes: str = "", marked: Iterable[tuple[float, 
     scene = Scene(run.junction)
     length, width = size(run)
     left, top, wide, high = scene.view
+    inks = [PALETTE[a.entrance % len(PALETTE)] for a in run.agents]
+    trails = "".join(f'<polyline class="trail" stroke="{ink}"/>' for ink in inks)
     bodies = "".join(
-        body(run.pose[0, i], length, width, PALETTE[a.entrance % len(PALETTE)], a.name) for i, a in enumerate(run.agents)
+        body(run.pose[0, i], length, width, inks[i], a.name, a.name in responsible) for i, a in enumerate(run.agents)
     )
+    told = sorted(marked)
     motion = np.concatenate((run.pose, run.station[..., None], run.speed[..., None]), axis=2)
     motion[..., 2] = np.unwrap(motion[..., 2], axis=0)
     data = {
@@ -55,14 +77,17 @@ def replay(run: Run, title: str, notes: str = "", marked: Iterable[tuple[float, 
         "motion": motion[::_EVERY].round(3).tolist(),
         "zones": [_changes(run.zone[:, i]) for i in range(len(run.agents))],
         "lights": [_changes(run.lights[:, e]) for e in range(run.lights.shape[1])],
-        "events": sorted([*events(run), *marked]),
+        "tracks": [(track.label, track.changes) for track in tracks],
+        "responsible": [a.name for a in run.agents if a.name in responsible],
+        "marked": [time for time, _ in told],
+        "events": sorted([*events(run), *told]),
     }
     page = Template(files("pytest_rvads.draw").joinpath("replay.html").read_text(encoding="utf-8"))
     return page.substitute(
         title=escape(title),
         style=STYLE,
         scene=f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2f} {top:.2f} {wide:.2f} {high:.2f}">'
-        f"{scene.road()}{scene.lights(run.lights[0])}{bodies}</svg>",
+        f"{scene.road()}{scene.lights(run.lights[0])}{trails}{bodies}</svg>",
         notes=escape(notes),
         # "<" could end the script element from inside a string.
         data=json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),

@@ -17,7 +17,7 @@ from pytest_rvads.logic.prepare import Template
 from pytest_rvads.logic.shape import Kind, conjuncts
 from pytest_rvads.logic.verdicts import Status
 
-__all__ = ["Judgement", "judge", "nearest_miss"]
+__all__ = ["Judgement", "judge", "nearest_miss", "walk"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,22 +38,26 @@ class Judgement:
 
 def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
     """Judge all instances of a rule: monitors first, finite-trace semantics for what they leave open."""
+    found = []
+    for template, states in zip(templates, walk(templates, values), strict=True):
+        outputs = template.machine.output[states]
+        failed = int(np.argmax(outputs == Truth.FALSE)) if outputs[-1] == Truth.FALSE else None
+        before = int(states[failed - 1]) if failed else 0
+        found.append(_judge(template, values, failed, before, bool(outputs[-1] == Truth.TRUE)))
+    return found
+
+
+def walk(templates: tuple[Template, ...], values: Values) -> list[NDArray[np.int32]]:
+    """Return the states that the monitor of every instance goes through, each of shape ``(steps,)``."""
     steps = values.run.steps
     machines: dict[int, list[int]] = {}
     for i, t in enumerate(templates):
         machines.setdefault(id(t.machine), []).append(i)
-    found: dict[int, Judgement] = {}
+    found: dict[int, NDArray[np.int32]] = {}
     for members in machines.values():
         machine = templates[members[0]].machine
         rows = [encode(machine, _named(templates[i], values), steps) for i in members]
-        letters = np.array(rows, dtype=np.int32)
-        states = run_machine(machine, letters)
-        outputs = machine.output[states]
-        for row, i in enumerate(members):
-            violated = outputs[row, -1] == Truth.FALSE
-            failed = int(np.argmax(outputs[row] == Truth.FALSE)) if violated else None
-            before = int(states[row, failed - 1]) if failed else 0
-            found[i] = _judge(templates[i], values, failed, before, bool(outputs[row, -1] == Truth.TRUE))
+        found |= dict(zip(members, run_machine(machine, np.array(rows, dtype=np.int32)), strict=True))
     return [found[i] for i in range(len(templates))]
 
 
