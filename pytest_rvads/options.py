@@ -46,7 +46,7 @@ _DECLARED = {
     "rules": _Option("file with rules of your own, see `rvads rules --file`"),
     "keep": _Option("folder to keep every run in, as .npz for `rvads check`"),
     "report": _Option(
-        "also write the verdicts to FILE.json, FILE.md, or FILE.csv (by requirement); may be repeated",
+        "also write the verdicts to FILE.json, FILE.html, FILE.md, or FILE.csv (by requirement); may be repeated",
         metavar="FILE",
         several=True,
     ),
@@ -72,7 +72,7 @@ _DECLARED = {
         "failed",
         ("failed", "never"),
     ),
-    "artefacts": _Option("folder for the replay pages of failures, or 'none'", ".rvads"),
+    "artefacts": _Option("folder for the replay pages of failures and an index of the session, or 'none'", ".rvads"),
     "open": _Option("what an obligation still open at the end of a run does to its test", "fail", ("fail", "skip", "pass")),
 }
 

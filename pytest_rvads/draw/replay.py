@@ -1,4 +1,4 @@
-"""A run as a self-contained page: play, scrub, speed, keyboard, a link to a time, events, zones, lights and monitors over time."""
+"""A run as a self-contained page: play, scrub, speed, keyboard, a link to a time; events, zones, lights, monitors over time."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""A session's report on disk: JSON for programs, Markdown for people and for GitHub's job summary."""
+"""A session's report on disk: JSON for programs, Markdown for GitHub's job summary, HTML for people."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from pytest_rvads.report.coverage import dropped, measure
 from pytest_rvads.report.document import Report
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import coverage, matrices
+from pytest_rvads.report.page import page
 from pytest_rvads.report.timing import timing
 from pytest_rvads.report.traceability import table
 from pytest_rvads.report.triage import causes, provoked
@@ -31,8 +33,8 @@ def save(path: Path, report: Report) -> None:
         OSError: the file can't be written.
     """
     if path.suffix not in FORMATS:
-        raise RvadsError(f"a report is a {' or '.join(FORMATS)} file, got {str(path)!r}")
-    text = FORMATS[path.suffix](report)
+        raise RvadsError(f"a report is a {', '.join(FORMATS)} file, got {str(path)!r}")
+    text = FORMATS[path.suffix](report, path.parent)
     path.parent.mkdir(parents=True, exist_ok=True)
     # An earlier report, perhaps the baseline, outlives a disk that is full.
     part = path.with_name(f"{path.name}.part")
@@ -139,5 +141,10 @@ def _cell(text: str) -> str:
     return text.replace("|", "\\|").replace("\n", " ")
 
 
-FORMATS = {".json": _json, ".md": markdown, ".csv": table}
-"""How a report is written, by the ending of its file."""
+FORMATS: dict[str, Callable[[Report, Path], str]] = {
+    ".json": lambda report, _: _json(report),
+    ".html": page,
+    ".md": lambda report, _: markdown(report),
+    ".csv": lambda report, _: table(report),
+}
+"""How a report is written, by the ending of its file; what it links to is linked from the folder it is written to."""

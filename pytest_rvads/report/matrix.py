@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from pytest_rvads.report.record import Record
 
-__all__ = ["Matrix", "coverage", "matrices"]
+__all__ = ["Matrix", "coverage", "group_of", "matrices"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,11 +24,16 @@ class Matrix:
 
 def matrices(records: Sequence[Record]) -> list[Matrix]:
     """Return a matrix per test file, test function, junction and kind of traffic, in the order of the items."""
-    groups: dict[tuple[str, str], list[Record]] = {}
+    groups: dict[str, list[Record]] = {}
     for record in records:
-        among = f" among {record['traffic']} traffic" if record.get("traffic") else ""
-        groups.setdefault((record["nodeid"].partition("[")[0], record["junction"] + among), []).append(record)
-    return [_matrix(f"{junction}   {test}", group) for (test, junction), group in groups.items()]
+        groups.setdefault(group_of(record), []).append(record)
+    return [_matrix(title, group) for title, group in groups.items()]
+
+
+def group_of(record: Record) -> str:
+    """Return the title of the matrix that a record belongs to."""
+    among = f" among {record['traffic']} traffic" if record.get("traffic") else ""
+    return f"{record['junction']}{among}   {record['nodeid'].partition('[')[0]}"
 
 
 def _matrix(title: str, records: Sequence[Record]) -> Matrix:

@@ -1,0 +1,49 @@
+"""Timelines tell the same as verdicts: since when an obligation is due, and when it was violated."""
+
+import pytest
+
+from pytest_rvads.autopilots import Reference
+from pytest_rvads.autopilots.lgsvl import LgsvlLike
+from pytest_rvads.errors import FormulaError
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.rules import rule
+from pytest_rvads.logic.timeline import timelines
+from pytest_rvads.logic.verdicts import Status
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.scenarios.scenario import Scenario
+
+
+@pytest.mark.parametrize(
+    ("scenario", "names"),
+    [(Scenario("stop4", "1133", distance=0.3), ("p1", "p2", "p3")), (Scenario("light4", "3131", distance=0.3), ("p4", "p5", "p6"))],
+    ids=["stop", "light"],
+)
+def test_timelines_and_verdicts_agree(scenario: Scenario, names: tuple[str, ...]) -> None:
+    run = simulate(scenario, LgsvlLike)
+    seen = set()
+    for name in names:
+        lines = {line.binding: line for line in timelines(run, name)}
+        for instance in check(run, name).instances:
+            seen.add(instance.status)
+            changes = lines[instance.binding].changes
+            violated = [tick for tick, word in changes if word == "violated"]
+            assert violated == ([instance.failed] if instance.status is Status.FAIL else [])
+            if instance.trigger is not None and instance.trigger != instance.failed:
+                assert (instance.trigger, "due") in changes
+    assert {Status.FAIL, Status.PASS} <= seen
+
+
+def test_a_monitor_can_be_satisfied_for_good_before_the_run_ends() -> None:
+    run = simulate(Scenario("stop4", "1000", distance=5.0), Reference)
+    (line,) = timelines(run, rule("passes", "forall a, j. F a@j"))
+    assert [word for _, word in line.changes] == ["watching", "satisfied"]
+    entered = run.entry(0)
+    assert entered is not None
+    assert line.changes[-1][0] == round(entered / run.dt)
+    assert line.moved
+
+
+def test_an_unknown_rule_is_refused_by_name() -> None:
+    run = simulate(Scenario("stop4", "1000", distance=1.0, duration=0.1), Reference)
+    with pytest.raises(FormulaError, match="p99"):
+        timelines(run, "p99")
