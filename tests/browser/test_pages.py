@@ -1,0 +1,167 @@
+"""The pages work in a browser: they open without a complaint, and what can be clicked does what it says."""
+
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from pytest_rvads.autopilots.lgsvl import LgsvlLike
+from pytest_rvads.draw.replay import Track, replay
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.report.document import Report, in_order
+from pytest_rvads.report.page import page
+from pytest_rvads.report.record import Record, cell_record, conclude
+from pytest_rvads.scenarios.scenario import Scenario
+
+webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+
+Open = Callable[[str, str], "webdriver.Chrome"]
+LAST = 2.0
+
+
+@pytest.fixture(scope="module")
+def browser() -> "Iterator[webdriver.Chrome]":
+    binary, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if not binary or not driver:
+        pytest.skip("no browser: install Debian's chromium and chromium-driver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = binary
+    for argument in ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--window-size=1300,1000"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    service = webdriver.ChromeService(driver)
+    browser = webdriver.Chrome(options=options, service=service)
+    yield browser
+    browser.quit()
+
+
+@pytest.fixture
+def open_page(browser: "webdriver.Chrome", tmp_path: Path) -> Iterator[Open]:
+    """Open a page under a name; in the end its console must be empty."""
+
+    def opened(html: str, fragment: str = "") -> "webdriver.Chrome":
+        (tmp_path / "page.html").write_text(html, encoding="utf-8")
+        browser.get("about:blank")  # a change of the fragment alone would not load the page again
+        browser.get(f"file://{tmp_path / 'page.html'}{fragment}")
+        return browser
+
+    yield opened
+    assert browser.get_log("browser") == []
+
+
+@pytest.fixture(scope="module")
+def replayed() -> str:
+    run = simulate(Scenario("light4", "1132", distance=0.3, duration=LAST), LgsvlLike)
+    tracks = [Track("p6 a2, a0", ((0, "watching"), (50, "due"), (81, "violated")))]
+    return replay(run, "p6 at t=0.81 s", "notes", [(0.81, "p6 is violated")], tracks, {"a2"})
+
+
+def by_id(browser: "webdriver.Chrome", name: str) -> "webdriver.remote.webelement.WebElement":
+    return browser.find_element("id", name)
+
+
+def wait(browser: "webdriver.Chrome", until: Callable[[], bool]) -> None:
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    WebDriverWait(browser, 10, poll_frequency=0.05).until(lambda _: until())
+
+
+def clock(browser: "webdriver.Chrome") -> str:
+    return str(by_id(browser, "clock").text)
+
+
+def test_a_deep_link_shows_its_instant(open_page: Open, replayed: str) -> None:
+    browser = open_page(replayed, "#t=0.81")
+    assert clock(browser) == "0.81 s"
+    labels = [row.find_element("tag name", "span").text for row in browser.find_elements("css selector", "#strips .row")]
+    assert labels[-1] == "p6 a2, a0: violated"
+    assert "a2 (responsible)" in by_id(browser, "states").text
+    assert browser.find_elements("css selector", '[data-agent="a2"] .broken')
+    browser.execute_script("location.hash = '#t=0.5'")
+    wait(browser, lambda: clock(browser) == "0.50 s")
+
+
+def test_play_runs_to_the_end_and_pauses(open_page: Open, replayed: str) -> None:
+    browser = open_page(replayed, "")
+    before = browser.find_element("css selector", '[data-agent="a0"]').get_attribute("transform")
+    browser.find_element("css selector", "#speed option[value='4']").click()
+    by_id(browser, "play").click()
+    assert by_id(browser, "play").text == "pause"
+    wait(browser, lambda: clock(browser) == f"{LAST:.2f} s")
+    assert by_id(browser, "play").text == "play"
+    assert browser.find_element("css selector", '[data-agent="a0"]').get_attribute("transform") != before
+
+
+def test_scrubbing_keys_events_and_strips_go_to_a_time(open_page: Open, replayed: str) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    browser = open_page(replayed, "")
+    scrub = by_id(browser, "scrub")
+    browser.execute_script("arguments[0].value = 120; arguments[0].dispatchEvent(new Event('input'))", scrub)
+    assert clock(browser) == "1.20 s"
+    body = browser.find_element("tag name", "body")
+    body.send_keys(Keys.ARROW_RIGHT)
+    assert clock(browser) == "1.21 s"
+    body.send_keys(Keys.HOME)
+    assert clock(browser) == "0.00 s"
+    browser.find_element("css selector", "#events .told").click()
+    assert clock(browser) == "0.81 s"
+    assert browser.current_url.endswith("#t=0.81")
+    browser.find_elements("css selector", "#strips .strip")[0].click()  # in its middle
+    assert float(clock(browser).split()[0]) == pytest.approx(LAST / 2, abs=0.02)
+
+
+def test_light_and_dark(open_page: Open, replayed: str) -> None:
+    browser = open_page(replayed, "")
+
+    def background() -> str:
+        return str(browser.execute_script("return getComputedStyle(document.body).backgroundColor"))
+
+    first = background()
+    by_id(browser, "theme").click()
+    assert background() != first
+    by_id(browser, "theme").click()
+    assert background() == first
+
+
+def record(cls: int, rule: str, status: str) -> Record:
+    keys: dict[str, str | int] = {"junction": "stop4", "cls": cls, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": rule}
+    found = cell_record(f"test_x.py::test[stop4-class{cls:02d}-{rule}]", 3, "test", keys, 4)
+    verdict = {"rule": rule, "status": status, "cause": f"{rule} broken", "time": 1.0, "instances": [], "message": f"{rule} <b>"}
+    conclude(found, [verdict], "call", "failed" if status == "FAIL" else "passed", text=f"{rule} <b>at</b> t=1")
+    if status == "FAIL":
+        found["look"] = f".rvads/{cls}.html#t=1.00"
+    return found
+
+
+def test_the_index_leads_from_a_cell_to_its_replay(open_page: Open) -> None:
+    from selenium.webdriver.support.select import Select
+
+    records = [
+        record(cls, rule, "FAIL" if (cls, rule) == (2, "p1") else "PASS") for cls in range(1, 400) for rule in ("p1", "p2")
+    ]
+    report = Report(in_order(records), {4: (24, 81)}, (), {}, 1, ("2 items did not run",))
+    browser = open_page(page(report, Path(".rvads")), "")
+
+    def rows() -> list[str]:
+        script = "return [...document.querySelectorAll('#items tbody tr')].map(row => row.innerText)"
+        return list(browser.execute_script(script))
+
+    assert by_id(browser, "count").text == "798 of 798 items"
+    assert len(rows()) == 300
+    by_id(browser, "more").click()
+    assert len(rows()) == 600
+    assert "2 items did not run" in browser.find_element("css selector", ".note").text
+    browser.find_element("xpath", "//table[@class='matrix']//button[text()='FAIL']").click()
+    assert by_id(browser, "count").text == "1 of 798 items"
+    assert "<b>at</b>" in rows()[0]
+    assert browser.find_element("css selector", "#items a").get_dom_attribute("href") == "2.html#t=1.00"
+    by_id(browser, "clear").click()
+    Select(by_id(browser, "rule")).select_by_value("p2")
+    assert by_id(browser, "count").text == "399 of 798 items"
+    by_id(browser, "search").send_keys("class01-")
+    assert by_id(browser, "count").text == "1 of 798 items"
+    by_id(browser, "clear").click()
+    browser.find_element("css selector", ".causes button").click()
+    assert by_id(browser, "count").text == "1 of 798 items"
