@@ -52,12 +52,16 @@ class Policy:
         return cls(re.sub(r"\W+", "_", str(name), flags=re.ASCII).strip("_") or "own", what)
 
 
-def traffic(name: str) -> Callable[[], Any]:
+def traffic(name: str, what: str = "traffic") -> Callable[[], Any]:
     """Return the traffic policy called `name`, for ``simulate(..., traffic=...)``.
+
+    Args:
+        name: one of `POLICIES`.
+        what: what it is wanted for, in the words of the one who asks.
 
     Raises:
         ScenarioError: no such policy.
     """
     if name not in POLICIES:
-        raise ScenarioError(f"unknown traffic {name!r}, there are {', '.join(POLICIES)}{suggest(name, POLICIES)}")
+        raise ScenarioError(f"unknown {what} {name!r}, there are {', '.join(POLICIES)}{suggest(name, POLICIES)}")
     return POLICIES[name]

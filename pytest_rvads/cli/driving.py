@@ -26,7 +26,7 @@ def declare(commands: Subparsers) -> None:
     """Add the commands of this module."""
     braking = commands.add_parser("braking", help="show v(d)max: how fast a vehicle may be that far before the stopping line")
     braking.add_argument("--json", action="store_true", help="print one JSON object: aggression, distance, speed")
-    braking.add_argument("--autopilot", metavar="NAME", help="what this autopilot reaches of it: reference, lgsvl or rolling")
+    braking.add_argument("--autopilot", metavar="NAME", help="what this autopilot reaches of it, such as reference or lgsvl")
     braking.add_argument("--svg", metavar="OUT", help="also draw the curves into this file")
     braking.set_defaults(command=_braking)
 

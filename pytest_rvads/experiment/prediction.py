@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pytest_rvads.autopilots.named import named
+from pytest_rvads.autopilots.traffic import traffic
 from pytest_rvads.errors import MapError, RvadsError, ScenarioError
 from pytest_rvads.experiment.site import Lengths, build_junction
 from pytest_rvads.experiment.tables import outcome
@@ -89,7 +89,7 @@ def predict(request: Mapping[str, Any]) -> tuple[Run, int]:
     Raises:
         RvadsError: a field is missing or has a value that does not fit; the message names it.
     """
-    autopilot = named(_field(request, "autopilot", str, "lgsvl"))
+    autopilot = traffic(_field(request, "autopilot", str, "lgsvl"), "autopilot")
     word = _field(request, "control", str)
     if word not in (JunctionControl.STOP, JunctionControl.LIGHTS):
         raise ScenarioError(f"control must be 'stop' or 'lights', got {word!r}")

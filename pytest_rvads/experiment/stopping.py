@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from pytest_rvads.autopilots.named import named
+from pytest_rvads.autopilots.traffic import traffic
 from pytest_rvads.experiment.pool import Progress, spread
 from pytest_rvads.physics.cache import cached
 from pytest_rvads.physics.closed_loop import closed_vmax
@@ -27,10 +27,9 @@ def closed_envelope(
     """Return what the autopilot `name` reaches of v(d)max [m/s] over `distances` [m], for every aggression.
 
     Raises:
-        AutopilotError: there is no autopilot of this name.
-        ScenarioError: a distance or an aggression that can't be tested.
+        ScenarioError: there is no autopilot of this name; a distance or an aggression that can't be tested.
     """
-    named(name)
+    traffic(name, "autopilot")
     jobs: list[_Job] = [(name, float(distance), level) for level in aggressions for distance in distances]
     found = list(spread(_work, jobs, workers, progress))
     count = len(distances)
@@ -41,4 +40,4 @@ def _work(job: _Job) -> float | None:
     name, distance, aggression = job
     vehicle = Vehicle()
     key = {"what": name, "distance": distance, "aggression": aggression, "vehicle": asdict(vehicle)}
-    return cached(key, lambda: closed_vmax(distance, named(name), aggression, vehicle))
+    return cached(key, lambda: closed_vmax(distance, traffic(name), aggression, vehicle))

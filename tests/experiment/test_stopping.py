@@ -10,7 +10,7 @@ from pytest_rvads import cli
 from pytest_rvads.cli import driving
 from pytest_rvads.cli.common import progress
 from pytest_rvads.draw.braking import draw_braking
-from pytest_rvads.errors import AutopilotError
+from pytest_rvads.errors import ScenarioError
 from pytest_rvads.experiment.stopping import closed_envelope
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -24,7 +24,7 @@ def test_jobs_come_back_in_their_places_from_any_number_of_processes() -> None:
 
 
 def test_an_unknown_autopilot_is_refused_before_any_run() -> None:
-    with pytest.raises(AutopilotError, match=r"unknown autopilot 'referense', expected one of .* did you mean 'reference'"):
+    with pytest.raises(ScenarioError, match=r"unknown autopilot 'referense', there are .* did you mean 'reference'"):
         closed_envelope("referense", (1.0,))
 
 
