@@ -1,0 +1,164 @@
+"""Hypothesis strategies for junctions and scenarios, to use under ``@given``.
+
+Everything shrinks towards what is easy to read: fewer vehicles, standing starts, round distances. Concrete scenarios stay
+inside the braking envelope: nobody starts faster than a share of v(d)max, so a violation is never a matter of speed alone.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from hypothesis import strategies as st
+
+from pytest_rvads.errors import ScenarioError
+from pytest_rvads.maps.finder import find, names
+from pytest_rvads.maps.junction import Junction, JunctionControl
+from pytest_rvads.physics.braking import vmax
+from pytest_rvads.scenarios.classes import WAYS, Directions
+from pytest_rvads.scenarios.scenario import Scenario
+
+if TYPE_CHECKING:
+    from hypothesis.strategies import SearchStrategy
+
+__all__ = ["abstract_scenarios", "distances", "junctions", "scenarios", "waits"]
+
+NEAREST, FARTHEST = 0.3, 30.0
+"""Range of distances to the stopping line [m]."""
+LONGEST_WAIT = 4.0
+"""Range of the draw of autopilots that have one, from 0 [s]."""
+USUAL_WAIT = 1.5
+"""That of a scenario which says nothing else [s]."""
+PACE = 0.75
+"""Share of v(d)max that vehicles start with at most, so that reacting takes no more than ordinary braking."""
+_ROUND = (20.0, 10.0, 5.0, 2.0, 1.0, 0.3, 30.0)
+_KNOTS = (0.3, 0.6, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 13.0, 16.0, 20.0)
+"""Where v(d)max is asked for; it grows with d, so the value at the next knot below is safe [m]."""
+_SHARES = 10
+"""Into how many steps the speeds up to v(d)max are divided."""
+
+
+def junctions(control: JunctionControl | str | None = None, ways: int | None = None) -> SearchStrategy[Junction]:
+    """Return a strategy for built-in junctions.
+
+    Args:
+        control: ``"stop"`` or ``"lights"``; any by default.
+        ways: number of entrances; any by default.
+
+    Raises:
+        ScenarioError: no such junction.
+    """
+    found = [j for j in map(find, names()) if control in (None, j.control) and ways in (None, j.ways)]
+    if not found:
+        raise ScenarioError(f"no built-in junction has control {control!r} and {ways!r} ways: there are {', '.join(names())}")
+    return st.sampled_from(found)
+
+
+def abstract_scenarios(ways: int = 4, *, partial: bool = True) -> SearchStrategy[Directions]:
+    """Return a strategy for abstract scenarios: a direction per entrance, 0 where nobody stands.
+
+    Args:
+        ways: number of entrances.
+        partial: with empty entrances, of which there may be all but one.
+
+    Raises:
+        ScenarioError: another number of ways than 3..8.
+    """
+    if ways not in WAYS:
+        raise ScenarioError(f"the number of ways must be 3 to 8, got {ways!r}")
+    codes = st.tuples(*[st.integers(0 if partial else 1, ways - 1)] * ways)
+    return codes.filter(any) if partial else codes
+
+
+def distances(low: float = NEAREST, high: float = FARTHEST) -> SearchStrategy[float]:
+    """Return a strategy for distances to the stopping line [m]: round ones, and any multiple of 0.1 m.
+
+    Raises:
+        ScenarioError: an empty range, or less than 0.
+    """
+    if not 0 <= low < high < math.inf:
+        raise ScenarioError(f"distances go from 0 m or more to something greater, got {low!r} to {high!r}")
+    near = [d for d in _ROUND if low <= d <= high] or [low]
+    tenths = st.integers(math.ceil(10 * low), max(math.floor(10 * high), math.ceil(10 * low))).map(lambda n: n / 10)
+    return st.one_of(st.sampled_from(near), tenths.filter(lambda d: low <= d <= high) if high - low >= 0.1 else st.just(low))
+
+
+def waits(low: float = 0.0, high: float = LONGEST_WAIT) -> SearchStrategy[float]:
+    """Return a strategy for the draw of an autopilot [s]: whole seconds, and any tick of 0.01 s.
+
+    Raises:
+        ScenarioError: an empty range, or less than 0.
+    """
+    if not 0 <= low <= high < math.inf:
+        raise ScenarioError(f"waits go from 0 s or more upwards, got {low!r} to {high!r}")
+    whole = [USUAL_WAIT, *map(float, range(math.ceil(low), math.floor(high) + 1))]
+    whole = [s for s in whole if low <= s <= high] or [low]
+    return st.one_of(st.sampled_from(whole), st.integers(math.ceil(100 * low), math.floor(100 * high)).map(lambda n: n / 100))
+
+
+def scenarios(
+    junction: str = "stop4",
+    *,
+    map: str | None = None,
+    partial: bool = True,
+    near: float = NEAREST,
+    far: float = FARTHEST,
+    pace: float = PACE,
+    wait: tuple[float, float] = (0.0, LONGEST_WAIT),
+    aggression: int = 1,
+    duration: float = 60.0,
+) -> SearchStrategy[Scenario]:
+    """Return a strategy for concrete scenarios inside v(d)max.
+
+    Args:
+        junction: built-in name, or id of a junction in `map`.
+        map: OpenDRIVE file.
+        partial: with empty entrances.
+        near: least distance to the stopping line [m].
+        far: greatest distance [m]; no farther than the approach of an entrance reaches.
+        pace: greatest speed as a share of v(d)max; at 1 a vehicle may have to brake with all it has from the first step on.
+        wait: range of the draw of autopilots that have one [s].
+        aggression: braking level 1, 2 or 3.
+        duration: longest run [s].
+
+    Raises:
+        MapError: unknown or unusable junction.
+        ScenarioError: an empty range, or a pace beyond 0..1.
+    """
+    if not 0 <= pace <= 1:
+        raise ScenarioError(f"pace is a share of v(d)max, from 0 to 1, got {pace!r}")
+    place = find(junction, map)
+    reach = [min(far, place.approach(e)) for e in range(place.ways)]
+    spans = [distances(min(near, room), room) for room in reach]
+    codes, delays = abstract_scenarios(place.ways, partial=partial), waits(*wait)
+
+    @st.composite
+    def build(draw: Callable[[SearchStrategy[Any]], Any]) -> Scenario:
+        code = draw(codes)
+        starts = [(20.0, 0.0)] * place.ways
+        for e, direction in enumerate(code):
+            if direction:
+                distance = draw(spans[e])
+                share = draw(st.integers(0, _SHARES))
+                speed = math.floor(10 * pace * _limit(distance, aggression) * share / _SHARES) / 10 if share else 0.0
+                starts[e] = (distance, speed)
+        return Scenario(
+            junction,
+            code,
+            distance=[d for d, _ in starts],
+            speed=[v for _, v in starts],
+            map=map,
+            wait=draw(delays),
+            aggression=aggression,
+            duration=duration,
+        )
+
+    return build()
+
+
+def _limit(distance: float, aggression: int) -> float:
+    """Return a speed [m/s] up to v(d)max."""
+    below = bisect_right(_KNOTS, distance)
+    return (vmax(_KNOTS[below - 1], aggression) or 0.0) if below else 0.0

@@ -1,0 +1,123 @@
+"""Falsification: what it finds is real, simple, the same every time, and printed so that it can be run again."""
+
+import re
+from functools import partial
+from textwrap import dedent
+
+import pytest
+from hypothesis import settings
+from hypothesis.database import DirectoryBasedExampleDatabase
+
+import pytest_rvads as rvads
+from pytest_rvads.logic.rules import get_rule
+from pytest_rvads.search.falsify import avoidable, look_for, pasteable
+
+NONE = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
+
+
+def lgsvl(deficiency):
+    return partial(rvads.LgsvlLike, **(NONE | {deficiency: True}))
+
+
+def vehicles(found):
+    return sum(map(bool, found.scenario.directions))
+
+
+@pytest.mark.slow
+def test_ignored_ties_are_found_with_two_vehicles_every_time_alike():
+    one, other = (look_for("paper_stop4", lgsvl("i3"), "p2", budget=60) for _ in range(2))
+    assert one is not None
+    assert vehicles(one) == 2
+    assert one.scenario == other.scenario
+    assert (one.found, one.simulations) == (other.found, other.simulations)
+    run = rvads.simulate(one.scenario, lgsvl("i3"))
+    assert rvads.check(run, "p2").status is rvads.Status.FAIL
+
+
+def test_the_reference_survives():
+    assert look_for("stop4", rvads.Reference, "p2", budget=12) is None
+
+
+def test_what_nobody_could_have_avoided_is_no_counterexample():
+    four = rvads.simulate(rvads.Scenario("stop4", "1111"), rvads.Reference)
+    assert rvads.check(four, "p2").status is rvads.Status.FAIL
+    assert not avoidable(four, get_rule("p2"))
+    two = rvads.simulate(rvads.Scenario("paper_stop4", "2200"), lgsvl("i3"))
+    assert rvads.check(two, "p2").status is rvads.Status.FAIL
+    assert avoidable(two, get_rule("p2"))
+
+
+def test_faults_are_reported_with_the_scenario():
+    class Broken:
+        def control(self, seen):
+            raise ValueError("no")
+
+    with pytest.raises(rvads.RunError, match=r"(?s)Scenario.*can't be judged by p1: .*Broken driving"):
+        look_for("stop4", Broken, "p1", budget=5)
+
+
+def test_the_pasteable_test_names_all_that_is_not_usual():
+    scenario = rvads.Scenario("light4", "0110", distance=(20, 3.5, 5, 20), speed=(0, 0, 1.25, 0), wait=2.5)
+    text = pasteable(scenario, "p5")
+    assert (
+        "@rvads.scenario('light4', scenarios='0110', distances=(20, 3.5, 5, 20), speeds=(0, 0, 1.25, 0), rules='p5', wait=2.5)"
+        in text
+    )
+
+
+FAULTY = """
+from functools import partial
+import pytest
+import pytest_rvads as rvads
+
+@pytest.fixture
+def rvads_autopilot():
+    return partial(rvads.LgsvlLike, i1=False, i2=False, i4=False, i5=False)
+
+@rvads.falsify("paper_stop4", rule="p2", budget=60)
+def test_ties(tmp_path):
+    assert tmp_path.exists()
+
+@rvads.falsify("paper_stop4", rule="p1", budget=3, autopilot=rvads.Reference)
+def test_reference(tmp_path):
+    assert tmp_path.exists()
+"""
+
+
+@pytest.fixture
+def database(tmp_path):
+    """Have Hypothesis keep its examples here."""
+    before = settings.get_current_profile_name()
+    settings.register_profile("here", database=DirectoryBasedExampleDatabase(tmp_path / "examples"))
+    settings.load_profile("here")
+    yield tmp_path / "examples"
+    settings.load_profile(before)
+
+
+def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytester, database):
+    pytester.makepyfile(test_faulty=FAULTY)
+    result = pytester.runpytest("-p", "no:cacheprovider")
+    result.assert_outcomes(passed=1, failed=1)
+    out = result.stdout.str()
+    assert re.search(r"RuleViolation: p2 at t=[\d.]+ s: a\d left entrance \d before a\d was in the junction", out)
+    assert "Falsifying example" not in out
+    snippet = re.search(r" *@rvads\.scenario\(.*\)\n.*\n.*monitor\.check\(rule\)", out)
+    assert snippet
+    fixture = FAULTY.split("@rvads.falsify")[0]
+    pytester.makepyfile(test_again=fixture + dedent(snippet.group()) + "\n")
+    again = pytester.runpytest("-p", "no:cacheprovider", "test_again.py")
+    again.assert_outcomes(failed=1)
+    assert any(database.rglob("*")), "the example database keeps it"
+
+
+@pytest.mark.slow
+def test_falsification_works_on_two_workers(pytester):
+    pytester.makepyfile(test_faulty=FAULTY)
+    pytester.runpytest_subprocess("-p", "no:cacheprovider", "-n", "2").assert_outcomes(passed=1, failed=1)
+
+
+def test_misuse(pytester):
+    with pytest.raises(rvads.ScenarioError, match="budget must be"):
+        rvads.falsify("stop4", rule="p1", budget=0)
+    with pytest.raises(rvads.FormulaError, match="unknown rule 'p9'"):
+        look_for("stop4", rvads.Reference, "p9")
