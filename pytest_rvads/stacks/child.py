@@ -69,6 +69,11 @@ class Child:
         self._readable.register(self._out, select.POLLIN)
         self._writable.register(self._in, select.POLLOUT)
 
+    @property
+    def pid(self) -> int:
+        """Number of the process, and of its group."""
+        return self._process.pid
+
     def send(self, data: bytes, limit: float) -> None:
         """Write `data`; where it no longer reads, its answer, or the lack of one, tells what happened.
 

@@ -71,8 +71,9 @@ class Process:
         self._period = None if rate is None else _period(rate, self.label)
         self._limits = startup, timeout
         self._place = cwd, env
-        self._connections: list[Connection] = []
-        self._finish = weakref.finalize(self, _close, self._connections)
+        self.connections: list[Connection] = []
+        """Running processes, by the order of the vehicles of a run."""
+        self._finish = weakref.finalize(self, _close, self.connections)
 
     def __call__(self) -> Process:
         """Return the traffic system of the next run."""
@@ -84,19 +85,15 @@ class Process:
         Raises:
             StackError: a process does not start.
         """
-        while len(self._connections) < len(agents):
-            self._connections.append(self._connect())
+        while len(self.connections) < len(agents):
+            self.connections.append(self._connect())
         return [Pilot(self, k) for k in range(len(agents))]
-
-    def connection(self, number: int) -> Connection:
-        """Return a running process, by the order of the vehicles."""
-        return self._connections[number]
 
     def drop(self, connection: Connection) -> None:
         """End a process and forget it; the next run starts another one."""
         connection.close()
-        if connection in self._connections:
-            self._connections.remove(connection)
+        if connection in self.connections:
+            self.connections.remove(connection)
 
     def period(self, connection: Connection) -> float:
         """Return the time between two decisions [s]."""
@@ -106,7 +103,7 @@ class Process:
 
     def close(self) -> None:
         """End all processes; a later run starts new ones."""
-        _close(self._connections)
+        _close(self.connections)
 
     def __enter__(self) -> Process:
         return self
@@ -132,7 +129,7 @@ class Pilot:
 
     def __init__(self, process: Process, number: int) -> None:
         self._process = process
-        self._connection = process.connection(number)
+        self._connection = process.connections[number]
         self.label = process.label
         self.period = process.period(self._connection)
         self._begun = False
