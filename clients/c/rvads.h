@@ -160,7 +160,7 @@ static inline int rvads_next(rvads *link, rvads_observation *seen) {
             clock_gettime(CLOCK_MONOTONIC, &link->since);
             return 1;
         } else {
-            return head[0] == 5 ? 0 : rvads_fail_("a frame of unknown kind");
+            return head[0] == 5 ? 0 : rvads_fail_("a frame of unknown kind or size: build with the client that belongs to this pytest-rvads");
         }
     }
     return 0;

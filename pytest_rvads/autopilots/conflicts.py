@@ -12,7 +12,7 @@ from pytest_rvads.maps.junction import Junction, Movement
 from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.semantics.states import APPROACH, ENTRANCE, EXIT, JUNCTION, Observation, VehicleState
 
-__all__ = ["CLEARANCE", "RUNNER", "Stretch", "conflict", "exit_blocked", "in_the_way", "movements", "runs_through"]
+__all__ = ["CLEARANCE", "RUNNER", "Stretch", "conflict", "exit_blocked", "in_the_way", "movements", "occupied", "runs_through"]
 
 CLEARANCE = 2.6
 """Two centre lines nearer than this are in conflict [m]: a vehicle's width and the room it needs in a bend."""
@@ -64,6 +64,14 @@ def in_the_way(junction: Junction, mine: tuple[int, int], other: VehicleState) -
         if found is not None and other.station - other.length < found[1].end:
             return True
     return False
+
+
+def occupied(junction: Junction, mine: tuple[int, int], other: VehicleState) -> bool:
+    """Return whether `other` is in the junction on a movement that conflicts with `mine`, wherever on it."""
+    return other.zone is JUNCTION and any(
+        conflict(junction, mine, (movement.entrance, movement.exit)) is not None
+        for movement in movements(junction, other.entrance, other.turn)
+    )
 
 
 def runs_through(other: VehicleState) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pytest_rvads.autopilots.conflicts import conflict, exit_blocked, in_the_way, movements, runs_through
+from pytest_rvads.autopilots.conflicts import conflict, exit_blocked, movements, occupied, runs_through
 from pytest_rvads.autopilots.spacing import can_stop, time_to
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.semantics.itinerary import ENTRANCE_ZONE
@@ -19,6 +19,8 @@ SET_OFF = 0.35
 """Time that setting off takes, until the drive answers [s]."""
 EAGER = 3.0
 """Acceleration that others are believed capable of [m/s^2]."""
+PARKED = 8.0
+"""Who stands at green for so long is not going to go [s]."""
 MARGIN = 1.0
 """Time kept between leaving a place and the arrival there of one who has priority [s]."""
 
@@ -29,6 +31,10 @@ class Light:
     def __init__(self) -> None:
         self._stood = False
         self._owed: set[str] = set()
+        self._idle: dict[str, float] = {}
+        """Since when others stand at green [s]."""
+        self._parked: set[str] = set()
+        """Others that had green long enough and did not go."""
 
     def allows(self, seen: Observation) -> bool:
         """Return whether to enter the junction; to be called in every step before it."""
@@ -47,7 +53,7 @@ class Light:
         mine = (seen.itinerary.entrance, seen.itinerary.exit)
         if any(_comes_first(seen, mine, other) for other in seen.others):
             return False
-        if any(in_the_way(seen.junction, mine, other) for other in seen.others):
+        if any(occupied(seen.junction, mine, other) for other in seen.others):
             return False
         return not (exit_blocked(seen) or any(_runs_red(seen, mine, other) for other in seen.others))
 
@@ -66,6 +72,20 @@ class Light:
         if seen.me.zone is ENTRANCE:
             self._owed |= {other.name for other in prior if other.zone is ENTRANCE}
         self._owed &= {other.name for other in seen.others if other.zone is ENTRANCE}
+        self._watch(seen)
+        if seen.lights[seen.me.entrance] is Colour.GREEN:
+            # Who turned right on red waited for them; on green they have no priority, and would be waited for in vain.
+            self._owed -= self._parked - {other.name for other in prior}
+
+    def _watch(self, seen: Observation) -> None:
+        for other in seen.others:
+            if other.zone is not ENTRANCE or other.speed > STANDING:
+                self._idle.pop(other.name, None)
+                self._parked.discard(other.name)
+            elif seen.lights[other.entrance] is not Colour.GREEN:
+                self._idle.pop(other.name, None)
+            elif seen.time - self._idle.setdefault(other.name, seen.time) >= PARKED:
+                self._parked.add(other.name)
 
 
 def _leaves_time(seen: Observation, other: VehicleState) -> bool:

@@ -15,7 +15,7 @@ from pytest_rvads.logic.rules import Rule
 from pytest_rvads.logic.shape import Kind, agents_of
 from pytest_rvads.logic.sorts import Sort
 from pytest_rvads.logic.verdicts import Status
-from pytest_rvads.semantics.collisions import Cause, cause_of
+from pytest_rvads.semantics.collisions import Cause, cause_of, had_to_wait, stuck
 from pytest_rvads.semantics.run import Run
 
 __all__ = ["Story", "bound_names", "collision_cause", "happened", "is_about", "responsible"]
@@ -80,13 +80,23 @@ def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
 def is_about(j: Judgement, run: Run, subject: str) -> bool:
     """Return whether `subject` is to blame for what is violated or open.
 
-    An obligation that is still open is kept by whoever waits; what keeps it open is the vehicle that is waited for, if any.
+    Of two that entered the junction in the same step it is the one that had to wait. An obligation that is still open is kept
+    by whoever waits; what keeps it open is the vehicle that is waited for, if any, or one that stands in everybody's way.
     """
-    if j.status is not Status.OPEN or j.template.shape.goes is None:
-        return any(e.name == subject for e in responsible(j, run))
+    me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
+    if j.status is Status.FAIL:
+        named = [e.index for e in responsible(j, run)]
+        together = len(named) == 2 and j.failed is not None and collision_cause(j, run) is None
+        first = had_to_wait(run, named[0], named[1], j.failed or 0) if together else None
+        return me in named and first in (None, me)
+    if j.status is not Status.OPEN:
+        return False
     waiting = _waiting(j)
-    awaited = tuple(e for e in agents_of(j.template.shape.goes) if e not in waiting)
-    return any(e.name == subject for e in awaited or waiting)
+    goes = j.template.shape.goes
+    awaited = [e.index for e in agents_of(goes) if e not in waiting] if goes is not None else []
+    if awaited:
+        return me in awaited
+    return any(e.index == me for e in waiting) and not any(stuck(run, k) for k in range(len(run.agents)) if k != me)
 
 
 def collision_cause(j: Judgement, run: Run) -> Cause | None:

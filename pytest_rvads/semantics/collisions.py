@@ -19,7 +19,7 @@ from pytest_rvads.semantics.conduct import STANDSTILL, stopped
 from pytest_rvads.semantics.run import Collision, Run
 from pytest_rvads.semantics.states import Colour, Zone
 
-__all__ = ["STOOD", "Cause", "cause_of"]
+__all__ = ["STOOD", "Cause", "cause_of", "had_to_wait", "stuck"]
 
 STOOD = 0.5
 """A vehicle that has stood still for this long before the impact was stood into [s]."""
@@ -51,6 +51,21 @@ def cause_of(run: Run, collision: Collision) -> Cause:
             who, whom = run.agents[guilty[0]].name, run.agents[two if guilty[0] == one else one].name
             return Cause((who,), reason.format(whom))
     return Cause(collision.agents, "are equally to blame")
+
+
+def had_to_wait(run: Run, one: int, two: int, tick: int) -> int | None:
+    """Return which of two vehicles, given as columns, had no right to be in the junction at `tick`; None if neither or both."""
+    for asks, _ in _RIGHTS:
+        guilty = [i for i, other in ((one, two), (two, one)) if asks(run, i, other, tick)]
+        if len(guilty) == 1:
+            return guilty[0]
+    return None
+
+
+def stuck(run: Run, agent: int) -> bool:
+    """Return whether the vehicle in column `agent` stands at its entrance or in the junction when the run ends."""
+    where = run.zone[-1, agent]
+    return bool(where in (Zone.ENTRANCE, Zone.JUNCTION)) and _stood(run, agent, run.steps - 1)
 
 
 _Asks = Callable[[Run, int, int, int], bool]
@@ -104,12 +119,16 @@ def _entered(run: Run, agent: int, tick: int) -> int | None:
     return int(inside[0]) if len(inside) else None
 
 
-_ORDER: tuple[tuple[_Asks, str], ...] = (
-    (_into_standing, "drove into {}, which stood"),
-    (_from_behind, "ran into {} from behind"),
+_RIGHTS: tuple[tuple[_Asks, str], ...] = (
     (_on_red, "had entered on red"),
     (_past_the_sign, "had not stopped at the stop sign"),
     (_turning, "turned across the way of {}"),
+)
+"""Who had to wait, the first question that exactly one of both answers with yes."""
+_ORDER: tuple[tuple[_Asks, str], ...] = (
+    (_into_standing, "drove into {}, which stood"),
+    (_from_behind, "ran into {} from behind"),
+    *_RIGHTS,
     (_last, "entered the junction after {}"),
 )
-"""Who is to blame, the first question that exactly one of both answers with yes."""
+"""Who is to blame, likewise."""

@@ -147,3 +147,22 @@ def test_policies_have_names() -> None:
         traffic("hesitent")
     with pytest.raises(ScenarioError, match="traffic takes names of policies or classes of autopilots, got 3"):
         Policy.of(3)
+
+
+@pytest.mark.parametrize("code", ["1122", "2222", "2233"])
+def test_reference_lets_a_runner_leave_the_junction_first(code: str) -> None:
+    """A conflicting vehicle that is in the junction on red keeps the reference out of it, wherever it is."""
+    for seat in (0, 2):
+        run = simulate(Scenario("light4", code, subject=seat), Reference, traffic=traffic("red_light_runner"))
+        for rule in ("no_conflict", "no_collision", "red"):
+            verdict = check(run, rule)
+            assert verdict.provoked or verdict.status in ("PASS", "NA"), f"{run.label}: {verdict.message}"
+
+
+def test_reference_goes_on_green_when_the_one_it_let_in_on_red_never_moves() -> None:
+    """A right turn on red waits for who comes from the left; one that does not use its green is not waited for for ever."""
+    run = simulate(Scenario("light4", "2100", subject=1), Reference, traffic=traffic("stopped"))
+    assert run.agents[1].turn == "right"
+    entry = run.entry(1)
+    assert entry is not None
+    assert 20.0 <= entry < 26.0, "its light is green from 20 s on"

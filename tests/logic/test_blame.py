@@ -99,3 +99,26 @@ def test_a_subject_at_red_is_alone_with_its_open_obligation(drive: Make) -> None
 def test_without_a_subject_nothing_is_provoked(drive: Make) -> None:
     verdict = check(drive("stop4", {1: through(2)}, 600), "full_stop")
     assert (verdict.status, verdict.provoked, verdict.subject) == ("FAIL", False, None)
+
+
+def test_of_two_that_enter_together_the_one_that_had_to_wait_is_to_blame(drive: Make) -> None:
+    """Both drive on green in the same step, one of them turning left across the other's way."""
+    vehicles = {0: wait(3, 100), 2: wait(2, 100)}
+    for seat, blamed in ((0, True), (2, False)):
+        verdict = check(drive("light4", vehicles, 600, CROSS, **subject(seat)), "no_conflict")
+        assert verdict.responsible == ("a0", "a2"), "the rule names both"
+        assert (verdict.status, verdict.provoked) == ("FAIL", not blamed)
+    # At a stop sign nobody has the better right: both are to blame.
+    vehicles = {0: wait(2, 100), 1: wait(2, 100)}
+    assert not check(drive("stop4", vehicles, 600, **subject(0)), "no_conflict").provoked
+
+
+def test_who_waits_at_red_is_not_to_blame_where_somebody_is_stuck(drive: Make) -> None:
+    """a1 stands in the junction for good, after a collision say; a2 had no chance to go."""
+    vehicles = {1: (2, -10.0, [(0, 5.0), (300, 0.0)]), 3: wait(2, 10_000)}
+    run = drive("light4", vehicles, 600, CROSS, **subject(3))
+    assert (check(run, "red").status, check(run, "red").provoked) == ("FAIL", True), "a1 entered on red"
+    vehicles = {0: (2, -10.0, [(0, 5.0), (300, 0.0)]), 3: wait(2, 10_000)}
+    assert check(drive("light4", vehicles, 600, CROSS, **subject(3)), "red").provoked
+    vehicles = {0: (2, -10.0, [(0, 5.0)]), 3: wait(2, 10_000)}
+    assert not check(drive("light4", vehicles, 600, CROSS, **subject(3)), "red").provoked
