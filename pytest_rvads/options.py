@@ -50,6 +50,9 @@ _DECLARED = {
         metavar="FILE",
         several=True,
     ),
+    "summary": _Option(
+        "how much of the verdicts to show at the end: no more than a screen, or all", "compact", ("compact", "full")
+    ),
     "cov-fail-under": _Option(
         "fail when less than N percent of the (class x configuration x rule) cells that the collected tests expand to, "
         "before -k and -m, were exercised; NA exercises nothing",
@@ -95,6 +98,8 @@ class Options:
     keep: Path | None
     reports: tuple[Path, ...]
     """Files to write; the ending of each names its format."""
+    summary: str
+    """compact or full."""
     cov_fail_under: float | None
     """Least share of the cells to be exercised [%]."""
     baseline: Path | None
@@ -129,6 +134,7 @@ class Options:
             rules=config.rootpath / values["rules"] if values["rules"] else None,
             keep=here / values["keep"] if values["keep"] else None,
             reports=_reports(config, here),
+            summary=values["summary"],
             cov_fail_under=_number("cov-fail-under", values["cov-fail-under"], 100.0),
             baseline=_baseline(values, here),
             erosion=_number("erosion", values["erosion"], 3600.0) or 0.0,

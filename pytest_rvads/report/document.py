@@ -35,6 +35,8 @@ class Report:
     """What is missing or doubtful, a sentence each."""
     left_out: dict[str, int] = field(default_factory=dict)
     """Test to how many points of its grid are beyond v(d)max and were left out."""
+    seconds: dict[str, float] = field(default_factory=dict, compare=False)
+    """Test and run to how long simulating and judging took on this machine [s]; for the terminal only, in no file."""
     comparison: Comparison | None = None
     """With the baseline, where there is one; JSON keeps the kind of change of every record."""
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pytest_rvads.report.record import Record
 
 __all__ = ["Matrix", "coverage", "group_of", "matrices"]
+
+
+_CLASS = re.compile(r"-class(\d{2,})-")
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +24,12 @@ class Matrix:
     """(configuration, rule) of each column."""
     rows: tuple[tuple[str, tuple[str, ...]], ...]
     """Classes with equal verdicts, and a text per column: ``pass``, ``3/4 fail``, ``NA``, ``xfail I3``."""
+
+    def shortened(self, most: int) -> Matrix:
+        """Return the matrix with at most so many rows: those in which something is wrong, then the first ones."""
+        wrong = [any(bad in cell.upper() for cell in cells for bad in _BAD) for _, cells in self.rows]
+        kept = sorted(sorted(range(len(self.rows)), key=lambda i: not wrong[i])[:most])
+        return replace(self, rows=tuple(self.rows[i] for i in kept))
 
 
 def matrices(records: Sequence[Record]) -> list[Matrix]:
@@ -45,7 +55,14 @@ def _matrix(title: str, records: Sequence[Record]) -> Matrix:
     for number in sorted(cells):
         row = tuple(_text(cells[number].get(column, [])) for column in columns)
         alike.setdefault(row, []).append(number)
-    return Matrix(title, columns, tuple((_spans(numbers), row) for row, numbers in alike.items()))
+    width = max(map(_width, records))
+    return Matrix(title, columns, tuple((_spans(numbers, width), row) for row, numbers in alike.items()))
+
+
+def _width(record: Record) -> int:
+    """Return how many digits the number of a class has in ids, at least two."""
+    found = _CLASS.search(record["nodeid"])
+    return len(found[1]) if found else 2
 
 
 def _rule(record: Record) -> str:
@@ -75,7 +92,7 @@ def _kind(record: Record) -> str:
     return status.lower() if status in ("PASS", "PROVOKED") else status
 
 
-def _spans(numbers: Sequence[int]) -> str:
+def _spans(numbers: Sequence[int], width: int) -> str:
     """Return class numbers as ranges: ``01-04, 07``."""
     spans: list[list[int]] = []
     for number in numbers:
@@ -83,7 +100,7 @@ def _spans(numbers: Sequence[int]) -> str:
             spans[-1][1] = number
         else:
             spans.append([number, number])
-    return ", ".join(f"{a:02d}" if a == b else f"{a:02d}-{b:02d}" for a, b in spans)
+    return ", ".join(f"{a:0{width}d}" if a == b else f"{a:0{width}d}-{b:0{width}d}" for a, b in spans)
 
 
 def coverage(records: Sequence[Record], totals: dict[int, tuple[int, int]]) -> list[str]:

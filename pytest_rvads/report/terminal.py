@@ -23,7 +23,11 @@ __all__ = ["summary"]
 _LONG = 8
 """A configuration with a longer label is numbered in the table and spelled out below it."""
 _MOST = 10
-"""Causes listed; the rest is counted."""
+"""Causes and changes of a kind listed; the rest is counted."""
+_ROWS = 20
+"""Rows of a table shown; those with failures first."""
+_SLOW = 1.0
+"""A run that takes longer is told, and the next slowest with it [s]."""
 _STYLES = {
     "pass": "green",
     "provoked": "cyan",
@@ -37,38 +41,44 @@ _STYLES = {
 _CHANGES = {"NEW": "bold red", "FIXED": "green", "ERODED": "yellow", "LOST": "yellow"}
 
 
-def summary(report: Report, *, colour: bool, width: int, unicode: bool) -> str:
-    """Return the verdict matrix, the cause groups, the extreme indicators and the coverage lines.
+def summary(report: Report, *, colour: bool, width: int, unicode: bool, full: bool = False) -> str:
+    """Return what changed, the verdict matrix, the cause groups, the extreme indicators and the coverage lines.
 
     Args:
         report: of the session.
         colour: whether the terminal shows colours.
         width: of the terminal, in characters.
         unicode: whether its encoding has box characters.
+        full: whether to show all; by default no table is longer than a screen and no list longer than ten.
     """
+    most = None if full else _MOST
     out = io.StringIO()
     console = Console(file=out, force_terminal=colour, no_color=not colour, width=width, highlight=False, legacy_windows=False)
     if report.comparison:
         console.print(Text(report.comparison.headline, style="bold"), soft_wrap=True)
-        for line in report.comparison.lines(_MOST):
+        for line in report.comparison.lines(most):
             console.print(Text(f"  {line}", style=_CHANGES.get(line.partition(" ")[0], "")), soft_wrap=True)
         console.print()
-    for matrix in matrices(report.records):
+    for whole in matrices(report.records):
+        matrix = whole if full else whole.shortened(_ROWS)
         console.print(Text(matrix.title, style="bold"), soft_wrap=True)
         long = [c for c in dict.fromkeys(cfg for cfg, _ in matrix.columns) if len(c) > _LONG]
         short = {c: f"#{n}" for n, c in enumerate(long, start=1)}
         for columns in _pages(matrix, short, width):
             console.print(_table(matrix, columns, short, unicode))
+        if len(matrix.rows) < len(whole.rows):
+            console.print(f" ... and {len(whole.rows) - len(matrix.rows)} more rows: --rvads-summary=full shows them all")
         for label in long:
             console.print(Text(f" {short[label]} = {label}"), soft_wrap=True)
         console.print()
     records = report.records
     for title, groups in (("causes of failures", causes(records)), ("provoked by traffic", provoked(records))):
-        _list(console, title, groups)
+        _list(console, title, groups, most)
     for line in (
         *extremes(records),
         *coverage(records, report.totals),
         *timing(records),
+        *_slowest(report, full),
         f"coverage: {measure(report)}",
         *dropped(report),
     ):
@@ -76,14 +86,22 @@ def summary(report: Report, *, colour: bool, width: int, unicode: bool) -> str:
     return out.getvalue()
 
 
-def _list(console: Console, title: str, groups: Sequence[Cause]) -> None:
+def _slowest(report: Report, full: bool) -> list[str]:
+    """Return a line on the runs that took longest, where that is worth one."""
+    slowest = sorted(report.seconds.items(), key=lambda entry: -entry[1])[: _MOST if full else 3]
+    if not slowest or (slowest[0][1] < _SLOW and not full):
+        return []
+    return ["slowest: " + ", ".join(f"{seconds:.1f} s {run}" for run, seconds in slowest)]
+
+
+def _list(console: Console, title: str, groups: Sequence[Cause], most: int | None) -> None:
     if groups:
         console.print(title)
-    for cause in groups[:_MOST]:
+    for cause in groups[:most]:
         console.print(Text(f"  {cause.count:4d} x {cause.rule}: {cause.line}"), soft_wrap=True)
         console.print(Text(f'         first: pytest "{cause.example}"'), soft_wrap=True)
-    if len(groups) > _MOST:
-        console.print(f"  ... and {len(groups) - _MOST} more: --rvads-report=FILE.md lists them all")
+    if most is not None and len(groups) > most:
+        console.print(f"  ... and {len(groups) - most} more: --rvads-summary=full shows them all")
 
 
 def _pages(matrix: Matrix, short: dict[str, str], width: int) -> list[list[int]]:

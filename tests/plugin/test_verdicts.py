@@ -212,3 +212,8 @@ def test_no_summary_where_nothing_of_ours_ran(pytester: pytest.Pytester) -> None
 def test_other_options_of_pytest(files: pytest.Pytester, options: tuple[str, ...]) -> None:
     result = files.runpytest(*options)
     assert result.ret == (0 if "--collect-only" in options else 1)
+
+
+def test_the_summary_can_be_asked_for_as_a_whole(files: pytest.Pytester) -> None:
+    assert "slowest: " in files.runpytest("--rvads-summary=full").stdout.str()
+    assert files.runpytest("--rvads-summary=long").ret == pytest.ExitCode.USAGE_ERROR

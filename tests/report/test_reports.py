@@ -174,3 +174,36 @@ def test_the_terminal_summary_is_plain_where_the_terminal_is() -> None:
     assert text.isascii()
     assert "1/2 fail" in text
     assert "\x1b[" in summary(REPORT, colour=True, width=100, unicode=True)
+
+
+def long_session(rows: int) -> Report:
+    """Every class with other verdicts, so that none fold into one row; the last class fails."""
+    records = []
+    for cls in range(1, rows + 1):
+        for bit in range(8):
+            passes = (cls >> bit) & 1 and cls < rows
+            records.append(record(cls, f"d{bit:05.2f}v00.00", "p1", "PASS" if passes else "FAIL" if cls == rows else "NA"))
+            records[-1]["nodeid"] = f"t.py::test[stop5-class{cls:03d}-as11111-cfg{bit}-p1]"
+            records[-1]["message"] = f"number {'x' * cls}"
+    return Report(tuple(records), {4: (208, 1024)})
+
+
+def test_a_long_table_is_cut_but_for_its_failures() -> None:
+    report = long_session(60)
+    text = summary(report, colour=False, width=200, unicode=False)
+    assert " ... and 40 more rows: --rvads-summary=full shows them all" in text
+    rows = [line.split()[0] for line in text.splitlines() if line.strip()[:3].isdigit()]
+    assert len(rows) == 20
+    assert rows[-1] == "060", "the row that fails is shown, and numbers are as wide as in ids"
+    whole = summary(report, colour=False, width=200, unicode=False, full=True)
+    assert len([line for line in whole.splitlines() if line.strip()[:3].isdigit()]) == 60
+    assert "more rows" not in whole
+
+
+def test_slow_runs_are_told_where_they_matter() -> None:
+    quick = Report(tuple(RECORDS), TOTALS, seconds={"test[one]": 0.2, "test[two]": 0.3})
+    slow = Report(tuple(RECORDS), TOTALS, seconds={f"test[{n}]": float(n) for n in range(12)})
+    assert "slowest" not in summary(quick, colour=False, width=100, unicode=False)
+    assert "slowest: 11.0 s test[11], 10.0 s test[10], 9.0 s test[9]\n" in summary(slow, colour=False, width=100, unicode=False)
+    assert "2.0 s test[2]\n" in summary(slow, colour=False, width=100, unicode=False, full=True)
+    assert quick == slow, "how fast a machine is, is no difference between reports"
