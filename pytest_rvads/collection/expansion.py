@@ -15,6 +15,7 @@ import pytest
 
 from pytest_rvads.collection.cells import DEFAULT, Cell, cells_of
 from pytest_rvads.collection.extensions import extensions
+from pytest_rvads.collection.progress import watched
 from pytest_rvads.errors import OpenObligation, RuleViolation, RvadsError, ScenarioError
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["LEFT_OUT", "expand"]
 
+_POINTS, _CELLS = 10, 5000
+"""From how many points or cells on a terminal shows how far the collection is."""
 LEFT_OUT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
 """Node id of a test to how many points of its grid are beyond v(d)max and were left out."""
 
@@ -51,7 +54,8 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
         _in_use([mark for mark in metafunc.definition.own_markers if mark.name == "rvads_known"], cells)
     except RvadsError as error:
         raise pytest.Collector.CollectError(f"{name}: {error}") from error
-    metafunc.parametrize("rvads_cell", list(_params(cells, declared)), indirect=True)
+    watched_cells = watched(metafunc.config, f"items of {metafunc.function.__name__}", cells, _CELLS)
+    metafunc.parametrize("rvads_cell", list(_params(watched_cells, declared)), indirect=True)
 
 
 def _nearest(definition: pytest.Function) -> list[pytest.Mark]:
@@ -84,7 +88,7 @@ def _known(mark: pytest.Mark, keys: Mapping[str, str | int]) -> bool:
     return all(keys.get(key) in values for key, values in mark.kwargs.items() if key != "reason")
 
 
-def _params(cells: Sequence[Cell], declared: Sequence[pytest.Mark]) -> Iterator[Any]:
+def _params(cells: Iterable[Cell], declared: Sequence[pytest.Mark]) -> Iterator[Any]:
     """Yield a parameter per cell, with one mark to select it by and the xfail of every known deficiency it has."""
     select = pytest.mark.rvads
     for cell in cells:
@@ -107,7 +111,7 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
     if ask["map"] is None and place in added.junctions:
         file, place = added.junctions[place]
     junction = find(place, file)
-    configurations, left_out = _configurations(ask, junction, options, added.grids)
+    configurations, left_out = _configurations(ask, junction, options, added.grids, metafunc.config)
     selection = Selection.of(
         place,
         file,
@@ -212,7 +216,7 @@ def _map_file(junction: str, map: str | None, metafunc: pytest.Metafunc, options
 
 
 def _configurations(
-    ask: Mapping[str, Any], junction: Junction, options: Options, grids: Mapping[str, tuple[Any, Any]]
+    ask: Mapping[str, Any], junction: Junction, options: Options, grids: Mapping[str, tuple[Any, Any]], config: pytest.Config
 ) -> tuple[tuple[Configuration, ...], int]:
     """Return the points to run, and how many were left out because nobody could stop there."""
     from pytest_rvads.scenarios.grid import explicit, grid, outside
@@ -236,7 +240,8 @@ def _configurations(
         return tuple(dict.fromkeys((*points, *own))), 0
     from pytest_rvads.physics.braking import vmax
 
-    kept = [p for p in own if outside(p, lambda distance: vmax(distance, ask["aggression"])) is None]
+    watched_points = watched(config, "v(d)max of point", own, _POINTS)
+    kept = [p for p in watched_points if outside(p, lambda distance: vmax(distance, ask["aggression"])) is None]
     if not kept and not points:
         values = (
             f"distances={ask['distances']!r}, speeds={ask['speeds']!r}" if ask["distances"] is not None else f"grid={names!r}"

@@ -1,0 +1,41 @@
+"""Progress of a long collection shows on terminals, and nowhere else."""
+
+import os
+import pty
+import sys
+
+import pytest
+
+TEST = """
+    import pytest_rvads as rvads
+
+    @rvads.scenario("stop4", classes=1, distances=[float(d) for d in range(1, 16)], speeds=[0.0, 1.0], rules="p1")
+    def test_it(run, rule, monitor): ...
+"""
+
+
+def on_a_terminal(*command: str) -> str:
+    child, terminal = pty.fork()
+    if child == 0:
+        os.execv(command[0], command)
+    said = b""
+    while True:
+        try:
+            piece = os.read(terminal, 65536)
+        except OSError:  # the terminal is closed when the command ends
+            piece = b""
+        if not piece:
+            os.waitpid(child, 0)
+            return said.decode()
+        said += piece
+
+
+def test_terminals_see_progress_and_pipes_do_not(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(TEST)
+    command = (sys.executable, "-m", "pytest", "--collect-only")
+    shown = on_a_terminal(*command)
+    assert "rvads: v(d)max of point 0/30" in shown
+    assert "rvads: v(d)max of point 29/30" in shown
+    assert "30 tests collected" in shown
+    assert "rvads: v(d)max" not in on_a_terminal(*command, "-q")
+    assert "rvads: v(d)max" not in pytester.runpytest_subprocess("--collect-only").stdout.str()
