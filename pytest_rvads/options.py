@@ -198,7 +198,7 @@ def _reports(config: pytest.Config, here: Path) -> tuple[Path, ...]:
     names: list[str] = config.getoption("rvads_report") or config.getini("rvads_report")
     for name in names:
         if Path(name).suffix not in FORMATS:
-            raise RvadsError(f"rvads_report must name a {' or '.join(FORMATS)} file, got {name!r}")
+            raise RvadsError(f"rvads_report must name a {', '.join(FORMATS)} file, got {name!r}")
     return tuple(here / name for name in names)
 
 
