@@ -161,7 +161,7 @@ class _Attacher:
             names = ", ".join(sorted(set(ids))[:5])
             count = len(set(ids))
             message = (
-                f"{count} signals at junction {junction!r} ({names}) are oriented away from where they stand; that was ignored"
+                f"{count} signals at junction {junction!r} ({names}) are oriented against the traffic they are for; that was ignored"
             )
             self.warnings.append(MapWarning(Doubt.ORIENTATION, message, None, junction))
         return list(found.values())
@@ -181,7 +181,10 @@ class _Attacher:
             return any(low <= here[0] <= high for low, high in ranges)
 
         if road.junction is not None and road.junction in self.document.junctions:
-            return [(road.junction, id) for edge in self.by_road[road.id] if meant(edge) for id in self._upstream(edge)]
+            edges = [edge for edge in self.by_road[road.id] if meant(edge)]
+            if edges and all(_against(signal, edge.forward) for edge in edges):
+                self.inverted[road.junction].append(signal.id)
+            return [(road.junction, id) for edge in edges for id in self._upstream(edge)]
         return [(junction, edge.id) for junction, edge in self._near_end(road, signal) if meant(edge)]
 
     def _upstream(self, edge: Edge) -> list[str]:
@@ -212,7 +215,7 @@ class _Attacher:
         if len(ends) == 2:
             return ends[signal.orientation != "-"]
         for forward, places in ends.items():
-            if signal.orientation in ("+", "-") and (signal.orientation == "+") != forward:
+            if _against(signal, forward):
                 for junction, _ in places[:1]:
                     self.inverted[junction].append(signal.id)
             return places
@@ -264,6 +267,11 @@ class _Attacher:
         place = max(before, 0.0)
         setback = place if kind is not ObjectKind.LIGHT and before >= 0 and place <= LINE_RANGE else None
         return MapObject(signal.id, kind, junction, edge.id, max(edge.length - place, 0.0), setback)
+
+
+def _against(signal: Signal, forward: bool) -> bool:
+    """Tell whether the orientation of a signal contradicts the direction of the lanes it is for."""
+    return signal.orientation in ("+", "-") and (signal.orientation == "+") != forward
 
 
 def setback_of(objects: Iterable[MapObject]) -> float:

@@ -150,3 +150,11 @@ def test_walks_follow_the_lanes(shared: Path) -> None:
         for (entrance, exit), segment in junction.geometry.movements.items():
             assert sum((segment.points[0] - junction.geometry.approaches[entrance].points[-1]) ** 2) <= 1.0
             assert sum((segment.points[-1] - junction.geometry.exits[exit].points[0]) ** 2) <= 1.0
+
+
+@pytest.mark.parametrize("stem", ["Town01", "Town04", "Town07"])
+def test_inverted_orientations_are_told(shared: Path, stem: str) -> None:
+    """RoadRunner orients every light and stop sign of the CARLA towns against the traffic it is for."""
+    road_map = load(shared, stem)
+    told = {warning.junction for warning in road_map.warnings if warning.kind == "orientation"}
+    assert told == {report.id for report in road_map.junctions if report.control != "none"}
