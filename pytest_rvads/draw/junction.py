@@ -19,6 +19,8 @@ from pytest_rvads.maps.segment import Turn
 __all__ = ["draw_map"]
 
 _PANEL, _CAPTION, _COLUMNS, _HEAD = 360.0, 64.0, 3, 62.0
+_GAP = 6.0
+"""Between a panel and the edge of its tile; neighbours must not look linked [px]."""
 _MARGIN = 18.0
 """How much of the roads around a junction is drawn [m]."""
 _SMALLEST = 20.0
@@ -36,14 +38,16 @@ def draw_map(road_map: RoadMap) -> str:
     columns = min(_COLUMNS, len(reports))
     rows = math.ceil(len(reports) / columns)
     usable = sum(report.usable for report in reports)
+    count = "1 junction" if len(reports) == 1 else f"{len(reports)} junctions"
     body = [
-        text(12, 24, f"{road_map.path}: {len(reports)} junctions, {usable} usable", font_size=15, font_weight="bold"),
+        text(12, 24, f"{road_map.path}: {count}, {usable} usable", font_size=15, font_weight="bold"),
         _legend(12, 44),
     ]
     for i, report in enumerate(reports):
         x, y = i % columns * _PANEL, _HEAD + i // columns * (_PANEL + _CAPTION)
         body.append(
-            f'<svg x="{x:g}" y="{y + _CAPTION:g}" width="{_PANEL:g}" height="{_PANEL:g}">{_panel(road_map, report)}</svg>'
+            f'<svg x="{x + _GAP:g}" y="{y + _CAPTION:g}" width="{_PANEL - 2 * _GAP:g}" height="{_PANEL - 2 * _GAP:g}" '
+            f'viewBox="0 0 {_PANEL:g} {_PANEL:g}">{_panel(road_map, report)}</svg>'
         )
         body.append(_caption(report, x, y))
     defs = "".join(
@@ -112,6 +116,8 @@ def _panel(road_map: RoadMap, report: JunctionReport) -> str:
         line = [place(*p) for id in way.path.edges for p in edges[id].points]
         parts.append(polyline(line, stroke=_TURNS[way.turn], stroke_width=1.5, marker_end=f"url(#{way.turn.value})"))
     parts += _marks(road_map, report, place, scale)
+    parts.append(f'<path d="M10 {_PANEL - 10:g}h{10 * scale:.1f}m0 -3v6m-{10 * scale:.1f} 0v-6" stroke="#333" fill="none"/>')
+    parts.append(text(10, _PANEL - 16, "10 m", font_size=10))
     return "".join(parts)
 
 

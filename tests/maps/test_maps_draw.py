@@ -1,5 +1,7 @@
 """Pictures of junctions: well-formed, complete, and safe with strange names."""
 
+import math
+import re
 from xml.etree import ElementTree
 
 import pytest
@@ -22,7 +24,7 @@ def test_a_panel_shows_movements_entrances_signs_and_lines(name: str) -> None:
     ways = int(name[-1])
     marked = [path.get("marker-end") for path in panel.iter(f"{SVG}path")]
     assert sum(mark in ("url(#left)", "url(#straight)", "url(#right)") for mark in marked) == ways * (ways - 1)
-    assert [text.text for text in panel.iter(f"{SVG}text")] == [str(i) for i in range(ways)]
+    assert [text.text for text in panel.iter(f"{SVG}text")] == [*(str(i) for i in range(ways)), "10 m"]
     assert sum(path.get("stroke") == "#c00" for path in panel.iter(f"{SVG}path")) == ways
     assert len(list(panel.iter(f"{SVG}polygon"))) == (ways if "stop" in name else 0)
 
@@ -35,6 +37,16 @@ def test_entrance_numbers_stand_where_the_entrances_are() -> None:
     assert places["0"][1] > 180 > places["2"][1]
     assert places["1"][0] > 180 > places["3"][0]
     assert places["0"][0] > 180 > places["2"][0]
+
+
+def test_the_scale_is_true() -> None:
+    """A straight movement of stop4 is 30 m long."""
+    (panel,) = ElementTree.fromstring(draw_map(read_map(path_of("stop4")))).findall(f"{SVG}svg")
+    bar = next(path for path in panel.iter(f"{SVG}path") if path.get("stroke") == "#333")
+    ten = float(bar.get("d").partition("h")[2].partition("m")[0])
+    straight = next(path for path in panel.iter() if path.get("marker-end") == "url(#straight)")
+    places = [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", straight.get("points") or straight.get("d"))]
+    assert math.dist(places[:2], places[-2:]) == pytest.approx(3 * ten, abs=0.5)
 
 
 def test_unusable_junctions_are_drawn_with_their_reason(read) -> None:

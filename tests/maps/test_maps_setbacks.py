@@ -7,7 +7,9 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.maps.junction import JunctionControl
 from pytest_rvads.maps.writer import Layout, opendrive
+from pytest_rvads.scenarios.classes import classes, label
 
+SETBACKS = (0.0, 2.0, 4.0, 8.0)
 CASES = [
     (JunctionControl.STOP, "1133", 20.0, 10.0),
     (JunctionControl.STOP, "2132", (0.3, 10.0, 20.0, 30.0), 0.0),
@@ -16,17 +18,33 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("control", "directions", "distance", "speed"), CASES)
-def test_same_verdicts(tmp_path: Path, control: JunctionControl, directions: str, distance: float, speed: float) -> None:
+def same_verdicts(folder: Path, control: JunctionControl, directions: str, distance, speed: float) -> set[rvads.Status]:
+    """Check that all rules say the same for all setbacks; return what they say."""
     rules = ("p1", "p2", "p3") if control is JunctionControl.STOP else ("p4", "p5", "p6")
     found = {}
-    for setback in (0.0, 2.0, 4.0, 8.0):
-        path = tmp_path / f"x{setback:.0f}.xodr"
-        path.write_text(opendrive(Layout(4, control, setback=setback)), encoding="utf-8")
+    for setback in SETBACKS:
+        path = folder / f"x{setback:.0f}.xodr"
+        if not path.exists():
+            path.write_text(opendrive(Layout(4, control, setback=setback)), encoding="utf-8")
         scenario = rvads.Scenario("1", directions, distance=distance, speed=speed, map=str(path))
+        assert scenario.find().setbacks == pytest.approx((setback,) * 4, abs=1e-6)
         run = rvads.simulate(scenario, rvads.Reference)
         assert not run.collisions
         assert run.fault is None
         found[setback] = [rvads.check(run, rule).status for rule in rules]
-    assert found[2.0] == found[4.0] == found[8.0] == found[0.0]
-    assert rvads.Status.PASS in found[0.0]
+    assert all(statuses == found[0.0] for statuses in found.values()), found
+    return set(found[0.0])
+
+
+@pytest.mark.parametrize(("control", "directions", "distance", "speed"), CASES)
+def test_same_verdicts(tmp_path: Path, control: JunctionControl, directions: str, distance: float, speed: float) -> None:
+    assert rvads.Status.PASS in same_verdicts(tmp_path, control, directions, distance, speed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("control", [JunctionControl.STOP, JunctionControl.LIGHTS])
+@pytest.mark.parametrize(("distance", "speed"), [(0.3, 0.0), (20.0, 0.0), (20.0, 10.0), ((0.3, 20.0, 0.3, 20.0), 0.0)])
+def test_same_verdicts_in_all_classes(tmp_path: Path, control: JunctionControl, distance, speed: float) -> None:
+    said = [same_verdicts(tmp_path, control, label(code), distance, speed) for code in classes(4)]
+    assert len(said) == 24
+    assert all(rvads.Status.PASS in statuses for statuses in said)
