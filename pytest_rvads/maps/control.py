@@ -161,7 +161,7 @@ class _Attacher:
             names = ", ".join(sorted(set(ids))[:5])
             count = len(set(ids))
             message = (
-                f"{count} signals at junction {junction!r} ({names}) are oriented against the traffic they are for; that was ignored"
+                f"{count} signals at junction {junction!r} ({names}) are oriented against their traffic; that was ignored"
             )
             self.warnings.append(MapWarning(Doubt.ORIENTATION, message, None, junction))
         return list(found.values())
