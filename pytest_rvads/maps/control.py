@@ -160,9 +160,7 @@ class _Attacher:
         for junction, ids in self.inverted.items():
             names = ", ".join(sorted(set(ids))[:5])
             count = len(set(ids))
-            message = (
-                f"{count} signals at junction {junction!r} ({names}) are oriented against their traffic; that was ignored"
-            )
+            message = f"{count} signals at junction {junction!r} ({names}) are oriented against their traffic; that was ignored"
             self.warnings.append(MapWarning(Doubt.ORIENTATION, message, None, junction))
         return list(found.values())
 
