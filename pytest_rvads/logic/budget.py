@@ -1,4 +1,4 @@
-"""What a synthesis may cost: counted in steps, not in seconds, so that the same formula always gets the same answer."""
+"""What a formula may cost: counted in steps, not in seconds, so that the same formula always gets the same answer."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ __all__ = ["Budget"]
 
 @dataclass(slots=True)
 class Budget:
-    """Counts the work of one synthesis, so that a formula that blows up is refused instead of left to run."""
+    """Counts the work that a formula causes, so that one that blows up is refused instead of left to run."""
 
     limit: int
     size: int
     """Of the formula, for the message."""
     spent: int = 0
+    what: str = "a monitor too large to build"
+    """What is needed beyond the limit, for the message."""
 
     def spend(self, work: int) -> None:
         """Add `work`.
@@ -27,6 +29,6 @@ class Budget:
         self.spent += work
         if self.spent > self.limit:
             raise FormulaError(
-                f"the formula, of size {self.size}, needs a monitor too large to build "
+                f"the formula, of size {self.size}, needs {self.what} "
                 f"(more than {self.limit:,} steps): split it into smaller rules"
             )

@@ -13,6 +13,7 @@ from math import prod
 
 from pytest_rvads.logic import formula as f
 from pytest_rvads.logic.boolean import conj, disj, iff, neg
+from pytest_rvads.logic.budget import Budget
 from pytest_rvads.logic.rewrite import rebuild
 from pytest_rvads.logic.sorts import Sort
 from pytest_rvads.semantics.predicates import Static
@@ -20,6 +21,14 @@ from pytest_rvads.semantics.predicates import Static
 __all__ = ["Grounding", "Instance", "domain", "ground", "simplify", "unfold"]
 
 Binding = tuple[tuple[str, f.Element], ...]
+
+LIMIT = 100_000
+"""Atoms that unfolding a formula may look at; a second or two of work. The shipped rules need at most 2,000 where four roads
+meet, and 30,000 where eight do."""
+
+
+def _budget(formula: f.Formula) -> Budget:
+    return Budget(LIMIT, f.size(formula), what="too many instances, one per choice of elements for its variables")
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,16 +85,19 @@ def unfold(formula: f.Formula, static: Static) -> Grounding:
     """Eliminate all quantifiers: one instance per choice of elements for the outermost universal variables.
 
     Further quantifiers become conjunctions and disjunctions inside the instances.
+
+    Raises:
+        FormulaError: there would be too many.
     """
-    return Grounding(tuple(_unfold(formula, static, ())))
+    return Grounding(tuple(_unfold(formula, static, (), _budget(formula))))
 
 
-def _unfold(formula: f.Formula, static: Static, binding: Binding) -> list[Instance]:
+def _unfold(formula: f.Formula, static: Static, binding: Binding, budget: Budget) -> list[Instance]:
     if isinstance(formula, f.Forall):
         first, rest = formula.variables[0], formula.variables[1:]
         body = f.Forall(rest, formula.body) if rest else formula.body
-        return [i for e in domain(first.sort, static) for i in _unfold(body, static, (*binding, (first.name, e)))]
-    return [Instance(binding, _reduce(formula, dict(binding), static, decide=False, itinerary=False))]
+        return [i for e in domain(first.sort, static) for i in _unfold(body, static, (*binding, (first.name, e)), budget)]
+    return [Instance(binding, _reduce(formula, dict(binding), static, budget, decide=False, itinerary=False))]
 
 
 def simplify(grounding: Grounding, static: Static, *, itinerary: bool = True) -> Grounding:
@@ -96,22 +108,29 @@ def simplify(grounding: Grounding, static: Static, *, itinerary: bool = True) ->
         static: from `extract`.
         itinerary: use the agents' known itineraries for ``take``, instead of its definition as a future formula.
     """
-    found = [Instance(i.binding, _reduce(i.formula, {}, static, decide=True, itinerary=itinerary)) for i in grounding.instances]
+    found = [
+        Instance(i.binding, _reduce(i.formula, {}, static, _budget(i.formula), decide=True, itinerary=itinerary))
+        for i in grounding.instances
+    ]
     left = tuple(i for i in found if i.formula != f.TRUE)
     return Grounding(left, grounding.collapsed + len(found) - len(left))
 
 
 @lru_cache(maxsize=1024)
 def ground(formula: f.Formula, static: Static, *, itinerary: bool = True) -> Grounding:
-    """Return ``simplify(unfold(formula, static), static)``, without writing out what collapses on the way."""
+    """Return ``simplify(unfold(formula, static), static)``, without writing out what collapses on the way.
+
+    Raises:
+        FormulaError: there would be too many instances.
+    """
     found: list[Instance] = []
-    collapsed = _ground(formula, static, itinerary, (), found)
+    collapsed = _ground(formula, static, itinerary, (), found, _budget(formula))
     return Grounding(tuple(found), collapsed)
 
 
-def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Binding, found: list[Instance]) -> int:
+def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Binding, found: list[Instance], budget: Budget) -> int:
     if not isinstance(formula, f.Forall):
-        reduced = _reduce(formula, {}, static, decide=True, itinerary=itinerary)
+        reduced = _reduce(formula, {}, static, budget, decide=True, itinerary=itinerary)
         if reduced == f.TRUE:
             return 1
         found.append(Instance(binding, reduced))
@@ -121,7 +140,7 @@ def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Bindin
     collapsed = 0
     for element in domain(first.sort, static):
         # Inner variables may hide the name; they are handled by _reduce.
-        reduced = _reduce(body, {first.name: element}, static, decide=True, itinerary=itinerary)
+        reduced = _reduce(body, {first.name: element}, static, budget, decide=True, itinerary=itinerary)
         bound = (*binding, (first.name, element))
         if isinstance(reduced, f.Const) and isinstance(body, f.Forall):
             count = _count(body, static)
@@ -129,7 +148,7 @@ def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Bindin
                 collapsed += count
                 continue
             reduced = body  # false for all: write the instances out one by one
-        collapsed += _ground(reduced, static, itinerary, bound, found)
+        collapsed += _ground(reduced, static, itinerary, bound, found, budget)
     return collapsed
 
 
@@ -140,12 +159,15 @@ def _count(formula: f.Formula, static: Static) -> int:
     return prod(len(domain(v.sort, static)) for v in formula.variables) * _count(formula.body, static)
 
 
-def _reduce(formula: f.Formula, values: Mapping[str, f.Element], static: Static, *, decide: bool, itinerary: bool) -> f.Formula:
+def _reduce(
+    formula: f.Formula, values: Mapping[str, f.Element], static: Static, budget: Budget, *, decide: bool, itinerary: bool
+) -> f.Formula:
     """Replace variables; with `decide`, evaluate what is static and simplify; quantifiers below the outermost unfold."""
 
     def go(node: f.Formula, env: Mapping[str, f.Element], prefix: bool) -> f.Formula:
         match node:
             case f.Atom(name, terms, at):
+                budget.spend(1)
                 atom = f.Atom(name, tuple(_bind(t, env) for t in terms), at)
                 return _decide(atom, static, itinerary) if decide else atom
             case f.Forall(variables, body) if prefix:

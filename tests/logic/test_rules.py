@@ -202,6 +202,25 @@ def test_vertices_are_entrances_and_exits_and_each_agent_has_one_of_each(make: M
     assert agent in {e for i in ground(parse("forall a. F a@j"), static).instances for _, e in i.binding}
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"forall {', '.join(f'a{i}' for i in range(12))}. G !(a1@j & a11@j)",
+        f"forall a. G exists {', '.join(f'a{i}' for i in range(12))}. a@j & a1@j | a3@j U a11@j",
+    ],
+    ids=["outer", "inner"],
+)
+def test_too_many_instances_are_refused_not_left_to_run(make: Make, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pytest_rvads.logic.ground.LIMIT", 5_000)
+    run = make("stop4", dict.fromkeys(range(4), (2, 10, 50, 200)), 300)
+    crowd = Rule("crowd", text)
+    message = r"the formula, of size \d+, needs too many instances, one per choice .* \(more than 5,000 steps\): split it"
+    with pytest.raises(FormulaError, match=message):
+        check(run, crowd)
+    with pytest.raises(FormulaError, match=message):
+        unfold(crowd.formula, extract(run))
+
+
 def test_every_step_of_the_pipeline_prints(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, None, None)}, 300)
     static = extract(run)
