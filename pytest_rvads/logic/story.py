@@ -15,11 +15,13 @@ from pytest_rvads.logic.rules import Rule
 from pytest_rvads.logic.shape import Kind, agents_of
 from pytest_rvads.logic.sorts import Sort
 from pytest_rvads.logic.verdicts import Status
-from pytest_rvads.semantics.collisions import Cause, cause_of, had_to_wait, stuck
+from pytest_rvads.semantics.collisions import Cause, cause_of, stuck, surprised
 from pytest_rvads.semantics.run import Run
 
 __all__ = ["Story", "bound_names", "collision_cause", "happened", "is_about", "responsible"]
 
+SET_OFF = 5.0
+"""Whoever is waited for has this long to go before it is to blame [s]."""
 _ORDER = (Status.FAIL, Status.OPEN, Status.PASS, Status.NA)
 _WORDS = {Status.FAIL: "fail", Status.OPEN: "open", Status.PASS: "pass", Status.NA: "not triggered"}
 
@@ -80,22 +82,24 @@ def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
 def is_about(j: Judgement, run: Run, subject: str) -> bool:
     """Return whether `subject` is to blame for what is violated or open.
 
-    Of two that entered the junction in the same step it is the one that had to wait. An obligation that is still open is kept
-    by whoever waits; what keeps it open is the vehicle that is waited for, if any, or one that stands in everybody's way.
+    It is not where it met somebody in the junction who had to wait and left it no time to react. An obligation that is still
+    open is kept by whoever waits; what keeps it open is the vehicle that is waited for, if any, or one that stands in
+    everybody's way.
     """
     me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
-    if j.status is Status.FAIL:
-        named = [e.index for e in responsible(j, run)]
-        together = len(named) == 2 and j.failed is not None and collision_cause(j, run) is None
-        first = had_to_wait(run, named[0], named[1], j.failed or 0) if together else None
-        return me in named and first in (None, me)
+    if j.status is Status.FAIL and j.failed is not None:
+        meets = j.template.shape.kind is Kind.STATE and collision_cause(j, run) is None
+        others = [e.index for e in agents_of(j.template.formula) if e.index != me] if meets else []
+        excused = len(others) == 1 and surprised(run, me, others[0], j.failed)
+        return not excused and any(e.index == me for e in responsible(j, run))
     if j.status is not Status.OPEN:
         return False
     waiting = _waiting(j)
     goes = j.template.shape.goes
     awaited = [e.index for e in agents_of(goes) if e not in waiting] if goes is not None else []
     if awaited:
-        return me in awaited
+        owed = run.steps - 1 - (j.trigger or 0)
+        return me in awaited and owed * run.dt >= SET_OFF
     return any(e.index == me for e in waiting) and not any(stuck(run, k) for k in range(len(run.agents)) if k != me)
 
 

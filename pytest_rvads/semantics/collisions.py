@@ -19,10 +19,12 @@ from pytest_rvads.semantics.conduct import STANDSTILL, stopped
 from pytest_rvads.semantics.run import Collision, Run
 from pytest_rvads.semantics.states import Colour, Zone
 
-__all__ = ["STOOD", "Cause", "cause_of", "had_to_wait", "stuck"]
+__all__ = ["STOOD", "Cause", "cause_of", "stuck", "surprised"]
 
 STOOD = 0.5
 """A vehicle that has stood still for this long before the impact was stood into [s]."""
+REACTION = 1.0
+"""Time in which a driver notices somebody and stops or does not set off [s]; the usual figure of accident analysis."""
 ALONG = math.pi / 4
 """Two vehicles whose headings differ by less than this drive one behind the other [rad]."""
 
@@ -53,13 +55,19 @@ def cause_of(run: Run, collision: Collision) -> Cause:
     return Cause(collision.agents, "are equally to blame")
 
 
-def had_to_wait(run: Run, one: int, two: int, tick: int) -> int | None:
-    """Return which of two vehicles, given as columns, had no right to be in the junction at `tick`; None if neither or both."""
+def surprised(run: Run, agent: int, other: int, tick: int) -> bool:
+    """Return whether `agent`, a column, met `other` in the junction at `tick` without a chance to let it in.
+
+    It was `other` that had to wait, and it entered less than `REACTION` before.
+    """
+    entered = _entered(run, other, tick)
+    if entered is None or (tick - entered) * run.dt > REACTION:
+        return False
     for asks, _ in _RIGHTS:
-        guilty = [i for i, other in ((one, two), (two, one)) if asks(run, i, other, tick)]
+        guilty = [i for i, whom in ((agent, other), (other, agent)) if asks(run, i, whom, tick)]
         if len(guilty) == 1:
-            return guilty[0]
-    return None
+            return guilty[0] == other
+    return False
 
 
 def stuck(run: Run, agent: int) -> bool:

@@ -87,8 +87,14 @@ def test_what_the_subject_did_leads_even_where_the_traffic_did_worse(drive: Make
 def test_an_open_obligation_is_kept_open_by_who_is_waited_for(drive: Make, seat: int, blamed: bool) -> None:
     # a0 came first and never goes; a1 waits for it, as it must.
     vehicles = {0: wait(2, 10_000), 1: (2, -3.0, [(0, 1.0), (200, 0.0)])}
-    verdict = check(drive("stop4", vehicles, 600, **subject(seat)), "first_come")
+    verdict = check(drive("stop4", vehicles, 900, **subject(seat)), "first_come")
     assert (verdict.status, verdict.provoked) == ("OPEN", not blamed)
+
+
+def test_who_is_waited_for_has_time_to_go(drive: Make) -> None:
+    """a1 arrives at 2 s and waits for a0, the subject, which was first; six seconds in all, or nine."""
+    vehicles = {0: wait(2, 10_000), 1: (2, -3.0, [(0, 1.0), (200, 0.0)])}
+    assert [check(drive("stop4", vehicles, steps, **subject(0)), "first_come").provoked for steps in (600, 900)] == [True, False]
 
 
 def test_a_subject_at_red_is_alone_with_its_open_obligation(drive: Make) -> None:
@@ -101,16 +107,21 @@ def test_without_a_subject_nothing_is_provoked(drive: Make) -> None:
     assert (verdict.status, verdict.provoked, verdict.subject) == ("FAIL", False, None)
 
 
-def test_of_two_that_enter_together_the_one_that_had_to_wait_is_to_blame(drive: Make) -> None:
-    """Both drive on green in the same step, one of them turning left across the other's way."""
-    vehicles = {0: wait(3, 100), 2: wait(2, 100)}
-    for seat, blamed in ((0, True), (2, False)):
-        verdict = check(drive("light4", vehicles, 600, CROSS, **subject(seat)), "no_conflict")
-        assert verdict.responsible == ("a0", "a2"), "the rule names both"
-        assert (verdict.status, verdict.provoked) == ("FAIL", not blamed)
-    # At a stop sign nobody has the better right: both are to blame.
-    vehicles = {0: wait(2, 100), 1: wait(2, 100)}
-    assert not check(drive("stop4", vehicles, 600, **subject(0)), "no_conflict").provoked
+@pytest.mark.parametrize(("before", "provoked"), [(0, True), (5, True), (90, True), (120, False)])
+def test_whoever_had_no_time_to_let_the_other_in_is_not_to_blame(drive: Make, before: int, provoked: bool) -> None:
+    """Both drive on green, a0 to the left across the way of a2, the subject, which enters some ticks later."""
+    run = drive("light4", {0: wait(3, 100), 2: wait(2, 100 + before)}, 600, CROSS, **subject(2))
+    verdict = check(run, "no_conflict")
+    assert verdict.responsible == (("a0", "a2") if before == 0 else ("a2",)), "as the rule has it"
+    assert (verdict.status, verdict.provoked) == ("FAIL", provoked)
+
+
+def test_who_had_to_wait_is_to_blame_however_soon(drive: Make) -> None:
+    run = drive("light4", {0: wait(3, 100), 2: wait(2, 95)}, 600, CROSS, **subject(0))
+    assert not check(run, "no_conflict").provoked
+    # At a stop sign, after a stop, nobody has the better right: both are to blame.
+    run = drive("stop4", {0: wait(2, 100), 1: wait(2, 100)}, 600, **subject(0))
+    assert not check(run, "no_conflict").provoked
 
 
 def test_who_waits_at_red_is_not_to_blame_where_somebody_is_stuck(drive: Make) -> None:
