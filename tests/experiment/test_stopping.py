@@ -41,6 +41,7 @@ def test_the_command_answers_for_an_autopilot(
 ) -> None:
     monkeypatch.setattr(driving, "_DISTANCES", (0.01, 0.3))
     monkeypatch.setattr(driving, "_CURVE", (0.3, 10.0))
+    monkeypatch.setenv("RVADS_CACHE", str(tmp_path / "cache"))
     picture = tmp_path / "lgsvl.svg"
     assert cli.main(["braking", "--autopilot", "lgsvl", "--json", "--svg", str(picture)]) == 0
     out, err = capsys.readouterr()
