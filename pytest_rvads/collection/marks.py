@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +41,8 @@ def scenario(
     """Run a test over the scenarios of a junction.
 
     Args:
-        junction: built-in name (``stop4``), id of a junction in `map`, or a type such as ``"4-way stop"``.
+        junction: built-in name (``stop4``), id of a junction in `map`, a type such as ``"4-way stop"``, or a place in `map`
+            such as ``"nearest to 52, 149"``.
         map: OpenDRIVE file, looked for beside the test file, then in the working directory; by default the
             one of ``rvads_map``, if any.
         classes: numbers of structural equivalence classes; all by default.
@@ -69,6 +71,8 @@ def scenario(
     given = locals()
     if not isinstance(junction, str):
         raise ScenarioError(f"write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got {junction!r}")
+    if map is not None and not isinstance(map, str | os.PathLike):
+        raise ScenarioError(f"map of @rvads.scenario must be the path of an OpenDRIVE file, got {map!r}")
     mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(**given)
     return mark
 

@@ -89,8 +89,8 @@ def load(path: str | os.PathLike[str]) -> Element:
     Raises:
         MapError: no such file, empty, too large, not XML, cut off, a DTD, too deep, or not OpenDRIVE.
     """
-    file = Path(path)
     try:
+        file = Path(path)
         if not file.is_file():
             what = "is not a regular file" if file.exists() else "does not exist"
             raise MapError(f"map file {file} {what}; give the path of an OpenDRIVE file (.xodr)")
@@ -100,7 +100,7 @@ def load(path: str | os.PathLike[str]) -> Element:
         if not size:
             raise MapError(f"map file {file} is empty, expected an OpenDRIVE file")
         return _parse(file)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError) as error:
         raise MapError(f"map file {path} cannot be read: {error}") from None
 
 

@@ -23,6 +23,7 @@ _TYPE = re.compile(
     r"(\s+with\s+(at\s+least\s+)?(?P<approach>\d+(\.\d+)?)\s*m(\s+of\s+approach)?)?",
     re.IGNORECASE,
 )
+_PLACE = re.compile(r"nearest(?:\s+to)?\s*\(?\s*(?P<x>[-+.\deE]+)\s*[,\s]\s*(?P<y>[-+.\deE]+)\s*\)?", re.IGNORECASE)
 _maps: dict[tuple[str, int, int], RoadMap] = {}
 _junctions: dict[tuple[tuple[str, int, int], str, str], Junction] = {}
 
@@ -54,7 +55,7 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
     Args:
         junction: a built-in name, or the id of a ``<junction>`` in `map`, or a type such as "4-way all-way stop",
             "3-way lights", "4-way none" or "4-way lights with 40 m of approach"; of several that fit, the first
-            in file order is taken.
+            in file order is taken; or a place such as "nearest to 52, 149" [m], see `nearest`.
         map: an OpenDRIVE file, or None for the built-in maps.
 
     Raises:
@@ -64,8 +65,11 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
     if map is None:
         return _builtin(junction, wanted)
     road_map, key = _load(map)
+    known = any(report.id == junction for report in road_map.junctions)
+    if not known and (place := _PLACE.fullmatch(junction.strip())):
+        return nearest(map, _coordinate(place["x"]), _coordinate(place["y"]))
     id = junction
-    if wanted and not any(report.id == junction for report in road_map.junctions):
+    if wanted and not known:
         id = _first(road_map, junction, wanted)
     return _junction(road_map, key, id, _name(map, id))
 
@@ -126,7 +130,7 @@ def _load(map: str | os.PathLike[str]) -> tuple[RoadMap, tuple[str, int, int]]:
     try:
         path = Path(map).resolve()
         stat = path.stat()
-    except (OSError, ValueError, RuntimeError):
+    except (OSError, ValueError, RuntimeError, TypeError):
         return read_map(map), ("", 0, 0)
     key = str(path), stat.st_mtime_ns, stat.st_size
     if key not in _maps:
@@ -157,6 +161,13 @@ def _parse(text: str) -> _Wanted | None:
     else:
         control = JunctionControl.PARTIAL if word == "partial" else JunctionControl.NONE
     return _Wanted(int(match["ways"]), control, float(match["approach"] or 0.0))
+
+
+def _coordinate(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise MapError(f"{text!r} is no coordinate, expected two numbers such as in 'nearest to 52, 149'") from None
 
 
 def _first(road_map: RoadMap, text: str, wanted: _Wanted) -> str:

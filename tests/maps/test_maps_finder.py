@@ -60,6 +60,10 @@ def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
 
 
 def test_missing_map(tmp_path: Path) -> None:
+    with pytest.raises(MapError, match="map file 3 cannot be read"):
+        find("1", 3)
+    with pytest.raises(MapError, match=r"the built-in ones are stop4, .* others need a map file"):
+        find("nearest to 1, 2")
     with pytest.raises(MapError, match="does not exist"):
         find("1", tmp_path / "no.xodr")
 
@@ -88,8 +92,13 @@ def test_nearest_point(shared: Path) -> None:
         arms = load(town).report(id).arms
         x, y = sum(a.x for a in arms) / len(arms), sum(a.y for a in arms) / len(arms)
         assert nearest(town, x + 5.0, y - 5.0).id == id
+        assert find(f"nearest to {x + 5.0:.1f}, {y - 5.0:.1f}", town).id == find(f"Nearest ({x:.0f} {y:.0f})", town).id == id
     with pytest.raises(MapError, match="two finite coordinates"):
         nearest(town, float("nan"), 0.0)
+    with pytest.raises(MapError, match=r"'1-2' is no coordinate, expected two numbers"):
+        find("nearest to 1-2, 3", town)
+    with pytest.raises(MapError, match="two finite coordinates"):
+        find("nearest to 1e999, 3", town)
 
 
 def test_nearest_in_a_map_without_usable_junction(shared: Path) -> None:
