@@ -83,11 +83,16 @@ def compare(path: str | Path, *, workers: int | None = None, progress: Progress 
         for column, kind in enumerate(row):
             earliest[kind] = min(_late(run.entry(column)), earliest.get(kind, math.inf))
     simulated = list(spread(_simulate, [*sites, *lone.values()], workers, progress))
-    free = {kind: _late(found[1][0]) - earliest[kind] for kind, found in zip(lone, simulated[len(sites) :], strict=True)}
+    alone = zip(lone, simulated[len(sites) :], strict=True)
+    free = {kind: _late(entries[kind[0]]) - earliest[kind] for kind, (_, entries) in alone}
     return [
         Compared(
             run.label,
-            {rule: (_WORDS[str(said)], verdicts[rule]) for rule in verdicts if (said := run.meta["verdicts"].get(NAMES[rule]))},
+            {
+                rule: (_WORDS.get(str(said), str(said)), verdicts[rule])
+                for rule in verdicts
+                if (said := run.meta["verdicts"].get(NAMES[rule]))
+            },
             {agent.name: (run.entry(k), entries[agent.entrance]) for k, agent in enumerate(run.agents)},
             {agent.name: free[kind] for agent, kind in zip(run.agents, row, strict=True)},
         )
@@ -172,10 +177,10 @@ def _lone(site: Site, entrance: int) -> Site:
     return Site(site.place, directions, distance=site.distances, speed=site.speeds, **same)
 
 
-def _simulate(site: Site) -> tuple[dict[str, str], list[float | None]]:
-    """Return the verdicts of a run, and the entry times by entrance, of the lone vehicle first where it is alone."""
+def _simulate(site: Site) -> tuple[dict[str, str], dict[int, float | None]]:
+    """Return the verdicts of a run, and the entry times by entrance."""
     run = simulate(site, LgsvlLike)
-    return outcome(run, RULES[run.junction.control]), [run.entry(column) for column in range(len(run.agents))]
+    return outcome(run, RULES[run.junction.control]), {agent.entrance: run.entry(k) for k, agent in enumerate(run.agents)}
 
 
 def _late(entry: float | None) -> float:

@@ -56,11 +56,15 @@ def document() -> dict[str, Any]:
     }
 
 
+def file_of(folder: Path, data: dict[str, Any]) -> Path:
+    path = folder / "hand.json"
+    path.write_text(json.dumps(data))
+    return path
+
+
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    path = tmp_path / "hand.json"
-    path.write_text(json.dumps(document()))
-    return path
+    return file_of(tmp_path, document())
 
 
 def test_a_run_is_compared_vehicle_by_vehicle(file: Path) -> None:
@@ -73,6 +77,20 @@ def test_a_run_is_compared_vehicle_by_vehicle(file: Path) -> None:
     # c0 goes first, so it drives as if it were alone; the others wait longer than they would alone.
     assert found.free["c0"] == pytest.approx(simulated[0] - 1.0)
     assert all(simulated[k] - (k + 1.0) > found.free[f"c{k}"] for k in (1, 2))
+
+
+def test_entrances_may_be_empty(tmp_path: Path) -> None:
+    data = document()
+    del data["runs"][0]["vehicles"]["c1"]
+    data["runs"][0]["verdicts"] = {"one-car-in-junction": "perhaps"}
+    path = tmp_path / "two.json"
+    path.write_text(json.dumps(data))
+    (found,) = compare(path, workers=1)
+    (whole,) = compare(file_of(tmp_path, document()), workers=1)
+    assert list(found.entries) == ["c0", "c2"]
+    assert found.entries["c0"] == whole.entries["c0"], "c0 goes first either way"
+    assert found.entries["c2"][1] < whole.entries["c2"][1], "c2 no longer waits for c1"
+    assert found.verdicts["p1"][0] == "perhaps", "a word that is not known stands as it is"
 
 
 def run(times: dict[str, tuple[float | None, float | None]]) -> Compared:
