@@ -30,8 +30,10 @@ from pytest_rvads.physics.simulation import simulate as simulate
 from pytest_rvads.scenarios.scenario import Scenario as Scenario
 from pytest_rvads.scenarios.senses import Senses as Senses
 from pytest_rvads.search import strategies as strategies
+from pytest_rvads.search.chance import sweep as sweep
 from pytest_rvads.search.falsify import falsify as falsify
 from pytest_rvads.search.metamorphic import equivalent as equivalent
+from pytest_rvads.search.rationality import determinate as determinate, rational as rational
 from pytest_rvads.semantics.commands import (
     Acceleration as Acceleration,
     TargetSpeed as TargetSpeed,

@@ -1,0 +1,156 @@
+"""Rationality and determinacy of an autopilot (after Li et al., Testing ADS: what really matters).
+
+A pass stays a pass from farther away, and where everybody is and how fast is all that matters for what comes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError
+from pytest_rvads.logic.rules import Rule, rules_for
+from pytest_rvads.logic.verdicts import Status, Verdict
+from pytest_rvads.physics.seat import Factory
+from pytest_rvads.scenarios.classes import rotate
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.search.metamorphic import judged
+from pytest_rvads.search.relations import with_fields
+from pytest_rvads.search.sidebyside import side_by_side
+from pytest_rvads.semantics.run import DT, Run
+from pytest_rvads.semantics.states import Zone
+from pytest_rvads.semantics.vehicle import Vehicle
+
+__all__ = ["determinate", "rational"]
+
+FARTHER = (1.0, 5.0, 20.0)
+"""By how much vehicles are put farther away [m]."""
+_BAD = (Status.FAIL, Status.OPEN)
+
+
+def rational(
+    scenario: Scenario,
+    autopilot: Factory,
+    rules: str | Rule | Sequence[str | Rule] = "paper",
+    *,
+    farther: Sequence[float] = FARTHER,
+    vehicle: Vehicle | None = None,
+) -> None:
+    """Require that a rule which is kept from some distances is kept from greater ones with the same speeds.
+
+    Args:
+        scenario: the scenario to begin with.
+        autopilot: drives all vehicles.
+        rules: a rulebook, rules, or both.
+        farther: by how much all vehicles start farther away [m], one after the other.
+        vehicle: parameters of all vehicles.
+
+    Raises:
+        MetamorphicViolation: a PASS turns into FAIL or OPEN.
+        ScenarioError: no rule passes to begin with, or the approaches are too short.
+        RunError: a run ended by a fault.
+    """
+    __tracebackhide__ = True
+    chosen = rules_for(rules, scenario.find().control)
+    run, before = judged(scenario, autopilot, chosen, vehicle)
+    kept = [rule for rule in chosen if before[rule.name].status is Status.PASS]
+    if not kept:
+        statuses = ", ".join(f"{name} {verdict.status}" for name, verdict in before.items())
+        raise ScenarioError(f"no rule passes in {scenario.name} ({statuses}), so nothing follows for greater distances")
+    for more in farther:
+        there = with_fields(scenario, distance=[d + more for d in scenario.distances])
+        other, after = judged(there, autopilot, kept, vehicle)
+        for rule in kept:
+            if after[rule.name].status in _BAD:
+                what = f"{more:g} m farther away"
+                raise _violation(run, before[rule.name], other, after[rule.name], what)
+
+
+def determinate(
+    scenario: Scenario,
+    autopilot: Factory,
+    rules: str | Rule | Sequence[str | Rule] = "paper",
+    *,
+    at: float = 1.0,
+    tolerance: float = 0.5,
+    vehicle: Vehicle | None = None,
+) -> None:
+    """Require that a run which starts from the positions and speeds of another one at time `at` goes on like it.
+
+    Autopilots start anew, so what they remember must not matter. A rule must have the same status, and everybody must enter
+    the junction in the same order and, up to `tolerance`, at the same time.
+
+    Args:
+        scenario: the scenario to begin with; without lights, because they would start anew as well.
+        autopilot: drives all vehicles.
+        rules: a rulebook, rules, or both.
+        at: when to cut [s]; nobody may be past the stopping line.
+        tolerance: by how much an entry may be earlier or later [s]; lags of drive and brake begin anew.
+        vehicle: parameters of all vehicles.
+
+    Raises:
+        MetamorphicViolation: the continuation differs.
+        ScenarioError: lights, or a time at which somebody is past the line or gone.
+        RunError: a run ended by a fault.
+    """
+    __tracebackhide__ = True
+    junction = scenario.find()
+    if junction.phase_groups:
+        raise ScenarioError(
+            f"a run at {junction.name} can't be restarted: its lights would start anew; choose one without lights"
+        )
+    chosen = rules_for(rules, junction.control)
+    run, before = judged(scenario, autopilot, chosen, vehicle)
+    other, after = judged(_restarted(scenario, run, at), autopilot, chosen, vehicle)
+    what = f"restarted at {at:g} s"
+    for rule in chosen:
+        if before[rule.name].status is not after[rule.name].status:
+            raise _violation(run, before[rule.name], other, after[rule.name], what)
+    first, then = _entries(run, 0.0), _entries(other, at)
+    late = [k for k in range(len(run.agents)) if abs(first[k].time - then[k].time) > tolerance]
+    if late or [e.agent for e in sorted(first)] != [e.agent for e in sorted(then)]:
+        rule = chosen[0]
+        raise _violation(run, before[rule.name], other, after[rule.name], what, "who enters when")
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class _Entry:
+    time: float
+    agent: str
+
+
+def _entries(run: Run, since: float) -> list[_Entry]:
+    times = [run.entry(k) for k in range(len(run.agents))]
+    never = run.duration + since + 1.0
+    return [_Entry(never if t is None else round(t + since, 9), a.name) for t, a in zip(times, run.agents, strict=True)]
+
+
+def _restarted(scenario: Scenario, run: Run, at: float) -> Scenario:
+    """Return the scenario that starts where the vehicles of `run` are at time `at`."""
+    tick = round(at / DT)
+    if run.station is None or run.speed is None:
+        raise RunError(f"the run {run.label} holds no positions and speeds")
+    if not 0 < tick < run.steps:
+        raise ScenarioError(f"the run lasts {run.duration:.2f} s, so it can't be restarted at {at!r} s")
+    distances, speeds = [0.0] * scenario.ways, [0.0] * scenario.ways
+    lines = {i.entrance: i.line for i in scenario.itineraries()}
+    for k, agent in enumerate(run.agents):
+        left = lines[agent.entrance] - float(run.station[tick, k])
+        if run.zone[tick, k] > Zone.ENTRANCE or left < 0:
+            raise ScenarioError(f"{agent.name} is past the stopping line at {at:g} s: restart the run earlier")
+        distances[agent.entrance], speeds[agent.entrance] = left, max(float(run.speed[tick, k]), 0.0)
+    back = -scenario.rotation
+    return with_fields(
+        scenario,
+        distance=rotate(tuple(distances), back),
+        speed=rotate(tuple(speeds), back),
+        duration=max(scenario.duration - at, DT),
+    )
+
+
+def _violation(run: Run, one: Verdict, other: Run, two: Verdict, what: str, broken: str | None = None) -> MetamorphicViolation:
+    change = f"changes {broken}" if broken else f"turns {one.rule} from {one.status} into {two.status}"
+    error = MetamorphicViolation(f"{what}: {change} in {run.label}")
+    image = {a.entrance: a.entrance for a in run.agents}
+    error.add_note(side_by_side(run, one, other, two, [image.get(e, e) for e in range(run.junction.ways)], what))
+    return error
