@@ -4,6 +4,7 @@ Run with ``pytest benchmarks/bench_plugin.py -s``. Sessions run in this process,
 """
 
 import gc
+import resource
 import statistics
 import subprocess
 import sys
@@ -114,11 +115,24 @@ def test_na_and_pass_items(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 def test_the_profile_of_a_pull_request(tmp_path: Path, workers: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "test_profile.py"
     file.write_text(PROFILE, encoding="utf-8")
-    start = time.perf_counter()
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"--rootdir={tmp_path}", "-c", "/dev/null"]
+    start, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "--tb=no",
+        "-rN",
+        "-p",
+        "no:cacheprovider",
+        f"--rootdir={tmp_path}",
+        "-c",
+        "/dev/null",
+    ]
     done = subprocess.run([*command, *workers, str(file)], cwd=tmp_path, capture_output=True, text=True, check=False)
-    spent = time.perf_counter() - start
+    spent, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+    worked = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     with capsys.disabled():
-        print(f"\n{spent:.1f} s: {done.stdout.splitlines()[-1]}")  # noqa: T201
+        print(f"\n{spent:.1f} s, {worked:.1f} s of processors: {done.stdout.splitlines()[-1]}")  # noqa: T201
     assert "120 runs" in done.stdout
     assert not workers or spent <= 60
