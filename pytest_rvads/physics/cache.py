@@ -17,9 +17,10 @@ import tempfile
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from hashlib import sha256
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+from pytest_rvads.versions import versions
 
 __all__ = ["VARIABLE", "cached", "folder"]
 
@@ -37,7 +38,7 @@ def cached(key: Mapping[str, Any], compute: Callable[[], float | None]) -> float
     where = folder()
     if where is None:
         return compute()
-    name = json.dumps([dict(key), _code(), _versions()], sort_keys=True)
+    name = json.dumps([dict(key), _code(), versions(), platform.platform()], sort_keys=True)
     path = where / f"{sha256(name.encode()).hexdigest()}.json"
     kept = _read(path, name)
     if kept is not None:
@@ -101,9 +102,3 @@ def _code() -> str:
     for path in sorted(root.rglob("*.py")):
         digest.update(f"{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
     return digest.hexdigest()
-
-
-@lru_cache(maxsize=1)
-def _versions() -> list[str]:
-    libraries = [f"{name} {version(name)}" for name in ("pytest-rvads", "pybullet", "numpy")]
-    return [*libraries, platform.python_version(), platform.platform()]

@@ -108,7 +108,7 @@ def test_other_code_and_other_versions_are_other_keys(where: Path, monkeypatch: 
     cache.cached({"a": 1}, Counter(0.5))
     monkeypatch.setattr(cache, "_code", lambda: "changed")
     assert cache.cached({"a": 1}, Counter(0.7)) == 0.7
-    monkeypatch.setattr(cache, "_versions", lambda: ["pybullet 99"])
+    monkeypatch.setattr(cache, "versions", lambda: {"pybullet": "99"})
     assert cache.cached({"a": 1}, Counter(0.9)) == 0.9
     assert len(list(where.iterdir())) == 3
 
