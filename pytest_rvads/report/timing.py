@@ -24,4 +24,4 @@ def _line(stack: str, found: Sequence[dict[str, Any]]) -> str:
     count = sum(one["decisions"] for one in found)
     mean = sum(one["compute"] for one in found) / max(count, 1)
     longest = max(one["longest"] for one in found)
-    return f"{stack}: {count} decisions in {len(found)} runs, {1000 * mean:.3f} ms each, {1000 * longest:.3f} ms the longest"
+    return f"{stack}: {count} decisions in {len(found)} runs, {1000 * mean:.2g} ms each, {1000 * longest:.2g} ms the longest"

@@ -15,7 +15,7 @@ from pytest_rvads.semantics.states import Observation, Zone
 from pytest_rvads.stacks import Process
 
 ROOT = Path(__file__).parents[2]
-SCENARIO = Scenario("stop4", "1133", distance=20, subject=0)
+SCENARIO = Scenario("stop4", "1133", distance=20, subject=0, duration=12)
 
 ECHO = """
 import random, sys, time
