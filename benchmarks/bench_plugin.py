@@ -135,4 +135,4 @@ def test_the_profile_of_a_pull_request(tmp_path: Path, workers: tuple[str, ...],
     with capsys.disabled():
         print(f"\n{spent:.1f} s, {worked:.1f} s of processors: {done.stdout.splitlines()[-1]}")  # noqa: T201
     assert "120 runs" in done.stdout
-    assert not workers or spent <= 60
+    assert worked <= 60, "so that two processors that have nothing else to do take less than a minute"

@@ -76,6 +76,15 @@ def test_what_should_be_kept_and_is_not_is_no_success(pytester: pytest.Pytester)
     assert result.ret == pytest.ExitCode.TESTS_FAILED
 
 
+def test_a_baseline_does_not_excuse_what_is_missing(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_it=TESTS)
+    pytester.path.joinpath("file").write_text("in the way", encoding="utf-8")
+    pytester.runpytest("-k", "class01", "--rvads-report=old.json")
+    known = ("-k", "class01", "--rvads-baseline=old.json", "--rvads-fail-on=new")
+    assert pytester.runpytest(*known).ret == 0
+    assert pytester.runpytest(*known, "--rvads-keep=file").ret == pytest.ExitCode.TESTS_FAILED
+
+
 def test_a_damaged_run_is_kept_again(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_it=TESTS)
     pytester.runpytest("-k", "class01", "--rvads-keep=runs")
