@@ -3,6 +3,7 @@
 import math
 import random
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -85,17 +86,32 @@ def change(shared: Path, tmp_path: Path, data: st.DataObject, how: Callable[[Ele
     return before, read(tmp_path / "after.xodr", root)
 
 
+def shuffle(root: Element, seed: int) -> None:
+    chance = random.Random(seed)
+    for element in root.iter():
+        children = list(element)
+        chance.shuffle(children)
+        element[:] = children
+
+
+def flip(root: Element) -> None:
+    for signals in root.iter("signals"):
+        for signal in signals:
+            signal.set("orientation", {"+": "-", "-": "+"}.get(signal.get("orientation", ""), "+"))
+
+
+def move(root: Element, angle: float, east: float, north: float) -> None:
+    for geometry in root.iter("geometry"):
+        x, y, heading = (float(geometry.get(name)) for name in ("x", "y", "hdg"))
+        geometry.set("x", repr(east + x * math.cos(angle) - y * math.sin(angle)))
+        geometry.set("y", repr(north + x * math.sin(angle) + y * math.cos(angle)))
+        geometry.set("hdg", repr(heading + angle))
+
+
 @given(data=st.data(), seed=st.integers(0, 1000))
 @FEW
 def test_order_of_elements(shared: Path, tmp_path: Path, data: st.DataObject, seed: int) -> None:
-    def shuffle(root: Element) -> None:
-        chance = random.Random(seed)
-        for element in root.iter():
-            children = list(element)
-            chance.shuffle(children)
-            element[:] = children
-
-    before, after = change(shared, tmp_path, data, shuffle)
+    before, after = change(shared, tmp_path, data, partial(shuffle, seed=seed))
     assert {r.id: shape(r) for r in before.junctions} == {r.id: shape(r) for r in after.junctions}
     same_graph(before, after)
 
@@ -129,11 +145,6 @@ def test_names(shared: Path, tmp_path: Path, data: st.DataObject) -> None:
 @given(data=st.data())
 @FEW
 def test_orientation_of_signals(shared: Path, tmp_path: Path, data: st.DataObject) -> None:
-    def flip(root: Element) -> None:
-        for signals in root.iter("signals"):
-            for signal in signals:
-                signal.set("orientation", {"+": "-", "-": "+"}.get(signal.get("orientation", ""), "+"))
-
     before, after = change(shared, tmp_path, data, flip)
     assert {r.id: shape(r) for r in before.junctions} == {r.id: shape(r) for r in after.junctions}
 
@@ -141,18 +152,30 @@ def test_orientation_of_signals(shared: Path, tmp_path: Path, data: st.DataObjec
 @given(data=st.data(), angle=st.floats(-math.pi, math.pi), east=st.floats(-1e5, 1e5), north=st.floats(-1e5, 1e5))
 @FEW
 def test_where_the_map_lies(shared: Path, tmp_path: Path, data: st.DataObject, angle: float, east: float, north: float) -> None:
-    def move(root: Element) -> None:
-        for geometry in root.iter("geometry"):
-            x, y, heading = (float(geometry.get(name)) for name in ("x", "y", "hdg"))
-            geometry.set("x", repr(east + x * math.cos(angle) - y * math.sin(angle)))
-            geometry.set("y", repr(north + x * math.sin(angle) + y * math.cos(angle)))
-            geometry.set("hdg", repr(heading + angle))
-
-    before, after = change(shared, tmp_path, data, move)
+    before, after = change(shared, tmp_path, data, partial(move, angle=angle, east=east, north=north))
     for one, two in zip(before.junctions, after.junctions, strict=True):
         # Arms are counted from the south, so the numbers turn with the map; what is between them does not.
         assert any(shape(one) == shape(two, first) for first in range(two.ways))
     same_graph(before, after)
+
+
+@pytest.mark.parametrize("stem", ["Town07", "Issue295a"])
+@pytest.mark.parametrize(
+    ("how", "turned"),
+    [(partial(shuffle, seed=7), False), (flip, False), (partial(move, angle=2.1, east=4e4, north=-3e4), True)],
+    ids=["order", "flip", "move"],
+)
+def test_whole_towns(shared: Path, tmp_path: Path, stem: str, how: Callable[[Element], None], turned: bool) -> None:
+    """Many lane sections, references to signals, splines: what the small files hardly have."""
+    source = (shared / "maps" / f"{stem}.xodr").read_bytes()
+    root = ElementTree.fromstring(source)
+    how(root)
+    one, two = read(tmp_path / "before.xodr", ElementTree.fromstring(source)), read(tmp_path / "after.xodr", root)
+    reports = {report.id: report for report in two.junctions}
+    for report in one.junctions:
+        other = reports[report.id]
+        assert any(shape(report) == shape(other, first) for first in range(other.ways if turned and other.ways else 1))
+    same_graph(one, two)
 
 
 @pytest.mark.parametrize("namespace", ["http://code.asam.net/simulation/standard/opendrive_schema", "x"])
