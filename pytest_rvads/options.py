@@ -41,7 +41,7 @@ _DECLARED = {
     "sut-timeout": _Option("how long the stack may take for one decision, in real time", "5", metavar="SECONDS"),
     "map": _Option("OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)"),
     "cover": _Option("what to run of every class where a test does not say", choices=("class", "scenario", "rotation")),
-    "grid": _Option("configurations where a test does not say: 'paper' or letters such as CD"),
+    "grid": _Option("configurations where a test does not say: 'paper', letters such as CD, or a grid of yours"),
     "max-items": _Option("refuse a test that would expand to more items than this", "10000"),
     "rules": _Option("file with rules of your own, see `rvads rules --file`"),
     "keep": _Option("folder to keep every run in, as .npz for `rvads check`"),
