@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from pytest_rvads import __version__
-from pytest_rvads.cli import driving, judging, junctions, reports
+from pytest_rvads.cli import driving, judging, junctions, power, reports
 from pytest_rvads.errors import RvadsError
 
 __all__ = ["main"]
@@ -41,6 +41,6 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="rvads", description="Validate autonomous-driving controllers against traffic rules.")
     parser.add_argument("--version", action="version", version=f"rvads {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for module in (junctions, judging, driving, reports):
+    for module in (junctions, judging, driving, reports, power):
         module.declare(commands)
     return parser
