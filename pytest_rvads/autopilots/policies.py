@@ -33,8 +33,8 @@ class Hesitant(Reference):
 class LateYielder(Reference):
     """Obeys every rule, but comes on as if it would not: it brakes for the line at the last moment, and hard."""
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, tie: float = 0.0) -> None:
+        super().__init__(tie)
         self._stopping = _LateStopping()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from pytest_rvads.autopilots.lgsvl import LgsvlLike
@@ -13,13 +14,15 @@ from pytest_rvads.autopilots.reference import Reference
 from pytest_rvads.autopilots.rolling import RollingStop
 from pytest_rvads.errors import ScenarioError, suggest
 
-__all__ = ["POLICIES", "Policy", "traffic"]
+__all__ = ["POLICIES", "TIE", "Policy", "traffic"]
 
+TIE = 0.5
+"""What road users take for arriving at once, as the road rulebook does [s]."""
 POLICIES: dict[str, Callable[[], Any]] = {
-    "reference": Reference,
-    "hesitant": Hesitant,
+    "reference": partial(Reference, tie=TIE),
+    "hesitant": partial(Hesitant, tie=TIE),
     "rolling_stop": RollingStop,
-    "late_yielder": LateYielder,
+    "late_yielder": partial(LateYielder, tie=TIE),
     "red_light_runner": RedLightRunner,
     "stopped": Stopped,
     "lgsvl": LgsvlLike,

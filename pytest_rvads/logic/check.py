@@ -13,7 +13,7 @@ from pytest_rvads.logic.judge import Judgement, judge, nearest_miss
 from pytest_rvads.logic.prepare import prepare
 from pytest_rvads.logic.rules import Rule, get_rule
 from pytest_rvads.logic.shape import shape_of
-from pytest_rvads.logic.story import Story, is_about
+from pytest_rvads.logic.story import Story, is_about, waits
 from pytest_rvads.logic.verdicts import Status, Verdict
 from pytest_rvads.maps.junction import JunctionControl
 from pytest_rvads.semantics.predicates import extract
@@ -75,7 +75,7 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
         found = judge(prepared.templates, values)
     except RunError as error:
         return tell(Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=prepared.collapsed))
-    status, provoked = _attributed(found, run)
+    status, provoked = _attributed(found, rule, run)
     story = Story(rule, run, status, tuple(found), values, collapsed=prepared.collapsed, tie=window)
     story.subject, story.provoked = run.subject, provoked
     if status is Status.NA:
@@ -84,7 +84,7 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
     if status in (Status.FAIL, Status.OPEN):
         story.cycle = _cycle(rule, run, values, itinerary)
     if window > 0:
-        exact, _ = _attributed(judge(prepared.templates, Values(run, standing=standing)), run)
+        exact, _ = _attributed(judge(prepared.templates, Values(run, standing=standing)), rule, run)
         if exact is not status:
             story.notes.append(f"the tie window of {window:g} s decides: without it the verdict would be {exact}")
     return tell(story)
@@ -96,13 +96,22 @@ def _overall(found: list[Judgement]) -> Status:
     return next((s for s in (Status.FAIL, Status.OPEN, Status.PASS) if s in statuses), Status.NA)
 
 
-def _attributed(found: list[Judgement], run: Run) -> tuple[Status, bool]:
+def _attributed(found: list[Judgement], rule: Rule, run: Run) -> tuple[Status, bool]:
     """Return the status, and whether it is the traffic's alone; what a subject is to blame for counts before all else."""
     status, subject = _overall(found), run.subject
     if subject is None or status not in (Status.FAIL, Status.OPEN):
         return status, False
     own = [j for j in found if j.status in (Status.FAIL, Status.OPEN) and is_about(j, run, subject)]
+    if own and _overall(own) is Status.OPEN and (any(waits(j, subject) for j in found) or _held(rule, run, subject)):
+        return status, True
     return (_overall(own), False) if own else (status, True)
+
+
+def _held(rule: Rule, run: Run, subject: str) -> bool:
+    """Return whether a companion of `rule` still makes the subject wait: then it keeps others waiting with good reason."""
+    companions = map(get_rule, rule.companions)
+    templates = ((r, prepare(r.formula, extract(run)).templates) for r in companions)
+    return any(waits(j, subject) for r, some in templates for j in judge(some, Values(run, r.tie)))
 
 
 def _trouble(run: Run) -> str:

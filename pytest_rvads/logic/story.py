@@ -18,7 +18,7 @@ from pytest_rvads.logic.verdicts import Status
 from pytest_rvads.semantics.collisions import Cause, cause_of, stuck, surprised
 from pytest_rvads.semantics.run import Run
 
-__all__ = ["Story", "bound_names", "collision_cause", "happened", "is_about", "responsible"]
+__all__ = ["Story", "bound_names", "collision_cause", "happened", "is_about", "responsible", "waits"]
 
 SET_OFF = 5.0
 """Whoever is waited for has this long to go before it is to blame [s]."""
@@ -101,6 +101,13 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
         owed = run.steps - 1 - (j.trigger or 0)
         return me in awaited and owed * run.dt >= SET_OFF
     return any(e.index == me for e in waiting) and not any(stuck(run, k) for k in range(len(run.agents)) if k != me)
+
+
+def waits(j: Judgement, subject: str) -> bool:
+    """Return whether `subject` still has to wait for another vehicle."""
+    waiting = _waiting(j)
+    awaited = agents_of(j.template.shape.goes) if j.template.shape.goes is not None else ()
+    return j.status is Status.OPEN and any(e.name == subject for e in waiting) and any(e not in waiting for e in awaited)
 
 
 def collision_cause(j: Judgement, run: Run) -> Cause | None:

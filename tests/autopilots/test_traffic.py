@@ -1,6 +1,7 @@
 """Traffic policies: each provokes what it is named for, and a replay repeats a run."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from pytest_rvads.autopilots import Follower, Reference
 from pytest_rvads.autopilots.playback import Replay
 from pytest_rvads.autopilots.policies import HESITATION
-from pytest_rvads.autopilots.traffic import POLICIES, Policy, traffic
+from pytest_rvads.autopilots.traffic import POLICIES, TIE, Policy, traffic
 from pytest_rvads.errors import RunError, ScenarioError
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules import rules_for
@@ -182,7 +183,7 @@ def test_reference_is_to_blame_only_where_the_rules_can_t_be_met(policy: str, ju
     place = find(junction)
     points = grid(letter, place.ways, place.control)
     for scenario in Selection.of(junction, None, place.ways, points, subject="all"):
-        run = simulate(scenario, Reference, traffic=traffic(policy))
+        run = simulate(scenario, partial(Reference, tie=TIE), traffic=traffic(policy))
         assert run.fault is None, run.fault
         for rule in rules_for("road", place.control):
             verdict = check(run, rule)

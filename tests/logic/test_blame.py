@@ -133,3 +133,13 @@ def test_who_waits_at_red_is_not_to_blame_where_somebody_is_stuck(drive: Make) -
     assert check(drive("light4", vehicles, 600, CROSS, **subject(3)), "red").provoked
     vehicles = {0: (2, -10.0, [(0, 5.0)]), 3: wait(2, 10_000)}
     assert not check(drive("light4", vehicles, 600, CROSS, **subject(3)), "red").provoked
+
+
+def test_a_subject_that_has_to_wait_itself_keeps_others_waiting_with_good_reason(drive: Make) -> None:
+    """a2 came last and waits for a0, the subject, which came together with a1, on its right, and waits for it."""
+    vehicles = {0: wait(2, 10_000), 1: wait(2, 10_000), 2: (2, -3.0, [(0, 1.0), (200, 0.0)])}
+    run = drive("stop4", vehicles, 1500, **subject(0))
+    for rule in ("right_first", "first_come"):
+        assert (check(run, rule).status, check(run, rule).provoked) == ("OPEN", True), rule
+    run = drive("stop4", vehicles, 1500, **subject(1))
+    assert not check(run, "first_come").provoked, "a1 may go and does not"
