@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.errors import FormulaError, RunError
-from pytest_rvads.logic.commands import check_runs, doubts, read_runs
+from pytest_rvads.logic.commands import check_runs, doubts, list_rules, named_rules, read_runs
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.runfile import save_run
 from pytest_rvads.semantics.states import Zone
@@ -41,6 +41,13 @@ def test_files_are_read_by_their_kind(make: Make, tmp_path: Path) -> None:
         read_runs(tmp_path / "runs.json")
     with pytest.raises(RunError, match=r"expected recorded runs \(.json\) or a kept run \(.npz\), got a file ending in '.csv'"):
         read_runs(tmp_path / "runs.csv")
+
+
+def test_names_of_rules_add_up(tmp_path: Path) -> None:
+    (tmp_path / "own.rules").write_text("[mine]\ntext = forall a. F a@j\nrequirement = REQ-9\n")
+    names = [r.name for r in named_rules([str(tmp_path / "own.rules"), "p6", "paper"])]
+    assert names == ["mine", "p6", "p1", "p2", "p3", "p4", "p5"]
+    assert "\n      requirement: REQ-9" in list_rules()
 
 
 def test_doubts_name_the_run(make: Make) -> None:

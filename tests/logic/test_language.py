@@ -150,6 +150,7 @@ ERRORS = [
     ("forall a. p", "'p' is neither a formula nor a known predicate", 10),
     ("forall a. not a@j", "unexpected 'not'; did you mean '!'?", 10),
     ("forall a. G(a@j until a@j)", "unexpected 'until'; did you mean 'U'?", 16),
+    ("d(red) := a@j; forall a. d(a)", "the parameters of d must be variables, got red", 0),
     ("d(a) := a@j; forall a. d(a, a)", "d takes 1 arguments, got 2", 23),
 ]
 

@@ -9,6 +9,7 @@ import pytest
 from pytest_rvads.logic import formula as f
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.phrase import literal, say
+from pytest_rvads.logic.rules import Rule
 from pytest_rvads.logic.sorts import Sort
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Colour
@@ -124,6 +125,27 @@ def test_only_who_waits_is_responsible_for_what_stays_open(make: Make) -> None:
     verdict = check(run, "p2")
     assert (verdict.status, verdict.responsible, verdict.time) == ("OPEN", ("a0",), 0.1)
     assert check(make("stop4", {0: (2, 10, 50, 90)}, 400), "p3").time is None
+
+
+def test_what_is_still_owed_is_told_by_roles(make: Make) -> None:
+    verdict = check(make("stop4", {0: (2, 10, None, None), 1: (2, 10, None, None)}, 400), "p2")
+    assert verdict.cause.startswith("open: a' is at its entrance until a is in the junction (a straight from entrance +0, ")
+
+
+def test_a_pass_tells_how_many_instances_were_asked(make: Make) -> None:
+    # One after the other: p1 is asked of the only pair, p3 of one of the two orders.
+    run = make("stop4", {0: (2, 10, 50, 100), 1: (2, 30, 150, 300)}, 400)
+    assert check(run, "p1").message == "p1 PASS: kept in 1 of 1 instances"
+    assert check(run, "p3").message == "p3 PASS: kept in 1 of 2 instances, the others were not triggered"
+
+
+def test_a_light_is_told_by_its_colour(make: Make) -> None:
+    lights = {e: [(0, Colour.RED)] for e in range(4)}
+    run = make("light4", {0: (2, 10, 50, 200)}, 400, lights)
+    assert "a0 is in the junction while light 0 is red\n" in check(run, "p4").explanation
+    same = Rule("same", "forall lt, lt'. G lt.cl = lt'.cl")
+    assert check(run, same).status == "PASS"
+    assert check(make("light4", {0: (2, 10, 50, 200)}, 400, {**lights, 1: [(0, Colour.GREEN)]}), same).status == "FAIL"
 
 
 A, B = f.Element(Sort.AGENT, 0, "a0"), f.Element(Sort.AGENT, 1, "a1")
