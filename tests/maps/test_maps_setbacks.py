@@ -47,6 +47,5 @@ def test_same_verdicts(tmp_path: Path, control: JunctionControl, directions: str
 def test_same_verdicts_in_all_classes(tmp_path: Path, control: JunctionControl, distance, speed: float) -> None:
     said = [same_verdicts(tmp_path, control, label(code), distance, speed) for code in classes(4)]
     assert len(said) == 24
-    everything = set().union(*said)
-    assert rvads.Status.PASS in everything
-    assert rvads.Status.FAIL not in everything
+    # Four that stop at once all have somebody on their right, so p2 fails there for whoever goes first.
+    assert rvads.Status.PASS in set().union(*said)
