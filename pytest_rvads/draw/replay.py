@@ -52,11 +52,13 @@ def replay(
         responsible: names of the vehicles to point out.
 
     Raises:
-        RunError: the run holds no positions.
+        RunError: the run holds no positions, or no states.
         MapError: its junction has no geometry.
     """
     if run.pose is None or run.station is None or run.speed is None:
         raise RunError(f"run {run.label!r} holds no positions, so there is nothing to replay")
+    if not run.steps:
+        raise RunError(f"run {run.label!r} has no states, so there is nothing to replay")
     scene = Scene(run.junction)
     length, width = size(run)
     left, top, wide, high = scene.view
@@ -80,7 +82,7 @@ def replay(
         "tracks": [(track.label, track.changes) for track in tracks],
         "responsible": [a.name for a in run.agents if a.name in responsible],
         "marked": [time for time, _ in told],
-        "events": sorted([*events(run), *told]),
+        "events": sorted([*((*event, False) for event in events(run)), *((*event, True) for event in told)]),
     }
     page = Template(files("pytest_rvads.draw").joinpath("replay.html").read_text(encoding="utf-8"))
     return page.substitute(

@@ -105,7 +105,9 @@ def test_scrubbing_keys_events_and_strips_go_to_a_time(open_page: Open, replayed
     assert clock(browser) == "1.21 s"
     body.send_keys(Keys.HOME)
     assert clock(browser) == "0.00 s"
-    browser.find_element("css selector", "#events .told").click()
+    (told,) = browser.find_elements("css selector", "#events .told")
+    assert "p6 is violated" in told.text, "what else happens in that instant does not stand out"
+    told.click()
     assert clock(browser) == "0.81 s"
     assert browser.current_url.endswith("#t=0.81")
     browser.find_elements("css selector", "#strips .strip")[0].click()  # in its middle

@@ -95,7 +95,10 @@ def test_events_are_when_they_happen(run: Run) -> None:
     assert found == sorted(found)
 
 
-def test_a_run_without_positions_says_so(run: Run) -> None:
+def test_a_run_without_positions_or_states_says_so(run: Run) -> None:
+    none = {name: getattr(run, name)[:0] for name in ("zone", "lights", "station", "speed", "pose")}
+    with pytest.raises(RunError, match="has no states"):
+        replay(replace(run, **none), "")
     bare = replace(run, pose=None)
     for draw in (lambda: picture(bare, 0, ""), lambda: replay(bare, "")):
         with pytest.raises(RunError, match="holds no positions"):
