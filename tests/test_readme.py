@@ -1,4 +1,4 @@
-"""The README tells the truth: its Python runs, its commands print what it says."""
+"""README and tutorial tell the truth: their Python runs, their commands print what they say."""
 
 import os
 import re
@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = {page: (ROOT / page).read_text(encoding="utf-8") for page in ("README.md", "docs/tutorial.md")}
+TEXT = "\n".join(PAGES.values())
 PYTHON = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 CONSOLE = re.findall(r"^\$ (rvads .*)\n((?:(?!\$ |```).*\n)*)", TEXT, re.MULTILINE)
 
@@ -25,11 +26,13 @@ def test_examples_of_tests_pass_or_fail_as_said(pytester: pytest.Pytester, code:
     assert outcomes.get("passed", 0) + outcomes.get("failed", 0) > 0
 
 
-def test_the_failure_shown_is_the_one_printed(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("page", PAGES)
+def test_the_failure_shown_is_the_one_printed(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, page: str) -> None:
     monkeypatch.setenv("COLUMNS", "200")
-    pytester.makepyfile(test_readme=next(code for code in PYTHON if "# fails" in code))
+    code = next(c for c in re.findall(r"^```python\n(.*?)^```", PAGES[page], re.MULTILINE | re.DOTALL) if "# fails" in c)
+    pytester.makepyfile(**{f"test_{Path(page).stem.lower()}": code})
     printed = [line.rstrip() for line in pytester.runpytest("--tb=short").outlines]
-    (shown,) = [block for block in re.findall(r"^```text\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL) if "rerun" in block]
+    (shown,) = [block for block in re.findall(r"^```text\n(.*?)^```", PAGES[page], re.MULTILINE | re.DOTALL) if "rerun" in block]
     for line in shown.splitlines():
         assert line in printed or line.startswith("---"), line
 
