@@ -18,12 +18,15 @@ CASES = [
 ]
 
 
-def same_verdicts(folder: Path, control: JunctionControl, directions: str, distance, speed: float) -> set[rvads.Status]:
-    """Check that all rules say the same for all setbacks; return what they say."""
+def same_verdicts(
+    folder: Path, control: JunctionControl, directions: str, distance, speed: float, setbacks: tuple[float, ...] = SETBACKS
+) -> set[rvads.Status]:
+    """Check that all rules say the same for all setbacks, among them 0; return what they say."""
     rules = ("p1", "p2", "p3") if control is JunctionControl.STOP else ("p4", "p5", "p6")
     found = {}
-    for setback in SETBACKS:
+    for setback in setbacks:
         path = folder / f"x{setback:.0f}.xodr"
+        folder.mkdir(exist_ok=True)
         if not path.exists():
             path.write_text(opendrive(Layout(4, control, setback=setback)), encoding="utf-8")
         scenario = rvads.Scenario("1", directions, distance=distance, speed=speed, map=str(path))
@@ -39,6 +42,15 @@ def same_verdicts(folder: Path, control: JunctionControl, directions: str, dista
 @pytest.mark.parametrize(("control", "directions", "distance", "speed"), CASES)
 def test_same_verdicts(tmp_path: Path, control: JunctionControl, directions: str, distance: float, speed: float) -> None:
     assert rvads.Status.PASS in same_verdicts(tmp_path, control, directions, distance, speed)
+
+
+def test_same_verdicts_in_every_class(tmp_path: Path) -> None:
+    kinds = (JunctionControl.STOP, JunctionControl.LIGHTS)
+    said = []
+    for k, code in enumerate(classes(4)):
+        control = kinds[k % 2]
+        said.append(same_verdicts(tmp_path / control.value, control, label(code), 20.0, 10.0, setbacks=(0.0, 8.0)))
+    assert rvads.Status.PASS in set().union(*said)
 
 
 @pytest.mark.slow
