@@ -1,4 +1,4 @@
-"""README and tutorial tell the truth: their Python runs, their commands print what they say."""
+"""README and guides tell the truth: their Python runs, their commands print what they say, their links lead somewhere."""
 
 import os
 import re
@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGES = {page: (ROOT / page).read_text(encoding="utf-8") for page in ("README.md", "docs/tutorial.md")}
+GUIDES = ("tutorial", "write-a-test", "bring-an-autopilot", "bring-recorded-runs", "read-a-failure")
+PAGES = {page: (ROOT / page).read_text(encoding="utf-8") for page in ("README.md", *(f"docs/{guide}.md" for guide in GUIDES))}
+FAILURES = [page for page, text in PAGES.items() if "\nrerun     pytest" in text]
 TEXT = "\n".join(PAGES.values())
 PYTHON = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 CONSOLE = re.findall(r"^\$ (rvads .*)\n((?:(?!\$ |```).*\n)*)", TEXT, re.MULTILINE)
@@ -26,11 +28,11 @@ def test_examples_of_tests_pass_or_fail_as_said(pytester: pytest.Pytester, code:
     assert outcomes.get("passed", 0) + outcomes.get("failed", 0) > 0
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", FAILURES)
 def test_the_failure_shown_is_the_one_printed(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, page: str) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     code = next(c for c in re.findall(r"^```python\n(.*?)^```", PAGES[page], re.MULTILINE | re.DOTALL) if "# fails" in c)
-    pytester.makepyfile(**{f"test_{Path(page).stem.lower()}": code})
+    pytester.makepyfile(**{f"test_{Path(page).stem.lower().replace('-', '_')}": code})
     printed = [line.rstrip() for line in pytester.runpytest("--tb=short").outlines]
     (shown,) = [block for block in re.findall(r"^```text\n(.*?)^```", PAGES[page], re.MULTILINE | re.DOTALL) if "rerun" in block]
     for line in shown.splitlines():
@@ -61,3 +63,12 @@ def test_commands_print_what_is_shown(command: str, said: str) -> None:
         assert got[len(got) - len(tail) :] == tail
     else:
         assert got == shown
+
+
+@pytest.mark.parametrize("page", sorted(p.relative_to(ROOT).as_posix() for p in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"))))
+def test_links_lead_somewhere(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    prose = re.sub(r"^```.*?^```|`[^`\n]*`", "", text, flags=re.MULTILINE | re.DOTALL)
+    links = [link for link in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", prose) if "://" not in link]
+    missing = [link for link in links if not (ROOT / page).parent.joinpath(link).exists()]
+    assert not missing

@@ -1,0 +1,30 @@
+"""The reference of public names is what the docstrings say."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+import pytest_rvads
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def written() -> str:
+    spec = importlib.util.spec_from_file_location("make_api", ROOT / "tools" / "make_api.py")
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return str(module.page())
+
+
+def test_the_page_is_up_to_date(written: str) -> None:
+    assert (ROOT / "docs" / "api.md").read_text(encoding="utf-8") == written, "run: python tools/make_api.py"
+
+
+def test_every_public_name_is_explained(written: str) -> None:
+    for name in pytest_rvads.__all__:
+        _, _, section = written.partition(f"\n## {name}\n")
+        assert len(section.partition("\n## ")[0].strip()) > 20, name
