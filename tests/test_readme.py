@@ -12,16 +12,20 @@ import pytest
 ROOT = Path(__file__).parents[1]
 GUIDES = ("tutorial", "write-a-test", "bring-an-autopilot", "bring-recorded-runs", "read-a-failure")
 PAGES = {page: (ROOT / page).read_text(encoding="utf-8") for page in ("README.md", *(f"docs/{guide}.md" for guide in GUIDES))}
+ALL = sorted(p.relative_to(ROOT).as_posix() for p in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")))
 FAILURES = [page for page, text in PAGES.items() if "\nrerun     pytest" in text]
 TEXT = "\n".join(PAGES.values())
 PYTHON = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+SCRIPTS = [code for code in PYTHON if "def test_" not in code]
 CONSOLE = re.findall(r"^\$ (rvads .*)\n((?:(?!\$ |```).*\n)*)", TEXT, re.MULTILINE)
+FEW = "not class or class01 or class07 or class13"
+"""Of the items of an example, as `-k` takes it: all of a test without classes, else the classes that the pages talk of."""
 
 
 @pytest.mark.parametrize("code", [pytest.param(c, id=f"block{n}") for n, c in enumerate(PYTHON) if "def test_" in c])
 def test_examples_of_tests_pass_or_fail_as_said(pytester: pytest.Pytester, code: str) -> None:
     pytester.makepyfile(code)
-    result = pytester.runpytest()
+    result = pytester.runpytest("-k", FEW)
     outcomes = result.parseoutcomes()
     assert "errors" not in outcomes
     assert ("failed" in outcomes) == ("# fails" in code)
@@ -37,23 +41,28 @@ def test_the_failure_shown_is_the_one_printed(pytester: pytest.Pytester, monkeyp
     (shown,) = [block for block in re.findall(r"^```text\n(.*?)^```", PAGES[page], re.MULTILINE | re.DOTALL) if "rerun" in block]
     for line in shown.splitlines():
         assert line in printed or line.startswith("---"), line
+    if page == "README.md":
+        (drawn,) = (pytester.path / ".rvads").glob("*.svg")
+        assert (ROOT / "docs" / "failure.svg").read_bytes() == drawn.read_bytes(), "run the README's failing test, copy its .svg"
 
 
-@pytest.mark.parametrize("code", [pytest.param(c, id=f"block{n}") for n, c in enumerate(PYTHON) if "def test_" not in c])
+@pytest.mark.parametrize("code", SCRIPTS, ids=[f"script{n}" for n in range(len(SCRIPTS))])
 def test_scripts_run(tmp_path: Path, code: str) -> None:
     """A comment behind a line that prints says what it prints."""
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = _run([sys.executable, "-c", code], tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == re.findall(r"^print\(.*\)  # (.*)$", code, re.MULTILINE)
 
 
 @pytest.mark.parametrize(("command", "said"), CONSOLE, ids=[command for command, _ in CONSOLE])
-def test_commands_print_what_is_shown(command: str, said: str) -> None:
-    program = Path(sys.executable).with_name("rvads")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [str(program), *shlex.split(command)[1:]], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
-    )
+def test_commands_print_what_is_shown(tmp_path: Path, command: str, said: str) -> None:
+    """A command about a run runs where the script of the page that saves it ran, others in the checkout."""
+    program, *arguments = shlex.split(command)
+    makers = [code for code in SCRIPTS if any(word.endswith((".npz", ".json")) and f'"{word}"' in code for word in arguments)]
+    for code in makers:
+        assert _run([sys.executable, "-c", code], tmp_path).returncode == 0
+    done = _run([str(Path(sys.executable).with_name(program)), *arguments], tmp_path if makers else ROOT)
+    assert done.returncode in (0, 1), done.stderr
     shown = [line for line in said.splitlines() if line.strip()]
     got = [line.rstrip() for line in done.stdout.splitlines() if line.strip()]
     if "..." in shown:
@@ -65,7 +74,20 @@ def test_commands_print_what_is_shown(command: str, said: str) -> None:
         assert got == shown
 
 
-@pytest.mark.parametrize("page", sorted(p.relative_to(ROOT).as_posix() for p in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"))))
+def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_options_exist(pytester: pytest.Pytester) -> None:
+    offered = set(re.findall(r"--rvads-[a-z-]*[a-z]", pytester.runpytest("--help").stdout.str()))
+    named = {
+        (page, name) for page in ALL for name in re.findall(r"--rvads-[a-z-]*[a-z]", (ROOT / page).read_text(encoding="utf-8"))
+    }
+    assert [(page, name) for page, name in sorted(named) if name not in offered] == []
+
+
+@pytest.mark.parametrize("page", ALL)
 def test_links_lead_somewhere(page: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     prose = re.sub(r"^```.*?^```|`[^`\n]*`", "", text, flags=re.MULTILINE | re.DOTALL)
