@@ -38,7 +38,6 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
     if run.pose is None:
         raise RunError(f"run {run.label!r} holds no positions, so there is nothing to draw")
     scene = Scene(run.junction)
-    length, width = size(run)
     left, top, wide, high = scene.view
     parts = [scene.road(), scene.lights(run.lights[tick])]
     for column, agent in enumerate(run.agents):
@@ -47,7 +46,7 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
     for column, agent in enumerate(run.agents):
         if run.zone[tick, column] != Zone.GONE:
             colour = PALETTE[agent.entrance % len(PALETTE)]
-            parts.append(body(run.pose[tick, column], length, width, colour, agent.name, agent.name in broken))
+            parts.append(body(run.pose[tick, column], *size(run, column), colour, agent.name, agent.name in broken))
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide * 10:.0f}" height="{(high + 5) * 10:.0f}" '
         f'viewBox="{left:.2f} {top - 5:.2f} {wide:.2f} {high + 5:.2f}"><style>{STYLE}</style>'
@@ -57,8 +56,6 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
     )
 
 
-def size(run: Run) -> tuple[float, float]:
-    """Return length and width of the bodies of a run [m], of the default vehicle where it does not say."""
-    vehicle = run.meta.get("vehicle", {})
-    default = Vehicle()
-    return float(vehicle.get("length", default.length)), float(vehicle.get("width", default.width))
+def size(run: Run, agent: int) -> tuple[float, float]:
+    """Return length and width of a body [m], of the default vehicle where the run does not say."""
+    return run.facts.sizes[agent] if run.facts.sizes else (Vehicle().length, Vehicle().width)

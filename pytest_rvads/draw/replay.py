@@ -60,12 +60,11 @@ def replay(
     if not run.steps:
         raise RunError(f"run {run.label!r} has no states, so there is nothing to replay")
     scene = Scene(run.junction)
-    length, width = size(run)
     left, top, wide, high = scene.view
     inks = [PALETTE[a.entrance % len(PALETTE)] for a in run.agents]
     trails = "".join(f'<polyline class="trail" stroke="{ink}"/>' for ink in inks)
     bodies = "".join(
-        body(run.pose[0, i], length, width, inks[i], a.name, a.name in responsible) for i, a in enumerate(run.agents)
+        body(run.pose[0, i], *size(run, i), inks[i], a.name, a.name in responsible) for i, a in enumerate(run.agents)
     )
     told = sorted(marked)
     motion = np.concatenate((run.pose, run.station[..., None], run.speed[..., None]), axis=2)
@@ -74,7 +73,7 @@ def replay(
         "dt": run.dt,
         "steps": run.steps,
         "every": _EVERY,
-        "length": length,
+        "lengths": [size(run, i)[0] for i in range(len(run.agents))],
         "agents": [a.name for a in run.agents],
         "motion": motion[::_EVERY].round(3).tolist(),
         "zones": [_changes(run.zone[:, i]) for i in range(len(run.agents))],
@@ -111,7 +110,7 @@ def events(run: Run) -> list[tuple[float, str]]:
             (round(tick * run.dt, 6), f"light {entrance} turns {Colour(colour).name.lower()}")
             for tick, colour in _changes(run.lights[:, entrance])[1:]
         ]
-    found += [(c.time, f"{c.agents[0]} and {c.agents[1]} collide at {c.speed:.1f} m/s") for c in run.collisions]
+    found += [(c.time, f"{c.agents[0]} and {c.agents[1]} collide at {c.speed:.1f} m/s") for c in run.collisions or ()]
     if run.fault:
         found.append((run.fault.time, run.fault.reason))
     return sorted(found)

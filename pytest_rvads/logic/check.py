@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pytest_rvads.errors import RunError
+from pytest_rvads.logic.attribution import attribute, companions
 from pytest_rvads.logic.cycle import Cycle, find_cycle
 from pytest_rvads.logic.evaluate import Values
 from pytest_rvads.logic.explain import tell
 from pytest_rvads.logic.ground import ground, simplify, unfold
-from pytest_rvads.logic.judge import Judgement, judge, nearest_miss
-from pytest_rvads.logic.prepare import prepare
+from pytest_rvads.logic.judge import Near, judge, nearest_miss
+from pytest_rvads.logic.prepare import Template, prepare
 from pytest_rvads.logic.rules import Rule, get_rule
 from pytest_rvads.logic.shape import shape_of
-from pytest_rvads.logic.story import Story, is_about, waits
+from pytest_rvads.logic.story import Story
 from pytest_rvads.logic.verdicts import Status, Verdict
 from pytest_rvads.maps.junction import JunctionControl
 from pytest_rvads.semantics.predicates import extract
@@ -44,10 +45,12 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
             entrance, as its implementation does and its tables require.
 
     With a subject among traffic (`Run.subject`) the status is that of the instances the subject is to blame for. Where it is
-    to blame for none, whatever the traffic did is told with ``provoked`` set.
+    to blame for none, whatever the traffic did is told with ``provoked`` set; and it passes only where an instance bound it
+    to act. A violation that nobody could have helped is told with ``unavoidable`` set.
 
     Returns:
-        The verdict; ERROR for a run that is empty, damaged or ended by a fault.
+        The verdict. What was sampled before a fault is judged: a violation stands, everything else is then an ERROR, as it is
+        for a run that is empty or damaged.
 
     Raises:
         FormulaError: an unknown rule, or one whose monitor would be too large.
@@ -56,79 +59,63 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
     window = rule.tie if tie is None else tie
     if not window >= 0:
         raise RunError(f"the tie window must be a number of seconds, at least 0, got {tie!r}")
-    trouble = _trouble(run)
-    if trouble:
-        return tell(Story(rule, run, Status.ERROR, reason=trouble))
+    broken = damage(run)
+    if broken:
+        return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason if run.fault else str(broken[0])))
+    story = _judged(rule, run, window, itinerary, standing)
+    if run.fault is None:
+        return tell(story)
+    if story.status is Status.FAIL and not (story.provoked or story.unavoidable):
+        story.notes.append(f"later, at {run.fault.time:.2f} s, the run ended by a fault: {run.fault.reason}")
+        return tell(story)
+    return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason))
+
+
+def _judged(rule: Rule, run: Run, window: float, itinerary: bool, standing: bool) -> Story:
+    """Return what a rule says of the states of a run, whatever ended it."""
     control = run.junction.control
     if rule.about not in (None, control):
         reason = f"{rule.name} is about junctions with {_KINDS[rule.about or control]}, this one has {_KINDS[control]}"
-        return tell(Story(rule, run, Status.NA, reason=reason))
-    prepared = prepare(rule.formula, extract(run), itinerary=itinerary)
-    vacuous = shape_of(rule.formula).premise is not None
+        return Story(rule, run, Status.NA, reason=reason)
+    prepared = prepare(rule.formula, extract(run), rule.bound, itinerary=itinerary)
     if not prepared.templates:
-        if vacuous or not prepared.collapsed:
+        if shape_of(rule.formula).premise is not None or not prepared.collapsed:
             reason = "no vehicle is in a position that the rule is about: what is static already excludes every instance"
-            return tell(Story(rule, run, Status.NA, reason=reason, collapsed=prepared.collapsed))
-        return tell(Story(rule, run, Status.PASS, collapsed=prepared.collapsed))
+            return Story(rule, run, Status.NA, reason=reason, collapsed=prepared.collapsed)
+        return Story(rule, run, Status.PASS, collapsed=prepared.collapsed)
     values = Values(run, window, standing=standing)
     try:
         found = judge(prepared.templates, values)
     except RunError as error:
-        return tell(Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=prepared.collapsed))
-    status, provoked = _attributed(found, rule, run)
-    story = Story(rule, run, status, tuple(found), values, collapsed=prepared.collapsed, tie=window)
-    story.subject, story.provoked = run.subject, provoked
-    if status is Status.NA:
-        story.reason = "never triggered: the premise of no instance ever holds on the run"
-        story.near = nearest_miss(prepared.templates, values)
-    if status in (Status.FAIL, Status.OPEN):
-        story.cycle = _cycle(rule, run, values, itinerary)
+        return Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=prepared.collapsed)
+    whose = attribute(found, rule, values)
+    story = Story(rule, run, whose.status, tuple(found), values, collapsed=prepared.collapsed, tie=window)
+    story.asked, story.unavoidable, story.provoked = whose.asked, whose.unavoidable, whose.provoked
+    if whose.status is Status.NA:
+        story.reason, story.near = _idle(story, prepared.templates, values)
+    if whose.unavoidable or whose.status is Status.OPEN:
+        story.cycle = _cycle(rule, run, values, prepared.templates)
+    if whose.status is Status.PASS and run.facts.strayed and run.subject in (None, *run.facts.strayed):
+        story.status = Status.OPEN
+        story.reason = f"{' and '.join(run.facts.strayed)} left the route, which ended the run: what would have come is not known"
     if window > 0:
-        exact, _ = _attributed(judge(prepared.templates, Values(run, standing=standing)), rule, run)
-        if exact is not status:
-            story.notes.append(f"the tie window of {window:g} s decides: without it the verdict would be {exact}")
-    return tell(story)
+        exact = attribute(judge(prepared.templates, Values(run, standing=standing)), rule, Values(run, standing=standing))
+        if exact.status is not whose.status:
+            story.notes.append(f"the tie window of {window:g} s decides: without it the verdict would be {exact.status}")
+    return story
 
 
-def _overall(found: list[Judgement]) -> Status:
-    """Combine the instances: FAIL if any, else OPEN if any, else PASS if any was triggered, else NA."""
-    statuses = {j.status for j in found}
-    return next((s for s in (Status.FAIL, Status.OPEN, Status.PASS) if s in statuses), Status.NA)
+def _idle(story: Story, templates: tuple[Template, ...], values: Values) -> tuple[str, Near | None]:
+    """Return why a rule is not applicable, and where it came closest to being so."""
+    if story.subject is not None and any(j.status is not Status.NA for j in story.found):
+        return f"only traffic was asked: no instance that was triggered bound {story.subject}, the subject, to act", None
+    return "never triggered: the premise of no instance ever holds on the run", nearest_miss(templates, values)
 
 
-def _attributed(found: list[Judgement], rule: Rule, run: Run) -> tuple[Status, bool]:
-    """Return the status, and whether it is the traffic's alone; what a subject is to blame for counts before all else."""
-    status, subject = _overall(found), run.subject
-    if subject is None or status not in (Status.FAIL, Status.OPEN):
-        return status, False
-    own = [j for j in found if j.status in (Status.FAIL, Status.OPEN) and is_about(j, run, subject)]
-    if own and _overall(own) is Status.OPEN and (any(waits(j, subject) for j in found) or _held(rule, run, subject)):
-        return status, True
-    return (_overall(own), False) if own else (status, True)
-
-
-def _held(rule: Rule, run: Run, subject: str) -> bool:
-    """Return whether a companion of `rule` still makes the subject wait: then it keeps others waiting with good reason."""
-    companions = map(get_rule, rule.companions)
-    templates = ((r, prepare(r.formula, extract(run)).templates) for r in companions)
-    return any(waits(j, subject) for r, some in templates for j in judge(some, Values(run, r.tie)))
-
-
-def _trouble(run: Run) -> str:
-    """Say why a run can't be judged."""
-    if run.fault:
-        return run.fault.reason
-    found = damage(run)
-    return str(found[0]) if found else ""
-
-
-def _cycle(rule: Rule, run: Run, values: Values, itinerary: bool) -> Cycle | None:
+def _cycle(rule: Rule, run: Run, values: Values, own: tuple[Template, ...]) -> Cycle | None:
     """Look for obligations that contradict each other: of the rule alone, else together with its companions."""
-    static = extract(run)
-    own = list(prepare(rule.formula, static, itinerary=itinerary).templates)
     found = find_cycle(own, values)
     if found is None and rule.companions:
-        others = [t for name in rule.companions for t in prepare(get_rule(name).formula, static, itinerary=itinerary).templates]
-        found = find_cycle([*own, *others], values)
+        found = find_cycle([*own, *companions(rule, run)], values)
         found = found and replace(found, alone=False)
     return found

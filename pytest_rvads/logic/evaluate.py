@@ -11,12 +11,17 @@ from numpy.typing import NDArray
 
 from pytest_rvads.errors import FormulaError, RunError
 from pytest_rvads.logic import formula as f
-from pytest_rvads.logic.signature import user_predicates
+from pytest_rvads.logic.signature import user_predicate
 from pytest_rvads.logic.sorts import Sort
-from pytest_rvads.semantics.conduct import blocks, collide, speeding, standing_time, stopped
+from pytest_rvads.semantics.bodies import collide
+from pytest_rvads.semantics.conduct import speeding, standing_time, stopped
+from pytest_rvads.semantics.lane import off_lane, off_route
 from pytest_rvads.semantics.predicates import at_entrance, colour, in_junction, on_approach, on_exit, speed, ticks
+from pytest_rvads.semantics.priority import obstructs, owes
+from pytest_rvads.semantics.progress import blocks, idles, inside, may_go
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Colour
+from pytest_rvads.semantics.stretches import meet
 
 __all__ = ["Values"]
 
@@ -30,9 +35,17 @@ _OPERATORS: Mapping[str, Callable[[Any, Any], Any]] = {
 }
 _CONDUCT: Mapping[str, Callable[..., NDArray[np.bool_]]] = {
     "stopped": stopped,
+    "inside": inside,
     "blocks": blocks,
+    "may_go": may_go,
+    "idles": idles,
+    "off_lane": off_lane,
+    "off_route": off_route,
     "speeding": speeding,
+    "meet": meet,
     "collide": collide,
+    "owes": owes,
+    "obstructs": obstructs,
 }
 
 
@@ -91,7 +104,7 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
             return _CONDUCT[atom.name](run, *columns)
         if atom.name == "conflict":  # decided before, wherever the geometry is known
             raise RunError("the run holds no geometry of its junction")
-        predicate = user_predicates().get(atom.name)
+        predicate = user_predicate(atom.name)
         if predicate is None:
             raise FormulaError(f"nothing tells the value of {atom} on a run: register the predicate {atom.name!r}")
         return predicate(run, *columns)

@@ -9,7 +9,7 @@ from pytest_rvads.logic.block import block
 from pytest_rvads.logic.judge import Judgement
 from pytest_rvads.logic.phrase import clock, element_name, literal, say
 from pytest_rvads.logic.sorts import Sort
-from pytest_rvads.logic.story import Story, bound_names, collision_cause, happened, responsible
+from pytest_rvads.logic.story import Story, bound_names, cause_between, happened, responsible
 from pytest_rvads.logic.verdicts import InstanceVerdict, NearMiss, Status, Verdict
 from pytest_rvads.semantics.run import Run
 
@@ -24,13 +24,13 @@ def tell(story: Story) -> Verdict:
     """Return the verdict of a story."""
     run, rule = story.run, story.rule
     ordered = story.ordered()
-    worst = ordered[0] if ordered and story.status in (Status.FAIL, Status.OPEN) else None
+    worst = ordered[0] if ordered and story.status in (Status.FAIL, Status.OPEN) and not story.reason else None
     if story.cycle:
         around = " -> ".join((*story.cycle.agents, story.cycle.agents[0]))
         story.notes.insert(0, f"{_cyclic(story)} ({around}): each has to wait for the next, so no continuation could pass")
-    cause = worst and collision_cause(worst, run)
+    cause = worst and cause_between(worst, run)
     if cause:
-        story.notes.append(f"who caused the collision: {' and '.join(cause.agents)} {cause.reason}")
+        story.notes.append(f"who is to blame: {' and '.join(cause.agents)} {cause.reason}")
     if story.provoked:
         story.notes.append(f"provoked by traffic: {story.subject}, the subject, is not to blame")
     near = story.near
@@ -55,7 +55,8 @@ def tell(story: Story) -> Verdict:
         near=miss,
         violated=_violated(story, worst),
         roles=_roles(story, worst),
-        unavoidable=story.cycle is not None,
+        asked=story.asked,
+        unavoidable=story.unavoidable,
         notes=tuple(story.notes),
         explanation="\n".join(block(story, worst, miss)),
         requirement=rule.requirement,
@@ -86,11 +87,13 @@ def _message(story: Story, worst: Judgement | None) -> str:
     name, run, status = story.rule.name, story.run, story.status
     if status in (Status.NA, Status.ERROR):
         return f"{name} {status}: {story.reason}"
+    if status is Status.OPEN and story.reason:
+        return f"{name} open: {story.reason}"
     if worst is None:
-        asked = sum(n for word, n in story.counts.items() if word != "not triggered")
-        total = sum(story.counts.values())
-        rest = ", the others were not triggered" if asked < total else ""
-        return f"{name} PASS: kept in {asked} of {total} instances{rest}"
+        kept, total = story.kept()
+        binding = f" that bind {story.subject}" if story.subject else ""
+        rest = ", the others were not triggered" if kept < total else ""
+        return f"{name} PASS: kept in {kept} of {total} instances{binding}{rest}"
     fails = sum(j.status is status for j in story.found)
     more = f" (the first of {fails} instances)" if fails > 1 else ""
     hint = f"; {_cyclic(story)}, no continuation could pass" if story.cycle else ""
@@ -124,7 +127,7 @@ def _violated(story: Story, worst: Judgement | None) -> str:
     if worst.status is Status.OPEN:
         owed = f"{say(shape.waits, name)} until {say(shape.goes, name)}" if shape.waits and shape.goes else str(shape.obligation)
         return f"open: {owed}"
-    by = collision_cause(worst, run)
+    by = cause_between(worst, run)
     blame = [name(e) for e in responsible(worst, run)] if by else []
     # Whether it was one step too early or many is no other violation.
     return happened(replace(worst, together=False), name) + (f", caused by {' and '.join(blame)}" if blame else "")

@@ -92,7 +92,7 @@ NUMBER: /[0-9]+(\.[0-9]+)?/
 )
 
 _SIGNS = {"≠": "!=", "≤": "<=", "≥": ">="}
-_WORDS = ("left", "straight", "right", "green", "yellow", "red")
+_WORDS = ("left", "straight", "right", "near", "far", "green", "yellow", "red")
 
 
 class Mistake(Exception):

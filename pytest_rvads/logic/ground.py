@@ -243,10 +243,10 @@ def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
         case "@", (f.Element() as thing, f.Element() as place):
             truth = _place(thing, place, static)
         case "turn", (f.Element(Sort.AGENT, i), f.Word(direction)):
-            truth = static.agents[i].turn == direction
+            truth = static.turns(i, direction)
         case "take", (f.Element(Sort.AGENT, i) as agent, f.Element() as place, f.Word(direction)):
             here = _decide(f.Atom("@", (agent, place)), static, itinerary)
-            if here == f.FALSE or static.agents[i].turn != direction:
+            if here == f.FALSE or not static.turns(i, direction):
                 return f.FALSE
             if itinerary:
                 return here
@@ -255,8 +255,10 @@ def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
         case "conflict", (f.Element(_, i), f.Element(_, k)) if static.conflicts is not None:
             one, two = static.agents[i], static.agents[k]
             truth = ((one.entrance, one.exit), (two.entrance, two.exit)) in static.conflicts
-        case "collide", (f.Element(_, i) as first, f.Element(_, k) as second) if i > k:
-            return f.Atom("collide", (second, first))  # symmetric: both orders are one atom
+        case (("collide" | "meet" | "owes" | "obstructs"), (f.Element(_, i), f.Element(_, k))) if i == k:
+            truth = False
+        case (("collide" | "meet"), (f.Element(_, i) as first, f.Element(_, k) as second)) if i > k:
+            return f.Atom(atom.name, (second, first))  # symmetric: both orders are one atom
         case (("right-of" | "opposite"), (f.Element(a, i), f.Element(b, k))):
             pairs = static.right_of if atom.name == "right-of" else static.opposite
             truth = a is b is Sort.ENTRANCE and (i, k) in pairs

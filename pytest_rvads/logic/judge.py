@@ -16,8 +16,12 @@ from pytest_rvads.logic.monitor import encode, run_machine
 from pytest_rvads.logic.prepare import Template
 from pytest_rvads.logic.shape import Kind, conjuncts
 from pytest_rvads.logic.verdicts import Status
+from pytest_rvads.semantics.conduct import drives
 
-__all__ = ["Judgement", "judge", "nearest_miss", "walk"]
+__all__ = ["Judgement", "Near", "asked", "judge", "nearest_miss", "walk"]
+
+Near = tuple[Template, int, tuple[f.Formula, ...], int]
+"""Where a rule came closest to being triggered: the instance, the tick, what was false, and for how many ticks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,17 @@ def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
         before = int(states[failed - 1]) if failed else 0
         found.append(_judge(template, values, failed, before, bool(outputs[-1] == Truth.TRUE)))
     return found
+
+
+def asked(template: Template, values: Values, agent: int) -> bool:
+    """Return whether an instance bound an agent, given by column, to act.
+
+    Where the rule is never vacuous it asks whoever drives.
+    """
+    mine = [m for m in template.members if any(e.index == agent for e in m.bound)]
+    if any(m.premise is None for m in mine):
+        return drives(values.run, agent)
+    return any(m.premise is not None and settle(m.premise, values, values.run.steps).any() for m in mine)
 
 
 def walk(templates: tuple[Template, ...], values: Values) -> list[NDArray[np.int32]]:
@@ -136,8 +151,8 @@ def _margin(template: Template, values: Values, start: int | None) -> float | No
     return round(float(went[0] - left[0]) * run.dt, 9) if len(left) and len(went) else None
 
 
-def nearest_miss(templates: tuple[Template, ...], values: Values) -> tuple[Template, int, tuple[f.Formula, ...], int] | None:
-    """Return where a rule came closest to being triggered: the instance, the tick, what was false, and for how many ticks.
+def nearest_miss(templates: tuple[Template, ...], values: Values) -> Near | None:
+    """Return where a rule came closest to being triggered.
 
     The tick is the first one with the fewest false conjuncts of the premise, over all instances.
     """

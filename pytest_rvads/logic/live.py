@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,10 +16,10 @@ from pytest_rvads.logic.prepare import Template, prepare
 from pytest_rvads.logic.rules import Rule, get_rule
 from pytest_rvads.logic.story import bound_names
 from pytest_rvads.maps.junction import Junction
-from pytest_rvads.semantics.conduct import BLOCKING_TIME, stands_inside, stopped
+from pytest_rvads.semantics.following import FOLLOWERS, Past
 from pytest_rvads.semantics.predicates import extract
-from pytest_rvads.semantics.run import DT, Collision, Run
-from pytest_rvads.semantics.states import Agent, Zone
+from pytest_rvads.semantics.run import DT, Collision, Facts, Run
+from pytest_rvads.semantics.states import Agent
 
 __all__ = ["RuleMonitor"]
 
@@ -27,9 +27,9 @@ __all__ = ["RuleMonitor"]
 class RuleMonitor:
     """Follows a rule through a run that is not over: `step` says whether it can still be kept.
 
-    What atoms need of the past (waiting times, having stopped, standing in the junction) is carried along, so that a state
-    costs the same however long the run is. A predicate of your own sees one state only. How a run ended, and why, is for
-    `check` to say once it is over.
+    What atoms need of the past (waiting times, having stopped, time lost, ways taken) is carried along, so that a state costs
+    the same however long the run is. A predicate of your own sees one state only. How a run ended, and why, is for `check` to
+    say once it is over.
 
     Args:
         rule: a rule or the name of one.
@@ -37,7 +37,7 @@ class RuleMonitor:
         agents: the vehicles, in the order of the columns that `step` gets.
         dt: time between two states [s].
         speed_limit: [m/s], for rules that ask for it.
-        vehicle_size: length and width of the vehicles [m], likewise.
+        vehicle_size: length and width of the vehicles [m], likewise; one pair for all, or one for each.
 
     Raises:
         FormulaError: an unknown rule, or one whose monitor would be too large.
@@ -52,19 +52,16 @@ class RuleMonitor:
         *,
         dt: float = DT,
         speed_limit: float | None = None,
-        vehicle_size: tuple[float, float] | None = None,
+        vehicle_size: tuple[float, float] | Sequence[tuple[float, float]] | None = None,
     ) -> None:
         self.rule = get_rule(rule) if isinstance(rule, str) else rule
         if self.rule.about not in (None, junction.control):
             raise RunError(f"{self.rule.name} is about junctions with {self.rule.about}, this one has {junction.control}")
         self._junction, self._agents, self._dt = junction, tuple(agents), dt
-        size = vehicle_size and dict(zip(("length", "width"), vehicle_size, strict=True))
-        self._meta = {"speed_limit": speed_limit, "vehicle": size}
+        self._facts = Facts(None, None if vehicle_size is None else _sizes(vehicle_size, len(self._agents)), speed_limit)
         self._monitors: tuple[tuple[Template, Monitor], ...] | None = None
-        self._past: tuple[f.Atom, ...] = ()
-        self._wt = np.full(len(self._agents), -1, dtype=np.int32)
-        self._stopped: dict[int, bool] = {}
-        self._standing: dict[int, int] = {}
+        self._past = Past(len(self._agents))
+        self._followed: dict[f.Atom, Callable[[Run], bool]] = {}
 
     @property
     def verdict(self) -> Truth:
@@ -86,6 +83,7 @@ class RuleMonitor:
         *,
         station: ArrayLike | None = None,
         speed: ArrayLike | None = None,
+        pose: ArrayLike | None = None,
         collisions: Iterable[tuple[str, str]] | None = None,
     ) -> Truth:
         """Read one state and return the verdict so far.
@@ -95,20 +93,21 @@ class RuleMonitor:
             lights: `Colour` at every entrance, shape ``(entrances,)``; none by default.
             station: along the itinerary, 0 at the entrance vertex, shape ``(agents,)`` [m].
             speed: forward, shape ``(agents,)`` [m/s].
-            collisions: pairs of vehicles that touch for the first time in this state, by name; empty when none do.
+            pose: x [m], y [m], heading [rad] of the reference points, shape ``(agents, 3)``.
+            collisions: pairs of vehicles that touch for the first time in this state, by name; empty when none do. None works
+                it out from poses and sizes.
 
         Raises:
             RunError: an array of another shape, or one missing that the rule asks for.
         """
-        run = self._state(zone, lights, station, speed, collisions)
+        run = self._state(zone, lights, station, speed, pose, collisions)
+        self._past.carry(run)
         if self._monitors is None:
-            templates = prepare(self.rule.formula, extract(run)).templates
+            templates = prepare(self.rule.formula, extract(run), self.rule.bound).templates
             self._monitors = tuple((t, Monitor(t.machine)) for t in templates)
-            self._past = tuple(dict.fromkeys(a for t in templates for a in t.atoms if a.name in ("stopped", "blocks")))
-        here = run.zone[0] == Zone.ENTRANCE
-        self._wt = np.where(here & (self._wt >= 0), self._wt + 1, 0).astype(np.int32)
-        run.__dict__["wt"] = self._wt[None]  # of the whole run, not of one state
-        past = {a: self._look_back(run, a) for a in self._past}
+            atoms = dict.fromkeys(a for t in templates for a in t.atoms if a.name in FOLLOWERS)
+            self._followed = {a: FOLLOWERS[a.name](run, *(t.index for t in a.terms if isinstance(t, f.Element))) for a in atoms}
+        past = {atom: follower(run) for atom, follower in self._followed.items()}
         values = Values(run, self.rule.tie)
         for template, monitor in self._monitors:
             true = (f"p{k}" for k, a in enumerate(template.atoms) if (past[a] if a in past else values[a][0]))
@@ -121,6 +120,7 @@ class RuleMonitor:
         lights: ArrayLike | None,
         station: ArrayLike | None,
         speed: ArrayLike | None,
+        pose: ArrayLike | None,
         collisions: Iterable[tuple[str, str]] | None,
     ) -> Run:
         """Return a run of one state."""
@@ -129,29 +129,27 @@ class RuleMonitor:
             "live",
             self._junction,
             self._agents,
-            _row("zone", zone, count).astype(np.int8),
-            _row("lights", np.zeros(ways) if lights is None else lights, ways).astype(np.int8),
+            _row("zone", zone, (count,)).astype(np.int8),
+            _row("lights", np.zeros(ways) if lights is None else lights, (ways,)).astype(np.int8),
             self._dt,
-            station=None if station is None else _row("station", station, count),
-            speed=None if speed is None else _row("speed", speed, count),
-            pose=None if collisions is None else np.zeros((1, count, 3)),
-            collisions=tuple(Collision(0.0, pair, 0.0) for pair in collisions or ()),
-            meta=self._meta,
+            station=None if station is None else _row("station", station, (count,)),
+            speed=None if speed is None else _row("speed", speed, (count,)),
+            pose=None if pose is None else _row("pose", pose, (count, 3)),
+            collisions=None if collisions is None else tuple(Collision(0.0, pair, 0.0) for pair in collisions),
+            facts=self._facts,
         )
 
-    def _look_back(self, run: Run, atom: f.Atom) -> bool:
-        """Return the value of an atom that depends on earlier states; called once per state and atom."""
-        agent = next(t.index for t in atom.terms if isinstance(t, f.Element))
-        if atom.name == "stopped":
-            here = run.zone[0, agent] == Zone.ENTRANCE
-            self._stopped[agent] = bool(here and (self._stopped.get(agent) or stopped(run, agent)[0]))
-            return self._stopped[agent]
-        self._standing[agent] = self._standing.get(agent, 0) + 1 if stands_inside(run, agent)[0] else 0
-        return self._standing[agent] * self._dt > BLOCKING_TIME
+
+def _sizes(given: tuple[float, float] | Sequence[tuple[float, float]], count: int) -> tuple[tuple[float, float], ...]:
+    sizes = np.asarray(given, dtype=np.float64)
+    if sizes.shape not in ((2,), (count, 2)) or not (np.isfinite(sizes) & (sizes > 0)).all():
+        raise RunError(f"vehicle_size must be a length and width [m], for all {count} vehicles or for each, got {given!r:.60}")
+    return tuple((float(length), float(width)) for length, width in np.broadcast_to(sizes, (count, 2)))
 
 
-def _row(name: str, values: ArrayLike, count: int) -> NDArray[np.float64]:
+def _row(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
     row = np.asarray(values, dtype=np.float64)
-    if row.shape != (count,) or not np.isfinite(row).all():
-        raise RunError(f"{name} of a state must be {count} finite numbers, got {values!r:.60}")
+    if row.shape != shape or not np.isfinite(row).all():
+        what = f"{shape[0]} finite numbers" if len(shape) == 1 else f"finite numbers of shape {shape}"
+        raise RunError(f"{name} of a state must be {what}, got {values!r:.60}")
     return row[None]

@@ -16,11 +16,19 @@ Naming = Callable[[f.Element], str]
 """How to call an element: by its own name, or by the variable it stands for."""
 
 _CONDUCT = {
-    "stopped": ("has stopped at the line", "has not stopped at the line"),
-    "blocks": ("blocks the junction", "does not block the junction"),
-    "speeding": ("is over the speed limit", "is within the speed limit"),
-    "collide": ("collide", "do not collide"),
-    "conflict": ("are on conflicting movements", "are not on conflicting movements"),
+    "stopped": ("{0} has stopped at the line", "{0} has not stopped at the line"),
+    "inside": ("{0} is partly in the junction", "{0} is out of the junction"),
+    "blocks": ("{0} blocks the junction", "{0} does not block the junction"),
+    "may_go": ("{0} could go", "{0} could not go"),
+    "idles": ("{0} could have gone and has not", "{0} has gone when it could"),
+    "off_lane": ("{0} is outside its lane", "{0} is in its lane"),
+    "off_route": ("{0} is off its route", "{0} is on its route"),
+    "speeding": ("{0} is over the speed limit", "{0} is within the speed limit"),
+    "collide": ("{0} and {1} collide", "{0} and {1} do not collide"),
+    "meet": ("{0} and {1} meet where their ways cross or join", "{0} and {1} do not meet"),
+    "conflict": ("{0} and {1} are on conflicting movements", "{0} and {1} are not on conflicting movements"),
+    "owes": ("{0} has to let {1} pass", "{0} need not let {1} pass"),
+    "obstructs": ("{0} gets in the way of {1}", "{0} does not get in the way of {1}"),
 }
 
 
@@ -63,10 +71,9 @@ def literal(atom: f.Atom, value: bool, name: Naming = element_name, be: str = "i
             return f"{name(one)} and {name(two)} {'arrived' if value else 'did not arrive'} at the same time"
         case "<", (f.Attr(f.Element() as one, "wt"), f.Attr(f.Element() as two, "wt")):
             return f"{name(one)} {'arrived' if value else 'did not arrive'} after {name(two)}"
-        case word, (f.Element() as agent, *others) if word in _CONDUCT:
-            them = " and ".join(name(e) for e in (agent, *others) if isinstance(e, f.Element))
-            what = _CONDUCT[word][0 if value else 1]
-            return f"{them} {what.replace('has', 'had', 1) if be == 'was' else what}"
+        case word, (f.Element(), *_) if word in _CONDUCT:
+            what = _CONDUCT[word][0 if value else 1].format(*(name(e) for e in atom.terms if isinstance(e, f.Element)))
+            return what.replace(" has ", " had ", 1) if be == "was" else what
         case other, (one, two) if not other.isidentifier():
             return f"{no.lstrip()} {_term(one, name)} {other} {_term(two, name)}".lstrip()
     inner = ", ".join(_term(t, name) for t in atom.terms)

@@ -11,28 +11,49 @@ from pytest_rvads.logic.boolean import holds
 from pytest_rvads.logic.ground import Binding, Instance, ground
 from pytest_rvads.logic.ltl3 import Machine, synthesize
 from pytest_rvads.logic.rewrite import rebuild
-from pytest_rvads.logic.shape import Kind, Shape, shape_of, split
+from pytest_rvads.logic.shape import Kind, Shape, agents_of, shape_of, split
 from pytest_rvads.semantics.predicates import Static
 
-__all__ = ["Prepared", "Template", "prepare", "template"]
+__all__ = ["Member", "Prepared", "Template", "prepare", "template"]
 
 _MERGE_LIMIT = 6
 """Symmetric instances are looked for up to this many atoms (truth tables of 64 rows)."""
 
 
 @dataclass(frozen=True, slots=True)
+class Member:
+    """One of the symmetric instances that a template stands for."""
+
+    binding: Binding
+    premise: f.Formula | None
+    """None where the rule is never vacuous."""
+    bound: tuple[f.Element, ...]
+    """The agents that are bound to act."""
+
+
+@dataclass(frozen=True, slots=True)
 class Template:
     """An instance ready to be monitored."""
 
-    binding: Binding
     formula: f.Formula
     shape: Shape
-    premises: tuple[f.Formula, ...]
-    """Of this and of every instance merged into it; empty where the rule is never vacuous."""
+    members: tuple[Member, ...]
+    """This instance, and every one merged into it."""
     machine: Machine
     """Over propositions p0, p1, ...; shared by all instances that differ only in their atoms."""
     atoms: tuple[f.Atom, ...]
     """What the propositions stand for."""
+
+    @property
+    def binding(self) -> Binding:
+        """What the variables of the instance stand for."""
+        return self.members[0].binding
+
+    @property
+    def premises(self) -> tuple[f.Formula, ...]:
+        """Of this and of every instance merged into it; empty where the rule is never vacuous."""
+        found = dict.fromkeys(member.premise for member in self.members)
+        return () if None in found else tuple(p for p in found if p is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +78,14 @@ def _rename(formula: f.Formula, names: dict[f.Atom, f.Atom]) -> f.Formula:
 
 
 @lru_cache(maxsize=1024)
-def prepare(formula: f.Formula, static: Static, *, itinerary: bool = True) -> Prepared:
+def prepare(formula: f.Formula, static: Static, bound: tuple[str, ...] = (), *, itinerary: bool = True) -> Prepared:
     """Unfold, simplify, merge symmetric instances, and build the monitors.
+
+    Args:
+        formula: of the rule.
+        static: the model.
+        bound: the variables of the agents that are bound to act; by default those that have to wait, else of the obligation.
+        itinerary: use the agents' known itineraries for ``take``.
 
     Raises:
         FormulaError: a monitor would be too large.
@@ -69,21 +96,18 @@ def prepare(formula: f.Formula, static: Static, *, itinerary: bool = True) -> Pr
         for part in split(instance.formula):
             groups.setdefault(_key(part), []).append(Instance(instance.binding, part))
     found = []
-    for first, *others in groups.values():
-        shape = shape_of(first.formula)
-        premises = [shape_of(i.formula).premise for i in (first, *others)]
+    for instances in groups.values():
+        first = instances[0]
         renamed, atoms = template(first.formula)
-        found.append(
-            Template(
-                first.binding,
-                first.formula,
-                shape,
-                tuple(dict.fromkeys(p for p in premises if p is not None)) if None not in premises else (),
-                synthesize(renamed),
-                atoms,
-            )
-        )
+        members = tuple(_member(instance, bound) for instance in instances)
+        found.append(Template(first.formula, shape_of(first.formula), members, synthesize(renamed), atoms))
     return Prepared(tuple(found), grounding.collapsed)
+
+
+def _member(instance: Instance, bound: tuple[str, ...]) -> Member:
+    shape, values = shape_of(instance.formula), dict(instance.binding)
+    waits = shape.waits if shape.waits is not None else shape.obligation
+    return Member(instance.binding, shape.premise, tuple(values[name] for name in bound) if bound else agents_of(waits))
 
 
 def _key(formula: f.Formula) -> object:

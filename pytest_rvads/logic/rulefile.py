@@ -19,7 +19,7 @@ from pytest_rvads.logic.rules import Rule, rule
 
 __all__ = ["load_rules"]
 
-_KEYS = ("text", "title", "meaning", "source", "responsible", "about", "tie", "requirement")
+_KEYS = ("text", "title", "meaning", "source", "responsible", "bound", "about", "tie", "requirement")
 
 
 def load_rules(path: str | Path) -> tuple[Rule, ...]:
@@ -50,13 +50,13 @@ def load_rules(path: str | Path) -> tuple[Rule, ...]:
         if not section.get("text"):
             raise FormulaError(f"{path}: rule {name!r} has no text: add `text = ` and a formula")
         try:
-            found.append(_rule(name, section))
+            found.append(_rule(name, section, path))
         except FormulaError as error:
             raise FormulaError(f"{path}: {error}") from None
     return tuple(found)
 
 
-def _rule(name: str, section: dict[str, str]) -> Rule:
+def _rule(name: str, section: dict[str, str], path: Path) -> Rule:
     try:
         tie = float(section.get("tie", "0"))
     except ValueError:
@@ -68,7 +68,9 @@ def _rule(name: str, section: dict[str, str]) -> Rule:
         meaning=section.get("meaning", ""),
         source=section.get("source", ""),
         responsible=section.get("responsible", ""),
+        bound=section.get("bound", "").replace(",", " ").split(),
         about=section.get("about"),
         tie=tie,
         requirement=section.get("requirement"),
+        place=f"{path}, section [{name}]",
     )

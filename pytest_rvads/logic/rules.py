@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic.formula import Formula
+from pytest_rvads.logic.registry import Registry
+from pytest_rvads.logic.shape import outermost, untimed
 from pytest_rvads.logic.signature import parse
+from pytest_rvads.logic.sorts import Sort
 from pytest_rvads.maps.junction import JunctionControl
 
 __all__ = ["Rule", "get_rule", "rule", "rulebook", "rules_for", "user_rules"]
@@ -32,7 +36,9 @@ class Rule:
     source: str = ""
     """Paper, convention or statute, with the article."""
     responsible: str = ""
-    """The role that is bound to act."""
+    """The role that is bound to act, in words."""
+    bound: tuple[str, ...] = ()
+    """Its variables; by default those of the agents that have to wait, else of the obligation."""
     about: JunctionControl | None = None
     """The kind of junction the rule is about, None for all."""
     tie: float = 0.0
@@ -50,9 +56,22 @@ class Rule:
         if not self.tie >= 0:
             raise FormulaError(f"rule {self.name!r}: the tie window must be a number of seconds, at least 0, got {self.tie!r}")
         try:
-            _formula(self.text)
+            formula = _formula(self.text)
         except FormulaError as error:
             raise FormulaError(f"rule {self.name!r}: {error}") from None
+        agents = [v.name for v in outermost(formula) if v.sort is Sort.AGENT]
+        for name in self.bound:
+            if name not in agents:
+                raise FormulaError(
+                    f"rule {self.name!r}: bound must name agents that its outermost quantifiers bind "
+                    f"({', '.join(agents) or 'none'}), got {name!r}"
+                )
+        momentary = untimed(formula)
+        if momentary is not None:
+            raise FormulaError(
+                f"rule {self.name!r} asks for {momentary} in the first state only, outside every temporal operator: "
+                "write G(...) around what always has to hold"
+            )
 
     def __repr__(self) -> str:
         return f"<Rule {self.name}: {self.title or self.text}>"
@@ -68,12 +87,13 @@ def _formula(text: str) -> Formula:
     return parse(text)
 
 
-_USER: dict[str, Rule] = {}
+_USER: Registry[Rule] = Registry(operator.eq)
+"""Users' rules."""
 
 
 def user_rules() -> tuple[Rule, ...]:
     """Return the rules that users registered, in order."""
-    return tuple(_USER.values())
+    return _USER.all()
 
 
 def rule(
@@ -84,11 +104,16 @@ def rule(
     meaning: str = "",
     source: str = "",
     responsible: str = "",
+    bound: str | Sequence[str] = (),
     about: JunctionControl | str | None = None,
     tie: float = 0.0,
     requirement: str | None = None,
+    place: str | None = None,
 ) -> Rule:
-    """Register a rule under a name, replacing one that you registered before.
+    """Register a rule under a name.
+
+    The same rule may be registered again; another one of the same name may not, because tests that mean the first would then
+    be judged by the second.
 
     Args:
         name: to use in ``rules=`` and in test ids.
@@ -97,12 +122,16 @@ def rule(
         meaning: the same in one sentence.
         source: where it comes from.
         responsible: the role that is bound to act.
+        bound: the variables of that role, such as ``"a"``: with a subject among traffic the rule is asked where the subject
+            is one of them; by default those of the agents that have to wait, else of the obligation.
         about: ``"stop"`` or ``"lights"`` when it concerns only such junctions.
         tie: waiting times that differ by at most this count as equal [s].
         requirement: identifier for traceability.
+        place: where the rule stands, for messages; by default the line that registers it.
 
     Raises:
-        FormulaError: a formula that can't be understood, a name of a shipped rule, an unknown kind of junction.
+        FormulaError: a formula that can't be understood, a name of a shipped rule or of another one, an unknown kind of
+            junction.
     """
     if any(name == r.name for book in _books().values() for r in book) or name in _books():
         raise FormulaError(f"{name!r} is a shipped rule or rulebook: choose another name for yours")
@@ -117,11 +146,12 @@ def rule(
         meaning,
         source=source,
         responsible=responsible,
+        bound=(bound,) if isinstance(bound, str) else tuple(bound),
         about=control,
         tie=tie,
         requirement=requirement,
     )
-    _USER[name] = made
+    _USER.add(name, made, place)
     return made
 
 
@@ -149,7 +179,7 @@ def get_rule(name: str) -> Rule:
     Raises:
         FormulaError: no such rule.
     """
-    known = {r.name: r for book in _books().values() for r in book} | _USER
+    known = {r.name: r for book in _books().values() for r in book} | {r.name: r for r in user_rules()}
     if name not in known:
         raise FormulaError(f"unknown rule {name!r}, there are {', '.join(known)}{suggest(name, known)}")
     return known[name]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -9,7 +10,7 @@ from pytest_rvads.logic import formula as f
 from pytest_rvads.logic.boolean import conj
 from pytest_rvads.logic.sorts import Sort
 
-__all__ = ["Kind", "Shape", "agents_of", "conjuncts", "shape_of", "split"]
+__all__ = ["Kind", "Shape", "agents_of", "conjuncts", "outermost", "shape_of", "split", "untimed"]
 
 
 class Kind(StrEnum):
@@ -82,3 +83,35 @@ def agents_of(formula: f.Formula) -> tuple[f.Element, ...]:
             if isinstance(element, f.Element) and element.sort is Sort.AGENT:
                 found[element] = None
     return tuple(found)
+
+
+def outermost(formula: f.Formula) -> tuple[f.Binder, ...]:
+    """Return the variables that the outermost universal quantifiers bind."""
+    found: list[f.Binder] = []
+    while isinstance(formula, f.Forall):
+        found += formula.variables
+        formula = formula.body
+    return tuple(found)
+
+
+def untimed(formula: f.Formula, sorts: Mapping[str, Sort] | None = None) -> f.Atom | None:
+    """Return an atom that changes during a run and stands outside every temporal operator: only its first state counts."""
+    sorts = sorts or {}
+    match formula:
+        case f.Atom():
+            return None if _static(formula, sorts) else formula
+        case f.Forall(variables, body) | f.Exists(variables, body):
+            return untimed(body, {**sorts, **{v.name: v.sort for v in variables}})
+        case f.Next() | f.Always() | f.Eventually() | f.Until() | f.WeakUntil() | f.Release():
+            return None
+    return next((found for child in f.children(formula) if (found := untimed(child, sorts))), None)
+
+
+def _static(atom: f.Atom, sorts: Mapping[str, Sort]) -> bool:
+    """Return whether the value of an atom is the same in every state."""
+    if atom.name == "@":
+        thing = atom.terms[0]
+        return isinstance(thing, f.Var) and sorts.get(thing.name) in (Sort.LIGHT, Sort.OBJECT)
+    if atom.name in ("=", "!="):
+        return all(isinstance(term, f.Var) for term in atom.terms)
+    return atom.name in ("turn", "conflict", "right-of", "opposite", "entex")

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic import formula as f
 from pytest_rvads.logic.parser import caret, parse_rule
+from pytest_rvads.logic.registry import Registry
 from pytest_rvads.logic.sorts import Sort
 from pytest_rvads.semantics.run import Run
 
-__all__ = ["COMPARISONS", "Predicate", "parse", "predicate", "user_predicates"]
+__all__ = ["COMPARISONS", "Predicate", "parse", "predicate", "user_predicate"]
 
 COMPARISONS = ("=", "!=", "<", "<=", ">", ">=")
-_DIRECTIONS = ("left", "straight", "right")
+_DIRECTIONS = ("left", "straight", "right", "near", "far")
 _COLOURS = ("green", "yellow", "red")
 _ATTRIBUTES = {"wt": (Sort.AGENT, "number"), "sp": (Sort.AGENT, "number"), "cl": (Sort.LIGHT, "colour")}
 _PLACES = {Sort.JUNCTION, Sort.ENTRANCE, Sort.EXIT, Sort.ROAD, Sort.VERTEX}
@@ -27,9 +28,17 @@ _BUILT_IN: Mapping[str, tuple[str, ...]] = {
     "turn": ("agent", "direction"),
     "take": ("agent", "entrance", "direction"),
     "conflict": ("agent", "agent"),
+    "meet": ("agent", "agent"),
     "collide": ("agent", "agent"),
+    "owes": ("agent", "agent"),
+    "obstructs": ("agent", "agent"),
     "stopped": ("agent",),
+    "inside": ("agent",),
     "blocks": ("agent",),
+    "may_go": ("agent",),
+    "idles": ("agent",),
+    "off_lane": ("agent",),
+    "off_route": ("agent",),
     "speeding": ("agent",),
 }
 _RELATIONS = {
@@ -45,9 +54,9 @@ class Predicate:
 
     name: str
     sorts: tuple[Sort, ...]
-    function: Callable[..., NDArray[np.bool_] | bool]
+    function: Callable[..., NDArray[np.bool_]]
     """Takes the run and one number per argument (the column of an agent, the number of an entrance, exit or light) and
-    returns one truth value per state, shape ``(steps,)``, or one for the whole run."""
+    returns one truth value per state, shape ``(steps,)``."""
 
     def __call__(self, run: Run, *elements: int) -> NDArray[np.bool_]:
         """Evaluate on a run.
@@ -56,25 +65,28 @@ class Predicate:
             FormulaError: the function returns something of another shape.
         """
         found = np.asarray(self.function(run, *elements))
-        if found.shape not in ((), (run.steps,)) or found.dtype != np.bool_:
+        if found.shape != (run.steps,) or found.dtype != np.bool_:
             raise FormulaError(
                 f"predicate {self.name!r} must return one bool per state, shape ({run.steps},), "
                 f"got {found.dtype} of shape {found.shape}"
             )
-        return np.broadcast_to(found, (run.steps,))
+        return found
+
+    def same(self, other: Predicate) -> bool:
+        """Return whether two predicates mean the same: a module that is loaded again makes its functions anew."""
+        codes = [getattr(p.function, "__code__", p.function) for p in (self, other)]
+        return self.sorts == other.sorts and codes[0] == codes[1]
 
 
-_PREDICATES: dict[str, Predicate] = {}
+_PREDICATES: Registry[Predicate] = Registry(Predicate.same)
 
 
-def user_predicates() -> Mapping[str, Predicate]:
-    """Return the predicates that users registered."""
-    return _PREDICATES
+def user_predicate(name: str) -> Predicate | None:
+    """Return the predicate that a user registered under a name, or None."""
+    return _PREDICATES.get(name)
 
 
-def predicate(
-    name: str, *sorts: str
-) -> Callable[[Callable[..., NDArray[np.bool_] | bool]], Callable[..., NDArray[np.bool_] | bool]]:
+def predicate(name: str, *sorts: str) -> Callable[[Callable[..., NDArray[np.bool_]]], Callable[..., NDArray[np.bool_]]]:
     """Register a Python function as a predicate of the rule language.
 
     Example:
@@ -87,7 +99,7 @@ def predicate(
         sorts: of the arguments, such as ``"agent"``, ``"entrance"``.
 
     Raises:
-        FormulaError: a name that formulas can't spell or that is taken, or an unknown sort.
+        FormulaError: a name that formulas can't spell or that is taken, also by another function, or an unknown sort.
     """
     if not name.isidentifier() or name in _BUILT_IN or name in ("G", "F", "N", "X", "U", "W", "R", "true", "false"):
         raise FormulaError(f"a predicate needs a free identifier as its name, got {name!r}")
@@ -95,8 +107,8 @@ def predicate(
         if sort not in set(Sort):
             raise FormulaError(f"predicate {name!r}: unknown sort {sort!r}{suggest(sort, [s.value for s in Sort])}")
 
-    def register(function: Callable[..., NDArray[np.bool_] | bool]) -> Callable[..., NDArray[np.bool_] | bool]:
-        _PREDICATES[name] = Predicate(name, tuple(map(Sort, sorts)), function)
+    def register(function: Callable[..., NDArray[np.bool_]]) -> Callable[..., NDArray[np.bool_]]:
+        _PREDICATES.add(name, Predicate(name, tuple(map(Sort, sorts)), function))
         return function
 
     return register
@@ -143,7 +155,7 @@ class _Check:
 
     def predicate(self, atom: f.Atom, kinds: list[str]) -> None:
         name = atom.name
-        known: dict[str, tuple[str, ...]] = {**_BUILT_IN, **{p.name: p.sorts for p in _PREDICATES.values()}}
+        known: dict[str, tuple[str, ...]] = {**_BUILT_IN, **{p.name: p.sorts for p in _PREDICATES.all()}}
         if name not in known:
             what = f"unknown predicate {name!r}" if atom.terms else f"{name!r} is neither a formula nor a known predicate"
             raise FormulaError(caret(what + suggest(name, [*known, *_RELATIONS]), self.text, atom.at))

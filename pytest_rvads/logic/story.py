@@ -8,17 +8,18 @@ from dataclasses import dataclass, field
 from pytest_rvads.logic import formula as f
 from pytest_rvads.logic.cycle import Cycle
 from pytest_rvads.logic.evaluate import Values
-from pytest_rvads.logic.judge import Judgement
+from pytest_rvads.logic.judge import Judgement, Near, asked
 from pytest_rvads.logic.phrase import Naming, element_name, literal, say
 from pytest_rvads.logic.prepare import Template
 from pytest_rvads.logic.rules import Rule
 from pytest_rvads.logic.shape import Kind, agents_of
 from pytest_rvads.logic.sorts import Sort
 from pytest_rvads.logic.verdicts import Status
-from pytest_rvads.semantics.collisions import Cause, cause_of, stuck, surprised
+from pytest_rvads.semantics.blame import Cause, blame, cause_of, stuck, surprised
+from pytest_rvads.semantics.bodies import contacts
 from pytest_rvads.semantics.run import Run
 
-__all__ = ["Story", "bound_names", "collision_cause", "happened", "is_about", "responsible", "waits"]
+__all__ = ["Story", "bound_names", "cause_between", "happened", "is_about", "responsible", "waits"]
 
 SET_OFF = 5.0
 """Whoever is waited for has this long to go before it is to blame [s]."""
@@ -39,18 +40,34 @@ class Story:
     collapsed: int = 0
     tie: float = 0.0
     cycle: Cycle | None = None
-    near: tuple[Template, int, tuple[f.Formula, ...], int] | None = None
+    near: Near | None = None
     notes: list[str] = field(default_factory=list)
-    subject: str | None = None
-    """The vehicle that the status is about, where it is one among traffic."""
+    asked: bool = True
+    """Whether an instance bound the subject to act."""
+    unavoidable: bool = False
+    """Whether nobody could have kept the rule."""
     provoked: bool = False
     """Whether none of what is violated or open is the subject's doing."""
+
+    @property
+    def subject(self) -> str | None:
+        """The vehicle that the status is about, where it is one among traffic."""
+        return self.run.subject
 
     @property
     def counts(self) -> dict[str, int]:
         """Instances by outcome."""
         found = Counter(_WORDS[j.status] for j in self.found)
         return {word: found[word] for word in _WORDS.values() if found[word]}
+
+    def kept(self) -> tuple[int, int]:
+        """Return in how many instances the rule was kept, and of how many; with a subject, of those that bind it."""
+        found, run = self.found, self.run
+        if self.subject is None or self.values is None:
+            return sum(j.status is Status.PASS for j in found), len(found)
+        me = next(column for column, agent in enumerate(run.agents) if agent.name == self.subject)
+        mine = [j for j in found if any(e.index == me for m in j.template.members for e in m.bound)]
+        return sum(j.status is Status.PASS and asked(j.template, self.values, me) for j in mine), len(mine)
 
     def ordered(self) -> list[Judgement]:
         """Return the worst instances first, the earliest of them first; with a subject, what it is to blame for leads."""
@@ -72,8 +89,11 @@ def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
     """Return the vehicles bound to act: those whose doing broke the instance, or that still have to wait."""
     if j.status is Status.FAIL:
         named = tuple(dict.fromkeys(e for a, _ in j.broken for e in agents_of(a))) or agents_of(j.template.formula)
-        cause = collision_cause(j, run)
-        return tuple(e for e in named if cause is None or e.name in cause.agents)
+        cause = cause_between(j, run)
+        if cause is not None:
+            return tuple(e for e in named if e.name in cause.agents)
+        bound = {e for member in j.template.members for e in member.bound}
+        return tuple(e for e in named if e in bound) or named
     if j.status is Status.OPEN:
         return _waiting(j)
     return ()
@@ -88,7 +108,7 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
     """
     me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
     if j.status is Status.FAIL and j.failed is not None:
-        meets = j.template.shape.kind is Kind.STATE and collision_cause(j, run) is None
+        meets = j.template.shape.kind is Kind.STATE and cause_between(j, run) is None
         others = [e.index for e in agents_of(j.template.formula) if e.index != me] if meets else []
         excused = len(others) == 1 and surprised(run, me, others[0], j.failed)
         return not excused and any(e.index == me for e in responsible(j, run))
@@ -110,11 +130,17 @@ def waits(j: Judgement, subject: str) -> bool:
     return j.status is Status.OPEN and any(e.name == subject for e in waiting) and any(e not in waiting for e in awaited)
 
 
-def collision_cause(j: Judgement, run: Run) -> Cause | None:
-    """Return who caused the collision that broke an instance, or None where none did."""
-    pairs = [{e.name for e in agents_of(a)} for a, _ in j.broken if a.name == "collide"]
-    hit = next((c for c in run.collisions if set(c.agents) in pairs), None)
-    return None if hit is None else cause_of(run, hit)
+def cause_between(j: Judgement, run: Run) -> Cause | None:
+    """Return who is to blame that two vehicles collided or met, which broke an instance, or None where neither did it."""
+    for atom, _ in j.broken:
+        if atom.name == "collide":
+            pair = {e.name for e in agents_of(atom)}
+            hit = next((c for c in contacts(run) if set(c.agents) == pair), None)
+            return None if hit is None else cause_of(run, hit)
+        if atom.name == "meet" and j.failed is not None:
+            one, two = agents_of(atom)
+            return blame(run, one.index, two.index, j.failed)
+    return None
 
 
 def _waiting(j: Judgement) -> tuple[f.Element, ...]:

@@ -48,7 +48,7 @@ def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
         FormulaError: an unknown rule.
     """
     rule = get_rule(rule) if isinstance(rule, str) else rule
-    templates = prepare(rule.formula, extract(run)).templates
+    templates = prepare(rule.formula, extract(run), rule.bound).templates
     try:
         walked = walk(templates, Values(run, rule.tie))
     except RunError:

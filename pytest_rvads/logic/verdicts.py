@@ -99,8 +99,10 @@ class Verdict:
     """What was violated, in the same words whoever did it: groups failures."""
     roles: str = ""
     """Which vehicles it was, in words that are the same for all rotations of a scenario."""
+    asked: bool = True
+    """Whether an instance bound the subject to act; without a subject, whether any was triggered."""
     unavoidable: bool = False
-    """True when no autopilot could have passed."""
+    """Violated, but nobody could have kept it: a session counts it apart, and it fails no test by default."""
     notes: tuple[str, ...] = ()
     """What else should be known: that no run could pass, that a tie window decides."""
     explanation: str = ""
@@ -162,6 +164,7 @@ class Verdict:
             "cause": self.cause,
             "violated": self.violated,
             "roles": self.roles,
+            "asked": self.asked,
             "unavoidable": self.unavoidable,
             "notes": list(self.notes),
             "requirement": self.requirement,

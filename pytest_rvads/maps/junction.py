@@ -6,14 +6,22 @@ from entrance ``i`` to exit ``(i + j) mod n`` (paper, section 5.2).
 
 from __future__ import annotations
 
+import copyreg
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import lru_cache
+from types import MappingProxyType
 
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.maps.segment import Segment, Turn
 
-__all__ = ["Geometry", "Junction", "JunctionControl", "Movement"]
+__all__ = ["Geometry", "Junction", "JunctionControl", "Movement", "digest"]
+
+# Autopilots are handed the tables of a junction, so they are read-only; a run has to be picklable all the same.
+copyreg.pickle(MappingProxyType, lambda table: (MappingProxyType, (dict(table),)))
 
 
 class JunctionControl(StrEnum):
@@ -49,7 +57,10 @@ class Geometry:
     exits: tuple[Segment, ...]
     """Per exit, the road walked downstream to the next junction or the end of the road; starts at the vertex."""
     lane_width: float = 3.5
-    """Width of the lanes, for pictures [m]."""
+    """Width of the lanes [m]."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "movements", MappingProxyType(dict(self.movements)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,6 +98,7 @@ class Junction:
             raise MapError(
                 f"junction {self.name!r} needs one movement from every entrance to every other arm, got {sorted(self.movements)}"
             )
+        object.__setattr__(self, "movements", MappingProxyType(dict(self.movements)))
         object.__setattr__(self, "ways", ways)
         if not self.setbacks:
             object.__setattr__(self, "setbacks", (0.0,) * ways)
@@ -106,3 +118,30 @@ class Junction:
     def approach(self, entrance: int) -> float:
         """Return the length of the approach of `entrance`, up to its stopping line [m]; 0 without geometry."""
         return self.geometry.approaches[entrance].length - self.setbacks[entrance] if self.geometry else 0.0
+
+    @property
+    def near(self) -> Turn:
+        """The turn that crosses nobody's way: right where traffic keeps right."""
+        return Turn.LEFT if self.left_hand else Turn.RIGHT
+
+    @property
+    def far(self) -> Turn:
+        """The turn across oncoming traffic: left where traffic keeps right."""
+        return Turn.RIGHT if self.left_hand else Turn.LEFT
+
+
+@lru_cache(maxsize=64)
+def digest(junction: Junction) -> str:
+    """Return the SHA-256 of all that a run or a verdict can depend on: names don't count, signs and centre lines do."""
+    found = hashlib.sha256()
+    ways = sorted((m.entrance, m.exit, m.turn, m.length) for m in junction.movements.values())
+    groups = [sorted(group) for group in junction.phase_groups]
+    relations = sorted(junction.right_of), sorted(junction.opposite)
+    found.update(json.dumps([junction.control, ways, relations, groups, junction.setbacks, junction.left_hand]).encode())
+    if junction.geometry is not None:
+        geometry = junction.geometry
+        lines = [*geometry.approaches, *(geometry.movements[way] for way in sorted(geometry.movements)), *geometry.exits]
+        found.update(json.dumps([geometry.lane_width, [len(line.points) for line in lines]]).encode())
+        for line in lines:
+            found.update(line.points.tobytes())
+    return found.hexdigest()

@@ -8,28 +8,23 @@ from pytest_rvads.physics.dynamics import Dynamics
 from pytest_rvads.physics.seat import Halt
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.semantics.itinerary import Itinerary
+from pytest_rvads.semantics.lane import MAX_OFFSET, beside
 from pytest_rvads.semantics.run import DT
 from pytest_rvads.semantics.states import Agent, VehicleState
 from pytest_rvads.semantics.vehicle import Vehicle
 
-__all__ = ["MAX_OFFSET", "MAX_SPEED", "Body", "OffRoute", "start"]
+__all__ = ["MAX_SPEED", "Body", "PlantFailure", "start"]
 
-MAX_OFFSET = 3.0
-"""A vehicle whose front is this far to the side of its itinerary, and whose rear axle is half as far, is off its route [m].
-
-The front alone swings out by 2 m in narrow bends."""
 MAX_SPEED = 70.0
 """No vehicle here gets this fast by itself; one that does was thrown away [m/s]."""
 _WINDOW = 0.75
 """How far around the last station the next one is looked for [m]: more than MAX_SPEED times the step."""
-_AXLE_WINDOW = 5.0
-"""Likewise around the place where the rear axle should be [m]."""
 _ROLLING_BACK = 0.01
 """A vehicle faster than this backwards really moves backwards, as after a collision [m/s]."""
 
 
-class OffRoute(Halt):
-    """The plant is beyond what the simulation stands for: not finite, off its route, thrown away."""
+class PlantFailure(Halt):
+    """The plant is beyond what the simulation stands for: not finite, thrown away."""
 
 
 class Body:
@@ -49,10 +44,11 @@ class Body:
         self.dynamics = Dynamics(vehicle, aggression)
         self.cos = 1.0
         self.sin = 0.0
+        self.strayed = False
+        """Whether it has left its route."""
         self._path, self._origin = itinerary.path, itinerary.origin
         self._along = station + itinerary.origin
         self._ahead = vehicle.gravity_offset
-        self._axle = vehicle.rear_axle_offset
         self._length, self._width = vehicle.length, vehicle.width
         self._motion: Motion | None = None
         self._state: VehicleState | None = None
@@ -61,7 +57,7 @@ class Body:
         """Return what the semantic model says of `motion`, the next state after the last one sampled.
 
         Raises:
-            OffRoute: it is not finite, or the vehicle has left its route or was thrown away.
+            PlantFailure: it is not finite, or the vehicle was thrown away.
         """
         if motion == self._motion and self._state is not None:
             # At rest, as vehicles that wait are most of the time.
@@ -77,14 +73,16 @@ class Body:
         along, offset = self._path.project(x, y, self._along, _WINDOW)
         speed = vx * cos + vy * sin
         # Comparisons with NaN are false, so this also catches a motion that is not finite.
-        if not (-MAX_OFFSET <= offset <= MAX_OFFSET and vx * vx + vy * vy < MAX_SPEED * MAX_SPEED):
-            self._check(motion, offset)
+        if not vx * vx + vy * vy < MAX_SPEED * MAX_SPEED or not -MAX_OFFSET <= offset <= MAX_OFFSET:
+            self._check(motion)
         if along < self._along and speed > -_ROLLING_BACK:
             # Where lanes overlap at a joint, the nearest point may jump back; a vehicle that moves on does not.
             along = self._along
         self._along = along
         last = self._state
         station = along - self._origin
+        if not -MAX_OFFSET <= offset <= MAX_OFFSET:
+            self.strayed = beside(self.itinerary, x, y, yaw, station, self._length)
         agent = self.agent
         self._state = VehicleState(
             agent.name,
@@ -102,21 +100,14 @@ class Body:
         )
         return self._state
 
-    def _check(self, motion: Motion, offset: float) -> None:
-        """Say what is wrong with a motion; a front that swings out of a narrow bend is not, if the rear axle follows."""
+    def _check(self, motion: Motion) -> None:
+        """Say what is wrong with a motion, if anything is."""
         name = self.agent.name
         if not all(map(math.isfinite, motion)):
-            raise OffRoute(name, f"the motion of {name} is no longer finite: {tuple(motion)}")
+            raise PlantFailure(name, f"the motion of {name} is no longer finite: {tuple(motion)}")
         speed = math.hypot(motion.vx, motion.vy)
         if speed >= MAX_SPEED:
-            raise OffRoute(name, f"{name} was thrown away: it moves at {speed:.0f} m/s")
-        behind = self._axle - self._ahead
-        x, y = motion.x - behind * self.cos, motion.y - behind * self.sin
-        _, axle = self._path.project(x, y, self._along - self._axle, _AXLE_WINDOW)
-        if abs(axle) > MAX_OFFSET / 2:
-            raise OffRoute(
-                name, f"{name} is off its route: {abs(offset):.1f} m beside its itinerary, at most {MAX_OFFSET:g} m are allowed"
-            )
+            raise PlantFailure(name, f"{name} was thrown away: it moves at {speed:.0f} m/s")
 
 
 def start(itinerary: Itinerary, station: float, speed: float, vehicle: Vehicle) -> Motion:

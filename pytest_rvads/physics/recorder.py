@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pytest_rvads.maps.junction import Junction
-from pytest_rvads.semantics.run import Collision, Fault, Run
+from pytest_rvads.semantics.run import Collision, Facts, Fault, Run
 from pytest_rvads.semantics.states import Agent, Colour, Control, VehicleState
 
 __all__ = ["Recorder"]
@@ -37,7 +37,13 @@ class Recorder:
         self._controls += controls
 
     def run(
-        self, label: str, junction: Junction, collisions: tuple[Collision, ...], fault: Fault | None, meta: Mapping[str, Any]
+        self,
+        label: str,
+        junction: Junction,
+        collisions: tuple[Collision, ...],
+        fault: Fault | None,
+        facts: Facts,
+        meta: Mapping[str, Any],
     ) -> Run:
         """Return the run. No step follows its last state, so the controls of the step before stand there again."""
         steps, count = len(self._lights), len(self._agents)
@@ -57,5 +63,6 @@ class Recorder:
             controls=np.array(controls, dtype=np.float64).reshape(steps, count, 3),
             collisions=collisions,
             fault=fault,
+            facts=facts,
             meta=meta,
         )

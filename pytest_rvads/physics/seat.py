@@ -47,10 +47,6 @@ class Halt(RunError):
         self.detail = detail
 
 
-_MISHAPS = (Exception, SystemExit)
-"""What an autopilot may raise without ending more than its run; a request to stop the session, such as Ctrl-C, passes."""
-
-
 class Seat:
     """One vehicle's place for an autopilot.
 
@@ -106,7 +102,9 @@ class Seat:
         except AutopilotError as error:
             where = f"{self.name} driving {self.agent.name} at {seen.time:.2f} s"
             raise Halt(self.agent.name, f"{where}: {error}", getattr(error, "detail", "")) from error
-        except _MISHAPS as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # whatever it raises, a skip of pytest's included, ends its run and no more
             raise Halt(
                 self.agent.name, f"{self.name} driving {self.agent.name} {_describe(error)} at {seen.time:.2f} s"
             ) from error
@@ -227,7 +225,9 @@ def _hire(factory: Factory, agents: Sequence[Agent], senses: Senses = IDEAL, key
 def _make(factory: Factory, agent: Agent) -> Any:
     try:
         return factory()
-    except _MISHAPS as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise Halt(agent.name, f"making {name_of(factory)} for {agent.name} {_describe(error)}") from error
 
 
@@ -237,7 +237,9 @@ def _delegate(system: Any, agents: Sequence[Agent]) -> list[Any]:
         made = list(system.autopilots(tuple(agents)))
     except AutopilotError as error:
         raise Halt(agents[0].name, str(error), getattr(error, "detail", "")) from error
-    except _MISHAPS as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise Halt(agents[0].name, f"{name}.autopilots {_describe(error)}") from error
     if len(made) != len(agents):
         raise Halt(

@@ -10,12 +10,12 @@ from collections.abc import Callable
 from dataclasses import asdict
 
 from pytest_rvads.errors import ScenarioError
-from pytest_rvads.physics.body import Body, OffRoute, start
+from pytest_rvads.physics.body import Body, start
 from pytest_rvads.physics.recorder import Recorder
 from pytest_rvads.physics.seat import Factory, Halt, Seat, crew, name_of
 from pytest_rvads.physics.world import BulletWorld, World
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT, Scenario
-from pytest_rvads.semantics.run import DT, Collision, Fault, Run
+from pytest_rvads.semantics.run import DT, Collision, Facts, Fault, Run
 from pytest_rvads.semantics.states import GONE, Colour, Control, Observation, VehicleState
 from pytest_rvads.semantics.vehicle import Vehicle
 from pytest_rvads.versions import versions
@@ -26,9 +26,9 @@ __all__ = ["simulate"]
 def simulate(scenario: Scenario, autopilot: Factory, *, vehicle: Vehicle | None = None, traffic: Factory | None = None) -> Run:
     """Simulate `scenario` and return its run.
 
-    The run ends when every vehicle has left, or at the scenario's duration. It ends early with `Run.fault` set when an
-    autopilot raises or answers with something that is not a control, or when a vehicle leaves its route; the states up to
-    there are kept. A vehicle that leaves its route after a collision is no fault: there the run just ends.
+    The run ends when every vehicle has left, or at the scenario's duration; also when two vehicles collide or one leaves its
+    route, because what follows is no driving. It ends with `Run.fault` set when an autopilot raises or answers with something
+    that is not a command, or when the plant fails. The states up to the end are kept.
 
     What ``timing()`` of an autopilot returns is kept under ``timing`` in `Run.meta`, which is not part of the run's hash.
 
@@ -57,14 +57,13 @@ def simulate(scenario: Scenario, autopilot: Factory, *, vehicle: Vehicle | None 
         "autopilot": name_of(autopilot),
         "traffic": name_of(traffic),
         "vehicle": asdict(vehicle),
-        "speed_limit": SPEED_LIMIT,
         "end": loop.end,
         "versions": versions(),
     }
     timed = {s.agent.name: s.autopilot.timing() for s in loop.seats if callable(getattr(s.autopilot, "timing", None))}
     if timed:
         meta["timing"] = timed
-    return loop.recorder.run(scenario.name, loop.junction, tuple(loop.collisions), loop.fault, meta)
+    return loop.recorder.run(scenario.name, loop.junction, tuple(loop.collisions), loop.fault, loop.facts(), meta)
 
 
 class _Loop:
@@ -76,7 +75,8 @@ class _Loop:
         self.collisions: list[Collision] = []
         self.fault: Fault | None = None
         self.end = "duration"
-        """Why the run ended: left, duration, collision, fault."""
+        """Why the run ended: left, duration, collision, route, fault."""
+        self.strayed: tuple[str, ...] = ()
         self.seats: tuple[Seat, ...] = ()
         self._vehicle = vehicle
         self._signals = scenario.signals()
@@ -95,7 +95,6 @@ class _Loop:
         self._states: dict[int, VehicleState] = {}
         self._lights: tuple[Colour, ...] = ()
         self._step = 0
-        self._touched: set[tuple[int, int]] = set()
         self.world = world(vehicle, starts)
         self._motions = self.world.motions()
         overlaps = self.world.contacts()
@@ -115,19 +114,30 @@ class _Loop:
             crewed = crew(order, autopilot, scenario.subject, traffic, scenario.senses, key)
             seats = dict(zip(self._active, crewed, strict=True))
             self.seats = tuple(seats.values())
-            while self._step < last:
-                if all(self._states[i].station >= body.itinerary.leave for i, body in enumerate(self._bodies)):
-                    self.end = "left"
-                    return
+            while self._step < last and not self._over():
                 self._advance(self._decide(seats))
                 self._sample()
+            self._over()
         except Halt as halt:
-            wrecked = {self._agents[column].name for pair in self._touched for column in pair}
-            if isinstance(halt, OffRoute) and halt.agent in wrecked:
-                self.end = "collision"
-                return
             self.end = "fault"
             self.fault = Fault(self._step * DT, halt.agent, halt.reason, halt.detail)
+
+    def facts(self) -> Facts:
+        """Return what verdicts can depend on beside the states."""
+        subject = next((agent.name for agent in self._agents if agent.entrance == self.scenario.subject), None)
+        sizes = tuple((self._vehicle.length, self._vehicle.width) for _ in self._agents)
+        return Facts(subject, sizes, SPEED_LIMIT, self.strayed)
+
+    def _over(self) -> bool:
+        """Tell whether the run is over before its time, and note why."""
+        self.strayed = tuple(self._agents[column].name for column in sorted(self._active) if self._bodies[column].strayed)
+        if self.strayed:
+            self.end = "route"
+        elif self.collisions:
+            self.end = "collision"
+        elif all(self._states[i].station >= body.itinerary.leave for i, body in enumerate(self._bodies)):
+            self.end = "left"
+        return self.end != "duration"
 
     def _sample(self) -> None:
         """Take and record the current state of every vehicle; one that is gone stays as it was last seen."""
@@ -176,13 +186,10 @@ class _Loop:
             forces[3 * column : 3 * column + 3] = body.dynamics.forces(body.cos, body.sin, vx, vy, rate, *controls[column])
         self.world.step(forces)
         for pair in self.world.contacts():
-            if pair not in self._touched:
-                self._touched.add(pair)
-                one, two = (self._motions[column] for column in pair)
-                names = self._agents[pair[0]].name, self._agents[pair[1]].name
-                speed = math.hypot(one.vx - two.vx, one.vy - two.vy)
-                # The contact was there at the start of the step, before the engine resolved it.
-                self.collisions.append(Collision(self._step * DT, names, speed))
+            one, two = (self._motions[column] for column in pair)
+            names = self._agents[pair[0]].name, self._agents[pair[1]].name
+            # The contact was there at the start of the step, before the engine resolved it.
+            self.collisions.append(Collision(self._step * DT, names, math.hypot(one.vx - two.vx, one.vy - two.vy)))
         self._motions = self.world.motions()
         self._step += 1
 

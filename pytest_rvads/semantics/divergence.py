@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.maps.junction import digest
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Colour, Zone
 
@@ -38,7 +39,13 @@ def diverge(one: Run, other: Run) -> Divergence | None:
 
     What the runs are of comes first (label, step, vehicles), then the states in order of time, then how the runs end.
     """
-    found = _unlike(label=(one.label, other.label), step=(one.dt, other.dt), vehicles=(_vehicles(one), _vehicles(other)))
+    found = _unlike(
+        label=(one.label, other.label),
+        step=(one.dt, other.dt),
+        vehicles=(_vehicles(one), _vehicles(other)),
+        facts=(one.facts, other.facts),
+        junction=(digest(one.junction)[:12], digest(other.junction)[:12]),
+    )
     if found:
         return found
     states = [d for field in _FIELDS if (d := _first(one, other, field))]

@@ -41,9 +41,10 @@ _HEADER = {
     "dt": float,
     "agents": [(str, int, int, str)],
     "junction": _JUNCTION,
-    "collisions": [(float, str, str, float)],
+    "collisions": _Maybe([(float, str, str, float)]),
     "fault": _Maybe((float, str, str)),
-    "meta": {"speed_limit": _Maybe(float), "vehicle": _Maybe({"length": _Maybe(float), "width": _Maybe(float)})},
+    "facts": {"subject": _Maybe(str), "sizes": _Maybe([(float, float)]), "speed_limit": _Maybe(float), "strayed": _Maybe([str])},
+    "meta": {},
 }
 """A type; a list of any length in brackets, of this length in parentheses; an object with at least these keys."""
 _WORDS = {str: "a text", int: "a whole number", float: "a finite number", bool: "true or false"}
@@ -65,9 +66,17 @@ def check_header(header: Mapping[str, Any]) -> None:
         raise ValueError("geometry must have one line per movement of the junction")
     if geometry and not len(geometry["approaches"]) == len(geometry["exits"]) == ways:
         raise ValueError(f"geometry must have one line per approach and exit of the {ways} ways")
-    for name, value in (("speed_limit", header["meta"].get("speed_limit")), *(header["meta"].get("vehicle") or {}).items()):
-        if name in ("speed_limit", "length", "width") and value is not None and value <= 0:
-            raise ValueError(f"{name} in meta must be positive, got {value}")
+    facts = header["facts"]
+    if facts.get("sizes") is not None and len(facts["sizes"]) != len(header["agents"]):
+        raise ValueError(f"sizes must hold one for each of {len(header['agents'])} vehicles, got {len(facts['sizes'])}")
+    for name, value in (
+        ("speed_limit", facts.get("speed_limit")),
+        *(("sizes", v) for size in facts.get("sizes") or () for v in size),
+    ):
+        if value is not None and value <= 0:
+            raise ValueError(f"{name} in facts must be positive, got {value}")
+    if facts.get("subject") is not None and facts["subject"] not in [agent[0] for agent in header["agents"]]:
+        raise ValueError(f"subject in facts must be one of the vehicles, got {facts['subject']!r}")
 
 
 def _check(value: object, shape: Any, where: str) -> None:

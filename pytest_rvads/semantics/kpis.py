@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import RunError
-from pytest_rvads.semantics.conduct import speed_limit, stretches, vehicle_size
 from pytest_rvads.semantics.predicates import ticks
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Zone
+from pytest_rvads.semantics.stretches import shared
 
 __all__ = ["WINDOW", "Kpis", "PairKpis", "VehicleKpis", "describe", "kpis"]
 
@@ -115,21 +114,13 @@ def kpis(run: Run) -> Kpis:
 
 def _unavailable(run: Run) -> tuple[str, ...]:
     recorded = {
-        "delay": run.station is not None and _tells(speed_limit, run),
+        "delay": run.station is not None and run.facts.speed_limit is not None,
         "deceleration": run.speed is not None,
         "jerk": run.speed is not None,
-        "ttc": run.pose is not None and run.speed is not None and _tells(vehicle_size, run),
-        "pet": run.station is not None and run.junction.geometry is not None and _tells(vehicle_size, run),
+        "ttc": run.pose is not None and run.speed is not None and run.facts.sizes is not None,
+        "pet": run.station is not None and run.junction.geometry is not None and run.facts.sizes is not None,
     }
     return tuple(name for name, there in recorded.items() if not there)
-
-
-def _tells(question: Callable[[Run], object], run: Run) -> bool:
-    try:
-        question(run)
-    except RunError:
-        return False
-    return True
 
 
 _NAMES = {
@@ -178,11 +169,11 @@ def _jerk(run: Run, column: int) -> float | None:
 
 def _delay(run: Run, column: int) -> float | None:
     left = np.flatnonzero(run.zone[:, column] >= Zone.EXIT)
-    if run.station is None or not len(left):
+    if run.station is None or run.facts.speed_limit is None or not len(left):
         return None
     agent = run.agents[column]
     way = run.junction.movements[agent.entrance, agent.exit].length - float(run.station[0, column])
-    return _rounded(float(left[0]) * run.dt - way / speed_limit(run))
+    return _rounded(float(left[0]) * run.dt - way / run.facts.speed_limit)
 
 
 def _ttc(run: Run, one: int, two: int) -> float | None:
@@ -190,9 +181,9 @@ def _ttc(run: Run, one: int, two: int) -> float | None:
     if run.pose is None or run.speed is None:
         return None
     both = (run.zone[:, one] != Zone.GONE) & (run.zone[:, two] != Zone.GONE)
-    length, width = vehicle_size(run)
-    reach = 2 * float(np.hypot(length / _DISCS / 2, width / 2))
-    first, second = _discs(run, one, length)[both], _discs(run, two, length)[both]
+    sizes = run.size(one), run.size(two)
+    reach = sum(float(np.hypot(length / _DISCS / 2, width / 2)) for length, width in sizes)
+    first, second = (_discs(run, k, length)[both] for k, (length, _) in zip((one, two), sizes, strict=True))
     gap = second[:, None, :, :] - first[:, :, None, :]
     closing = (_velocity(run, two) - _velocity(run, one))[both][:, None, None, :]
     # |gap + t closing| = reach, solved for the first t >= 0
@@ -228,19 +219,14 @@ def _velocity(run: Run, column: int) -> NDArray[np.float64]:
 
 
 def _pet(run: Run, one: int, two: int) -> float | None:
-    where = stretches(run.junction)
-    if where is None or run.station is None:
+    common = shared(run, one, two)
+    if common is None or run.station is None:
         return None
-    first, second = run.agents[one], run.agents[two]
-    shared = where.get(((first.entrance, first.exit), (second.entrance, second.exit)))
-    if shared is None:
-        return None
-    length, _ = vehicle_size(run)
     spans = []
-    for column, (start, end) in zip((one, two), shared, strict=True):
+    for column, (start, end) in zip((one, two), (common.mine, common.yours), strict=True):
         station = run.station[:, column]
         inside = np.flatnonzero(station >= start)
-        outside = np.flatnonzero(station - length > end)
+        outside = np.flatnonzero(station - run.size(column)[0] > end)
         if not len(inside):
             return None
         spans.append((int(inside[0]), int(outside[0]) if len(outside) else run.steps))

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import RunError
 from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.semantics.conduct import conflicts
+from pytest_rvads.maps.segment import Turn
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Agent, Colour, Zone
+from pytest_rvads.semantics.stretches import conflicts
 
 __all__ = ["Static", "at_entrance", "colour", "extract", "in_junction", "on_approach", "on_exit", "speed", "ticks"]
 
@@ -36,6 +36,15 @@ class Static:
     agents: tuple[Agent, ...]
     conflicts: frozenset[tuple[tuple[int, int], tuple[int, int]]] | None = None
     """Pairs of movements that get in each other's way; None where the geometry is not known."""
+    near: Turn = Turn.RIGHT
+    """The turn that crosses nobody's way."""
+    far: Turn = Turn.LEFT
+    """The turn across oncoming traffic."""
+
+    def turns(self, agent: int, direction: str) -> bool:
+        """Return whether an agent turns ``left``, ``straight``, ``right``, or to the ``near`` or ``far`` side."""
+        wanted = {"near": self.near, "far": self.far}.get(direction, direction)
+        return self.agents[agent].turn == wanted
 
     def __str__(self) -> str:
         pairs = ", ".join(f"{a} right-of {b}" for a, b in sorted(self.right_of))
@@ -59,6 +68,8 @@ def extract(run: Run) -> Static:
         everywhere if junction.control is JunctionControl.STOP else (),
         run.agents,
         conflicts(junction),
+        junction.near,
+        junction.far,
     )
 
 
@@ -103,6 +114,4 @@ def speed(run: Run, agent: int) -> NDArray[np.float64]:
     Raises:
         RunError: the run does not record speeds.
     """
-    if run.speed is None:
-        raise RunError("speeds are not recorded")
-    return run.speed[:, agent]
+    return run.need("speed")[:, agent]

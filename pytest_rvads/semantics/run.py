@@ -5,23 +5,26 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.maps.junction import Junction
+from pytest_rvads.errors import RunError
+from pytest_rvads.maps.junction import Junction, digest
 from pytest_rvads.semantics.states import Agent, Zone
 
 if TYPE_CHECKING:
     from pytest_rvads.semantics.validate import Finding
 
-__all__ = ["DT", "Collision", "Fault", "Run"]
+__all__ = ["DT", "Collision", "Facts", "Fault", "Run"]
 
 DT = 0.01
 """Time between two states, and the physics step [s]."""
+_ARRAYS = ("zone", "lights", "station", "speed", "pose", "controls")
+"""The states."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +52,23 @@ class Fault:
     """What a stack in another process last wrote to its standard error; not part of the run's hash."""
 
 
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What a verdict can depend on beside the states; part of a run's hash. What is not known is None."""
+
+    subject: str | None = None
+    """Name of the vehicle under test where the others are traffic, else None."""
+    sizes: tuple[tuple[float, float], ...] | None = None
+    """Length and width of every vehicle, in the order of the agents [m]."""
+    speed_limit: float | None = None
+    """[m/s]."""
+    strayed: tuple[str, ...] = ()
+    """Names of the vehicles that left their routes, which ended the run."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Run:
-    """A run of the system: states every `dt` seconds, as arrays with one row per state.
+    """A run of the system: states every `dt` seconds, as arrays with one row per state; they can't be written to.
 
     What a recording does not hold is None, never guessed.
     """
@@ -75,10 +92,21 @@ class Run:
     """x [m], y [m], heading [rad] of the reference point, shape ``(steps, agents, 3)``."""
     controls: NDArray[np.float64] | None = None
     """Throttle, brake, steering commanded in each step, shape ``(steps, agents, 3)``."""
-    collisions: tuple[Collision, ...] = ()
+    collisions: tuple[Collision, ...] | None = None
+    """None where nobody recorded them: they are then worked out from poses and sizes."""
     fault: Fault | None = None
+    facts: Facts = Facts()
     meta: Mapping[str, Any] = field(default_factory=dict)
-    """Where the run comes from, as builtins: the scenario's fields, autopilot, versions."""
+    """Where the run comes from, as builtins: the scenario's fields, autopilot, versions. No verdict depends on it."""
+
+    def __post_init__(self) -> None:
+        for name in _ARRAYS:
+            array = getattr(self, name)
+            if array is not None and array.flags.writeable:
+                # A view, so that whoever made the array may go on writing to it.
+                shown = array.view()
+                shown.flags.writeable = False
+                object.__setattr__(self, name, shown)
 
     def __eq__(self, other: object) -> bool:
         """Tell whether two runs are the same bit for bit."""
@@ -114,25 +142,77 @@ class Run:
         """
         tick = np.arange(self.steps, dtype=np.int32)[:, None]
         restart = np.where(self.zone == Zone.ENTRANCE, 0, tick)
-        return tick - np.maximum.accumulate(restart, axis=0)
+        waited = tick - np.maximum.accumulate(restart, axis=0)
+        waited.flags.writeable = False
+        return waited
+
+    @cached_property
+    def entered(self) -> NDArray[np.int64]:
+        """First tick of every agent in the junction or beyond, shape ``(agents,)``; the number of states where there is none."""
+        there = self.zone >= Zone.JUNCTION
+        first = np.where(there.any(axis=0), there.argmax(axis=0), self.steps)
+        first.flags.writeable = False
+        return first
+
+    @cached_property
+    def facing(self) -> NDArray[np.int8]:
+        """Colour of the light at the entrance of every agent, shape ``(steps, agents)``; from its entry on, as it was then."""
+        colours = self.lights[:, [agent.entrance for agent in self.agents]]
+        tick = np.minimum(np.arange(self.steps)[:, None], self.entered)
+        faced: NDArray[np.int8] = np.take_along_axis(colours, tick, axis=0)
+        faced.flags.writeable = False
+        return faced
+
+    @cached_property
+    def advance(self) -> NDArray[np.float64]:
+        """How fast every agent gets on along its itinerary, shape ``(steps, agents)``; negative when it backs off [m/s].
+
+        Raises:
+            RunError: the run does not record positions and speeds.
+        """
+        station = self.need("station")
+        rate = np.vstack((self.need("speed")[:1], np.diff(station, axis=0) / self.dt))
+        rate.flags.writeable = False
+        return rate
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 over every state, collision and fault: equal hashes mean bit-identical runs."""
-        digest = hashlib.sha256()
-        head = [self.label, self.dt, [[a.name, a.entrance, a.exit] for a in self.agents]]
-        tail = [[c.time, *c.agents, c.speed] for c in self.collisions]
+        """SHA-256 over states, collisions, fault, facts and junction: equal hashes mean bit-identical runs, judged alike."""
+        found = hashlib.sha256()
+        agents = [[a.name, a.entrance, a.exit] for a in self.agents]
+        head = [self.label, self.dt, agents, astuple(self.facts), digest(self.junction)]
+        tail = None if self.collisions is None else [[c.time, *c.agents, c.speed] for c in self.collisions]
         fault = self.fault and [self.fault.time, self.fault.agent, self.fault.reason]
-        digest.update(json.dumps([head, tail, fault]).encode())
-        for array in (self.zone, self.lights, self.station, self.speed, self.pose, self.controls):
-            digest.update(b"-" if array is None else str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
-        return digest.hexdigest()
+        found.update(json.dumps([head, tail, fault]).encode())
+        for array in (getattr(self, name) for name in _ARRAYS):
+            found.update(b"-" if array is None else str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
+        return found.hexdigest()
 
     @property
     def subject(self) -> str | None:
         """Name of the vehicle under test where the others are traffic, else None."""
-        seat = (self.meta.get("scenario") or {}).get("subject")
-        return next((a.name for a in self.agents if seat is not None and a.entrance == seat), None)
+        return self.facts.subject
+
+    def need(self, name: str) -> NDArray[np.float64]:
+        """Return ``station``, ``speed`` or ``pose``.
+
+        Raises:
+            RunError: the run does not record it.
+        """
+        array: NDArray[np.float64] | None = getattr(self, name)
+        if array is None:
+            raise RunError(f"the run holds no {'speeds' if name == 'speed' else 'positions'}")
+        return array
+
+    def size(self, agent: int) -> tuple[float, float]:
+        """Return length and width of the vehicle in column `agent` [m].
+
+        Raises:
+            RunError: the run does not record them.
+        """
+        if self.facts.sizes is None:
+            raise RunError("the run holds no size of its vehicles")
+        return self.facts.sizes[agent]
 
     def validate(self) -> tuple[Finding, ...]:
         """Return what breaks the semantic model in this run, see `pytest_rvads.semantics.validate.validate`."""

@@ -1,6 +1,6 @@
 """The project's own file of a run: an npz archive with a JSON header, versioned.
 
-Entries: ``header`` (UTF-8 bytes of JSON: format, version, label, dt, agents, junction, collisions, fault, meta), ``zone``,
+Entries: ``header`` (UTF-8 bytes of JSON: format, version, label, dt, agents, junction, collisions, fault, facts, meta), ``zone``,
 ``lights``, those of ``station``, ``speed``, ``pose``, ``controls`` that the run holds, with the shapes and units of `Run`,
 and ``segment_<k>``: the centre lines that the header's geometry refers to, shape ``(points, 2)`` [m]. Nothing is pickled.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,12 @@ from pytest_rvads.errors import MapError, RunError
 from pytest_rvads.maps.junction import Geometry, Junction, JunctionControl, Movement
 from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.semantics.header import check_header
-from pytest_rvads.semantics.run import Collision, Fault, Run
+from pytest_rvads.semantics.run import Collision, Facts, Fault, Run
 from pytest_rvads.semantics.states import Agent
 
 __all__ = ["FORMAT", "VERSION", "load_run", "save_run"]
 
-FORMAT, VERSION = "rvads-run", 1
+FORMAT, VERSION = "rvads-run", 2
 _ARRAYS = {"zone": (2, "i"), "lights": (2, "i"), "station": (2, "f"), "speed": (2, "f"), "pose": (3, "f"), "controls": (3, "f")}
 """The arrays of a run: how many dimensions they have, and of which kind of numbers."""
 
@@ -50,8 +51,9 @@ def save_run(run: Run, path: str | Path) -> None:
         "dt": run.dt,
         "agents": [[a.name, a.entrance, a.exit, a.turn.value] for a in run.agents],
         "junction": _junction(run.junction, segments),
-        "collisions": [[c.time, *c.agents, c.speed] for c in run.collisions],
+        "collisions": None if run.collisions is None else [[c.time, *c.agents, c.speed] for c in run.collisions],
         "fault": run.fault and [run.fault.time, run.fault.agent, run.fault.reason],
+        "facts": asdict(run.facts),
         "meta": dict(run.meta),
     }
     try:
@@ -129,7 +131,8 @@ def load_run(path: str | Path) -> Run:
 
 
 def _run(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Run:
-    fault = header["fault"]
+    fault, hits, facts = header["fault"], header["collisions"], header["facts"]
+    sizes = facts.get("sizes")
     return Run(
         header["label"],
         _load_junction(header["junction"], arrays),
@@ -141,8 +144,14 @@ def _run(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Run:
         arrays.get("speed"),
         arrays.get("pose"),
         arrays.get("controls"),
-        tuple(Collision(time, (one, two), speed) for time, one, two, speed in header["collisions"]),
+        hits if hits is None else tuple(Collision(time, (one, two), speed) for time, one, two, speed in hits),
         Fault(*fault) if fault else None,
+        Facts(
+            facts.get("subject"),
+            sizes and tuple((length, width) for length, width in sizes),
+            facts.get("speed_limit"),
+            tuple(facts.get("strayed") or ()),
+        ),
         header["meta"],
     )
 

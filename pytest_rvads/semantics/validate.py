@@ -88,6 +88,9 @@ def _values(run: Run) -> Iterator[Finding]:
     for name, codes, allowed in (("zone", run.zone, Zone), ("colour", run.lights, Colour)):
         if codes.size and not np.isin(codes, [int(v) for v in allowed]).all():
             yield Finding("values", 0.0, f"the run has a {name} that is none of {', '.join(v.name.lower() for v in allowed)}")
+    sizes = run.facts.sizes
+    if sizes is not None and not (len(sizes) == len(run.agents) and all(0 < v < np.inf for size in sizes for v in size)):
+        yield Finding("values", 0.0, f"sizes must be {len(run.agents)} positive lengths and widths, got {sizes}")
     for agent in run.agents:
         if (agent.entrance, agent.exit) not in run.junction.movements:
             where = f"goes from entrance {agent.entrance} to exit {agent.exit}"
@@ -199,7 +202,7 @@ def agree(one: Run, two: Run) -> tuple[Finding, ...]:
     """
     if one.station is None or two.station is None or one.agents != two.agents or not one.steps or not two.steps:
         return ()
-    if one.meta.get("vehicle") != two.meta.get("vehicle") or not np.array_equal(one.station[0], two.station[0]):
+    if one.facts != two.facts or not np.array_equal(one.station[0], two.station[0]):
         return ()
     last = one.station[-1]
     same = np.flatnonzero((np.abs(two.station - last) < 1e-9).all(axis=1))

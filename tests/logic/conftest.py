@@ -10,7 +10,8 @@ from pytest_rvads.logic.ground import ground
 from pytest_rvads.logic.ltl3 import synthesize
 from pytest_rvads.logic.prepare import prepare
 from pytest_rvads.maps.finder import find
-from pytest_rvads.semantics.run import Collision, Run
+from pytest_rvads.semantics.itinerary import Itinerary
+from pytest_rvads.semantics.run import Collision, Facts, Run
 from pytest_rvads.semantics.states import Agent, Colour, Zone
 
 GREEN, YELLOW, RED = Colour.GREEN, Colour.YELLOW, Colour.RED
@@ -21,7 +22,8 @@ Make = Callable[..., Run]
 @pytest.fixture(autouse=True)
 def nothing_left_by_other_tests(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every test registers its own rules and builds its own monitors, so that it finds what it is there to find."""
-    monkeypatch.setattr("pytest_rvads.logic.rules._USER", {})
+    for registry in ("rules._USER", "signature._PREDICATES"):
+        monkeypatch.setattr(f"pytest_rvads.logic.{registry}.things", {})
     for cache in (ground, prepare, synthesize):
         cache.cache_clear()
 
@@ -61,23 +63,24 @@ def make() -> Make:
 
 @pytest.fixture(scope="session")
 def drive() -> Make:
-    """Return a function that makes a run with positions from speeds.
+    """Return a function that makes a run along the centre lines from speeds.
 
-    It takes the name of a built-in junction; per entrance the direction, the station at the start [m], and [(tick, speed
-    [m/s]), ...]; the number of ticks; lights as in `make`; collisions as (tick, name, name).
+    It takes the name of a built-in junction; per entrance the direction, the station at the start [m], [(tick, speed
+    [m/s]), ...], and how far to the left of the centre line to drive [m], 0 by default; the number of ticks; lights as in
+    `make`; collisions as (tick, name, name); further facts.
     """
 
     def build(
         junction: str,
-        vehicles: Mapping[int, tuple[int, float, Sequence[tuple[int, float]]]],
+        vehicles: Mapping[int, tuple[Any, ...]],
         steps: int,
         lights: Mapping[int, Sequence[tuple[int, Colour]]] | None = None,
         collisions: Sequence[tuple[int, str, str]] = (),
-        **meta: Any,
+        **facts: Any,
     ) -> Run:
         place = find(junction)
         agents, columns = [], []
-        for entrance, (direction, start, speeds) in vehicles.items():
+        for entrance, (direction, start, speeds, *beside) in vehicles.items():
             leaving = place.exit_of(entrance, direction)
             agents.append(Agent(f"a{entrance}", entrance, leaving, place.turn(entrance, leaving)))
             speed = np.zeros(steps)
@@ -88,12 +91,15 @@ def drive() -> Make:
             zone = np.select(
                 [station < line - 1.0, station <= 0.0, station < length], [Zone.APPROACH, Zone.ENTRANCE, Zone.JUNCTION], Zone.EXIT
             )
-            columns.append((zone.astype(np.int8), station, speed))
+            itinerary = Itinerary.through(place, entrance, leaving)
+            pose = np.array([itinerary.pose(float(s)) for s in station])
+            pose[:, :2] += sum(beside) * np.stack((-np.sin(pose[:, 2]), np.cos(pose[:, 2])), axis=-1)
+            columns.append((zone.astype(np.int8), station, speed, pose))
         colours = np.zeros((steps, place.ways), dtype=np.int8)
         for entrance in lights or {}:
             for tick, colour in (lights or {})[entrance]:
                 colours[tick:, entrance] = colour
-        zone, station, speed = (np.column_stack([c[k] for c in columns]) for k in range(3))
+        zone, station, speed, pose = (np.stack([c[k] for c in columns], axis=1) for k in range(4))
         return Run(
             "by-hand",
             place,
@@ -102,9 +108,9 @@ def drive() -> Make:
             colours,
             station=station,
             speed=speed,
-            pose=np.zeros((steps, len(agents), 3)),
+            pose=pose,
             collisions=tuple(Collision(tick * 0.01, (one, two), 1.0) for tick, one, two in collisions),
-            meta={"speed_limit": 11.176, "vehicle": {"length": 4.6, "width": 1.86}, **meta},
+            facts=Facts(**{"sizes": ((4.6, 1.86),) * len(agents), "speed_limit": 11.176, **facts}),
         )
 
     return build

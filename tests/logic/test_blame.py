@@ -1,14 +1,17 @@
 """Who is to blame: for a collision, and whether it is the subject or the traffic around it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pytest_rvads.logic.check import check
-from pytest_rvads.semantics.collisions import cause_of
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Colour
+from pytest_rvads.semantics.blame import cause_of
+from pytest_rvads.semantics.run import Collision, Run
+from pytest_rvads.semantics.states import Colour, Zone
+from pytest_rvads.semantics.stretches import shared
 
 Make = Callable[..., Run]
 STAND = (0, 0.0)
@@ -27,13 +30,17 @@ def through(direction: int, speed: float = 8.0) -> Any:
 
 
 COLLISIONS: dict[str, tuple[str, dict[int, Any], int, tuple[str, ...], str]] = {
-    "stands": ("stop4", {0: wait(2, 10_000), 1: through(2)}, 200, ("a1",), "drove into a0, which stood"),
     "red": ("light4", {0: wait(2, 100), 1: through(2)}, 180, ("a1",), "had entered on red"),
+    "red, first": ("light4", {0: wait(2, 150), 1: through(2)}, 200, ("a1",), "had entered on red"),
     "sign": ("stop4", {0: wait(2, 100), 1: through(2)}, 180, ("a1",), "had not stopped at the stop sign"),
     "sign, later": ("stop4", {0: wait(2, 130), 1: through(2)}, 180, ("a1",), "had not stopped at the stop sign"),
-    "left turn": ("light4", {0: wait(3, 100), 2: through(2)}, 200, ("a0",), "turned across the way of a2"),
-    "last": ("stop4", {0: wait(2, 100), 1: wait(2, 150)}, 200, ("a1",), "entered the junction after a0"),
-    "both": ("stop4", {0: wait(2, 100), 1: wait(2, 100)}, 200, ("a0", "a1"), "are equally to blame"),
+    "left turn": ("light4", {0: wait(3, 100), 2: through(2)}, 200, ("a0",), "took the way that it owed to a2"),
+    "turn on red": ("light4", {1: wait(1, 100), 0: through(2, 7.0)}, 290, ("a1",), "took the way that it owed to a0"),
+    "turn, left": ("stop4", {0: wait(2, 100), 1: wait(2, 150)}, 200, ("a0",), "had entered out of turn"),
+    "turn, at once": ("stop4", {0: wait(2, 100), 1: wait(2, 100)}, 200, ("a0",), "had entered out of turn"),
+    "turn, later": ("stop4", {1: wait(2, 100), 0: wait(2, 150)}, 200, ("a0",), "entered the junction after a1"),
+    "both": ("stop4", {0: wait(2, 100), 2: wait(3, 100)}, 250, ("a0", "a2"), "are equally to blame"),
+    "last": ("stop4", {0: wait(2, 100), 2: wait(3, 120)}, 250, ("a2",), "entered the junction after a0"),
 }
 
 
@@ -46,20 +53,63 @@ def test_who_caused_a_collision(drive: Make, name: str) -> None:
     assert (cause.agents, cause.reason) == (agents, reason)
     verdict = check(run, "no_collision")
     assert verdict.responsible == agents
-    assert f"who caused the collision: {' and '.join(agents)} {reason}" in verdict.explanation
+    assert f"who is to blame: {' and '.join(agents)} {reason}" in verdict.explanation
 
 
-def test_whoever_is_behind_ran_into_who_is_ahead(drive: Make) -> None:
-    run = drive("stop4", {0: through(2), 1: through(1)}, 300, None, [(250, "a0", "a1")])
-    assert run.pose is not None
-    run.pose[250, :, 0] = 10.0, 16.0  # a1 is 6 m ahead, both heading east
-    assert cause_of(run, run.collisions[0]).agents == ("a0",)
-    run.pose[250, :, 2] = 3.0  # both heading west: now a0 is ahead
+def test_in_a_cycle_it_is_nobody_s_turn(drive: Make) -> None:
+    """Four came at once; a0 sets off, as somebody has to, and a1, on its right, drives into the junction after it."""
+    run = drive(
+        "stop4", {0: wait(2, 100), 1: wait(2, 150), 2: wait(2, 10_000), 3: wait(2, 10_000)}, 400, None, [(200, "a0", "a1")]
+    )
     assert cause_of(run, run.collisions[0]).agents == ("a1",)
 
 
+def test_what_stands_there_for_long_has_been_seen(drive: Make) -> None:
+    """a1 ran the red light and has stood in the middle ever since: for 3 s, then for 5 s."""
+    for stood, blamed in ((300, "a1"), (500, "a0")):
+        vehicles = {1: (2, -10.0, [(0, 8.0), (250, 0.0)]), 0: wait(2, 150 + stood)}
+        run = drive("light4", vehicles, 1000, CROSS, [(250 + stood, "a0", "a1")])
+        assert cause_of(run, run.collisions[0]).agents == (blamed,)
+
+
+def test_who_reverses_into_somebody_behind_drove_into_one_that_stood(drive: Make) -> None:
+    # On the same road: a1 stands behind a0, which backs into it. Seen from a1, a0 is ahead.
+    run = drive("stop4", {0: (2, -20.0, [(0, -1.0)]), 1: (2, -20.0, [STAND])}, 300, None, [(250, "a0", "a1")])
+    pose = run.need("pose").copy()
+    pose[:, 1] = pose[250, 0]
+    pose[:, 1, :2] -= 4.6 * np.array([np.cos(pose[250, 0, 2]), np.sin(pose[250, 0, 2])])
+    cause = cause_of(replace(run, pose=pose), run.collisions[0])
+    assert (cause.agents, cause.reason) == (("a0",), "drove into a1, which stood")
+
+
+def test_whoever_is_behind_ran_into_who_is_ahead(drive: Make) -> None:
+    run = drive("stop4", {0: through(2), 2: through(1)}, 300, None, [(250, "a0", "a2")])
+    pose = run.need("pose").copy()
+    pose[250, :, 0] = 10.0, 16.0
+    pose[250, :, 1:] = 0.0  # a2 is 6 m ahead, both heading east
+    assert cause_of(replace(run, pose=pose), run.collisions[0]).agents == ("a0",)
+    pose[250, :, 2] = 3.0  # both heading west: now a0 is ahead
+    assert cause_of(replace(run, pose=pose), run.collisions[0]).agents == ("a2",)
+
+
+def test_whoever_cuts_in_is_not_run_into_from_behind(drive: Make) -> None:
+    """Both into exit 3: a2 turns right, a1 comes straight on; both have green, so neither owes the other the way."""
+    green = {e: [(0, G)] for e in range(4)}
+    vehicles = {1: (2, -10.0, [(0, 9.0)]), 2: (1, -0.5, [STAND, (230, 6.0)])}
+    run = drive("light4", vehicles, 900, green)
+    merged = shared(run, 1, 0)
+    assert merged is not None
+    place = int(np.flatnonzero(run.need("station")[:, 1] >= merged.mine.start)[0])
+    pose = run.need("pose").copy()
+    for later, blamed, reason in ((50, "a2", "cut in ahead of a1"), (150, "a1", "ran into a2 from behind")):
+        tick = place + later
+        pose[tick] = (10.0, 0.0, 0.0), (16.0, 0.0, 0.0)
+        cause = cause_of(replace(run, pose=pose), Collision(tick * 0.01, ("a1", "a2"), 1.0))
+        assert (cause.agents, cause.reason) == ((blamed,), reason)
+
+
 def subject(entrance: int) -> dict[str, Any]:
-    return {"scenario": {"subject": entrance}}
+    return {"subject": f"a{entrance}"}
 
 
 @pytest.mark.parametrize(("seat", "blamed"), [(0, False), (1, True), (2, False)])
@@ -109,19 +159,41 @@ def test_without_a_subject_nothing_is_provoked(drive: Make) -> None:
 
 @pytest.mark.parametrize(("before", "provoked"), [(0, True), (5, True), (90, True), (120, False)])
 def test_whoever_had_no_time_to_let_the_other_in_is_not_to_blame(drive: Make, before: int, provoked: bool) -> None:
-    """Both drive on green, a0 to the left across the way of a2, the subject, which enters some ticks later."""
-    run = drive("light4", {0: wait(3, 100), 2: wait(2, 100 + before)}, 600, CROSS, **subject(2))
-    verdict = check(run, "no_conflict")
-    assert verdict.responsible == (("a0", "a2") if before == 0 else ("a2",)), "as the rule has it"
+    """a1 runs the stop sign; a0, the subject, had stopped and enters some ticks later, for which p1 holds it responsible."""
+    run = drive("stop4", {1: through(2, 10.0), 0: wait(2, 95 + before, 10.0)}, 600, **subject(0))
+    assert int(run.entered[1] - run.entered[0]) == before
+    verdict = check(run, "p1")
+    assert verdict.responsible == (("a1", "a0") if before == 0 else ("a0",)), "as the rule has it"
     assert (verdict.status, verdict.provoked) == ("FAIL", provoked)
 
 
-def test_who_had_to_wait_is_to_blame_however_soon(drive: Make) -> None:
-    run = drive("light4", {0: wait(3, 100), 2: wait(2, 95)}, 600, CROSS, **subject(0))
-    assert not check(run, "no_conflict").provoked
-    # At a stop sign, after a stop, nobody has the better right: both are to blame.
-    run = drive("stop4", {0: wait(2, 100), 1: wait(2, 100)}, 600, **subject(0))
-    assert not check(run, "no_conflict").provoked
+@pytest.mark.parametrize("later", [0, 5, 90])
+@pytest.mark.parametrize("seat", [0, 2])
+def test_whoever_owes_the_way_is_to_blame_whoever_enters_last(drive: Make, later: int, seat: int) -> None:
+    """Both drive on green, a0 to the left across the way of a2, which stood first at its line and sets off some ticks later."""
+    run = drive("light4", {0: wait(3, 100), 2: wait(2, 100 + later)}, 600, CROSS, **subject(seat))
+    broken = [check(run, rule) for rule in ("left_yields", "no_conflict") if check(run, rule).status == "FAIL"]
+    assert [v.rule for v in broken] == (["left_yields", "no_conflict"] if later < 50 else ["left_yields"])
+    assert {(v.responsible, v.provoked) for v in broken} == {(("a0",), seat == 2)}
+
+
+def test_the_victim_of_a_turn_on_red_is_not_blamed(drive: Make) -> None:
+    """a1 stops at the red light, turns right without looking, and a0, which has green, hits it."""
+    vehicles = {1: wait(1, 100, 4.0), 0: (2, -10.0, [(0, 7.0)])}
+    for seat, provoked in ((0, True), (1, False)):
+        run = drive("light4", vehicles, 330, CROSS, [(320, "a0", "a1")], **subject(seat))
+        for rule in ("no_collision", "right_on_red"):
+            verdict = check(run, rule)
+            assert (verdict.status, verdict.responsible, verdict.provoked) == ("FAIL", ("a1",), provoked), rule
+
+
+def test_passing_by_one_that_waits_in_the_middle_is_no_conflict(drive: Make) -> None:
+    """a0 waits in the junction to turn left, before the way of a2, the subject, which goes straight on at green."""
+    vehicles = {0: (3, -0.5, [(0, 5.0), (120, 0.0), (600, 5.0)]), 2: wait(2, 200)}
+    run = drive("light4", vehicles, 900, CROSS, **subject(2))
+    assert (run.zone == Zone.JUNCTION).all(axis=1).any(), "both are in the junction, on ways that cross"
+    assert check(run, "no_conflict").status == "PASS"
+    assert check(run, "left_yields").status == "NA", "only traffic was asked"
 
 
 def test_who_waits_at_red_is_not_to_blame_where_somebody_is_stuck(drive: Make) -> None:

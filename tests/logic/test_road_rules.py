@@ -13,9 +13,10 @@ import pytest
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules import rules_for
 from pytest_rvads.maps.finder import find
-from pytest_rvads.semantics.conduct import blocks, conflicts, speeding, stopped
+from pytest_rvads.semantics.conduct import speeding, stopped
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Colour
+from pytest_rvads.semantics.stretches import conflicts, shared
 
 Make = Callable[..., Run]
 G, R = Colour.GREEN, Colour.RED
@@ -28,19 +29,21 @@ def wait(direction: int, go: int) -> Any:
     return direction, -0.5, [STAND, (go, 8.0)]
 
 
-BREAKS: dict[str, tuple[str, dict[int, Any], list[Any]]] = {
+Broken = tuple[str, dict[int, Any], list[Any]]
+BREAKS: dict[str, Broken] = {
     "full_stop": ("stop4", {0: (2, -10.0, [(0, 5.0)])}, []),
-    "first_come": ("stop4", {0: wait(2, 1500), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (400, 8.0)])}, []),
+    "first_come": ("stop4", {0: wait(2, 800), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (400, 8.0)])}, []),
     "right_first": ("stop4", {0: wait(2, 100), 1: wait(2, 900)}, []),
     "red": ("light4", {1: wait(2, 100)}, []),
     "right_on_red": ("light4", {1: (1, -10.0, [(0, 5.0)])}, []),
-    "left_yields": ("light4", {0: wait(3, 100), 2: wait(2, 900)}, []),
-    "no_collision": ("stop4", {0: wait(2, 100)}, [(1500, "a0", "a2")]),
-    "no_conflict": ("light4", {0: wait(3, 150), 2: wait(2, 100)}, []),
+    "left_yields": ("light4", {0: wait(3, 100), 2: wait(2, 150)}, []),
+    "no_collision": ("stop4", {0: wait(2, 100), 2: wait(2, 900)}, [(1500, "a0", "a2")]),
+    "no_conflict": ("stop4", {0: wait(2, 100), 2: wait(3, 100)}, []),
     "keep_clear": ("light4", {0: (2, -10.0, [(0, 5.0), (300, 0.0), (700, 5.0)])}, []),
+    "progress": ("light4", {0: wait(2, 1200)}, []),
+    "keep_lane": ("light4", {0: (2, -10.0, [(0, 5.0)], 1.3)}, []),
     "speed_limit": ("light4", {0: (2, -10.0, [(0, 15.0)])}, []),
 }
-BREAKS["no_collision"][1][2] = (2, -0.5, [STAND, (900, 8.0)])
 
 
 @pytest.mark.parametrize("name", BREAKS)
@@ -52,6 +55,12 @@ def test_each_rule_has_a_drive_that_breaks_it_alone(drive: Make, name: str) -> N
     assert statuses[name] == "FAIL"
 
 
+def test_who_leaves_the_route_has_left_its_lane(drive: Make) -> None:
+    run = drive("light4", {0: (2, -10.0, [(0, 5.0)], 3.2)}, 2500, CROSS)
+    statuses = {r.name: str(check(run, r).status) for r in rules_for("road", run.junction.control)}
+    assert [n for n, status in statuses.items() if status not in ("PASS", "NA")] == ["keep_lane", "on_route"]
+
+
 KEEPS: dict[str, tuple[str, dict[int, Any]]] = {
     "full_stop": ("stop4", {0: (2, -10.0, [(0, 5.0), (190, 0.0), (300, 5.0)])}),
     "first_come": ("stop4", {0: wait(2, 400), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (1500, 8.0)])}),
@@ -60,8 +69,11 @@ KEEPS: dict[str, tuple[str, dict[int, Any]]] = {
     "right_on_red": ("light4", {1: wait(1, 100)}),
     "left_yields": ("light4", {0: wait(3, 900), 2: wait(2, 100)}),
     "no_collision": ("stop4", {0: wait(2, 100), 2: wait(2, 900)}),
-    "no_conflict": ("light4", {0: wait(2, 100), 2: wait(2, 100)}),
+    "no_conflict": ("stop4", {0: wait(2, 100), 2: wait(3, 700)}),
     "keep_clear": ("light4", {0: (2, -10.0, [(0, 5.0), (300, 0.0), (599, 5.0)])}),
+    "progress": ("light4", {0: wait(2, 950)}),
+    "keep_lane": ("light4", {0: (2, -10.0, [(0, 5.0)], -1.0)}),
+    "on_route": ("light4", {0: (3, -10.0, [(0, 5.0)], 2.9)}),
     "speed_limit": ("light4", {0: (2, -10.0, [(0, 11.5)])}),
 }
 
@@ -71,16 +83,20 @@ def test_each_rule_has_a_drive_that_keeps_it(drive: Make, name: str) -> None:
     junction, vehicles = KEEPS[name]
     lights = {e: [*phases, (1200, G if e % 2 else R)] for e, phases in CROSS.items()}
     run = drive(junction, vehicles, 2500, lights if junction == "light4" else None)
-    # Opposite straight movements never meet: the rule has no instance there, and says so.
-    assert check(run, name).status == ("NA" if name == "no_conflict" else "PASS")
+    assert check(run, name).status == "PASS"
 
 
 def test_right_on_red_yields_to_who_comes_from_the_left_on_green(drive: Make) -> None:
-    before = drive("light4", {1: wait(1, 100), 0: wait(2, 300)}, 1500, CROSS)
-    after = drive("light4", {1: wait(1, 300), 0: wait(2, 100)}, 1500, CROSS)
+    before = drive("light4", {1: wait(1, 100), 0: wait(2, 120)}, 1500, CROSS)
+    after = drive("light4", {1: wait(1, 500), 0: wait(2, 100)}, 1500, CROSS)
     verdict = check(before, "right_on_red")
     assert (verdict.status, verdict.responsible) == ("FAIL", ("a1",))
-    assert verdict.message == "right_on_red at t=1.07 s: a1 left entrance 1 before a0 was in the junction or light 1 was green"
+    # a0 sets off at 1.2 s; a1 has left the place where it comes onto their common way less than a second before.
+    common = shared(before, 1, 0)
+    assert common is not None
+    arrives = 1.2 + (common.mine.start + 0.5) / 8.0
+    assert verdict.time == pytest.approx(arrives, abs=0.011)
+    assert verdict.message == f"right_on_red at t={verdict.time:.2f} s: a1 gets in the way of a0"
     assert check(after, "right_on_red").status == "PASS"
 
 
@@ -92,8 +108,10 @@ def test_the_messages_say_what_happened(drive: Make) -> None:
     assert message("full_stop") == "full_stop at t=2.01 s: a0 entered the junction before it had stopped at the line"
     assert message("no_collision") == "no_collision at t=15.00 s: a0 and a2 collide"
     assert message("keep_clear") == "keep_clear at t=6.00 s: a0 blocks the junction"
+    assert message("progress") == "progress at t=10.00 s: a0 could have gone and has not"
+    assert message("keep_lane") == "keep_lane at t=0.00 s: a0 is outside its lane"
     assert message("speed_limit") == "speed_limit at t=0.00 s: a0 is over the speed limit"
-    assert message("no_conflict") == "no_conflict at t=1.57 s: a0, a2 both in junction"
+    assert message("no_conflict").endswith(" s: a0 and a2 meet where their ways cross or join (the first of 2 instances)")
 
 
 def test_the_explanation_of_a_full_stop_speaks_of_one_vehicle(drive: Make) -> None:
@@ -114,9 +132,8 @@ def test_a_vehicle_that_acts_is_told_with_its_speed(drive: Make) -> None:
 
 def test_a_cause_names_no_vehicle_by_number(drive: Make) -> None:
     # The other vehicle of right_on_red is bound by an inner quantifier.
-    verdict = check(drive("light4", {1: wait(1, 100), 0: wait(2, 300)}, 1500, CROSS), "right_on_red")
-    wanted = "a left its entrance before another vehicle was in the junction or its light was green (a right from entrance +0)"
-    assert verdict.cause == wanted
+    verdict = check(drive("light4", {1: wait(1, 100), 0: wait(2, 120)}, 1500, CROSS), "right_on_red")
+    assert verdict.cause == "a gets in the way of another vehicle (a right from entrance +0)"
 
 
 def test_positions_are_relative_to_the_entrance_vertex(drive: Make) -> None:
@@ -139,14 +156,6 @@ def test_a_stop_counts_only_before_the_line_and_in_this_approach(drive: Make) ->
     assert np.flatnonzero(stopped(late, 0))[0] == 45, "slower than 0.1 m/s is a stop, the bumper at the line"
 
 
-def test_a_body_blocks_until_its_rear_has_left(drive: Make) -> None:
-    length = find("stop4").movements[0, 2].length
-    stands = drive("stop4", {0: (2, length + 4.5, [STAND])}, 400, vehicle={"length": 4.6, "width": 1.8})
-    clear = drive("stop4", {0: (2, length + 4.7, [STAND])}, 400, vehicle={"length": 4.6, "width": 1.8})
-    assert blocks(stands, 0).tolist() == [k >= 300 for k in range(400)]
-    assert not blocks(clear, 0).any()
-
-
 def test_the_limit_of_the_run_counts(drive: Make) -> None:
     slow = drive("stop4", {0: (2, -10.0, [(0, 9.0)])}, 10, speed_limit=8.0)
     assert speeding(slow, 0).all()
@@ -154,11 +163,11 @@ def test_the_limit_of_the_run_counts(drive: Make) -> None:
 
 
 @pytest.mark.parametrize(
-    ("rule", "meta", "what"),
-    [("speed_limit", {"speed_limit": None}, "no speed limit"), ("keep_clear", {"vehicle": None}, "no size of its vehicles")],
+    ("rule", "lacks", "what"),
+    [("speed_limit", {"speed_limit": None}, "no speed limit"), ("keep_clear", {"sizes": None}, "no size of its vehicles")],
 )
-def test_what_a_run_does_not_record_is_not_guessed(drive: Make, rule: str, meta: dict[str, None], what: str) -> None:
-    verdict = check(drive("stop4", {0: (2, -10.0, [(0, 30.0)])}, 10, **meta), rule)
+def test_what_a_run_does_not_record_is_not_guessed(drive: Make, rule: str, lacks: dict[str, None], what: str) -> None:
+    verdict = check(drive("stop4", {0: (2, -10.0, [(0, 30.0)])}, 10, **lacks), rule)
     assert (verdict.status, verdict.reason) == ("NA", f"not recorded: the run holds {what}")
 
 

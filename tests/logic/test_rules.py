@@ -25,7 +25,7 @@ def test_rulebooks_hold_the_rules_of_the_plan() -> None:
     assert [r.name for r in rulebook("paper")] == ["p1", "p2", "p3", "p4", "p5", "p6"]
     assert {r.name for r in rulebook("road")} == {
         *("full_stop", "first_come", "right_first", "red", "right_on_red", "left_yields"),
-        *("no_collision", "no_conflict", "keep_clear", "speed_limit"),
+        *("no_collision", "no_conflict", "keep_clear", "progress", "keep_lane", "on_route", "speed_limit"),
     }
     assert {r.tie for r in rulebook("paper")} == {0.0}
     assert {r.name: r.tie for r in rulebook("road") if r.tie} == {"first_come": 0.5, "right_first": 0.5}
@@ -35,6 +35,7 @@ def test_rulebooks_hold_the_rules_of_the_plan() -> None:
             assert r.meaning.endswith(".")
             assert r.source
             assert r.responsible
+            assert r.bound
 
 
 def test_a_specification_is_a_rulebook_a_rule_or_a_mixture() -> None:
@@ -48,7 +49,7 @@ def test_a_specification_is_a_rulebook_a_rule_or_a_mixture() -> None:
     assert names("p4", JunctionControl.STOP) == ["p4"], "named outright, it always runs"
     assert names(["p3", "paper", "p3"], JunctionControl.STOP) == ["p3", "p1", "p2"]
     assert names((get_rule("p6g"), "p1")) == ["p6g", "p1"]
-    assert len(names(["paper", "road"])) == 16
+    assert len(names(["paper", "road"])) == 19
 
 
 @pytest.mark.parametrize(
@@ -113,7 +114,7 @@ def test_rules_of_other_shapes_are_never_vacuous(make: Make) -> None:
     assert check(run, every).responsible == ("a1",)
     assert check(run, static).status == "PASS"
     assert check(run, Rule("none", "forall a. F (a@j & turn(a, left))")).status == "FAIL", "nobody turns left, ever"
-    assert check(run, Rule("roads", "forall a. exists r. a@r")).status == "PASS", "everybody starts on a road"
+    assert check(run, Rule("roads", "forall a. F (exists r. a@r)")).status == "PASS", "everybody starts on a road"
     objects = Rule("objects", "forall j.en. exists o. o@j.en")
     assert check(run, objects).status == "PASS", "a stop sign at every entrance"
 
@@ -149,7 +150,7 @@ def test_places_and_colours(make: Make) -> None:
     assert holds("exists lt. F lt.cl = yellow") == "PASS"
     assert holds("forall lt. lt.cl != yellow W lt.cl = yellow") == "PASS"
     assert holds("exists lt, lt'. lt != lt' & G lt.cl = lt'.cl") == "PASS"
-    assert holds("forall lt, lt'. lt.cl != lt'.cl") == "FAIL"
+    assert holds("forall lt, lt'. F lt.cl != lt'.cl") == "FAIL"
     assert holds("exists a. F a.wt >= 0.4") == "PASS", "40 ticks at the entrance"
     assert holds("exists a. F a.wt > 0.4") == "OPEN"
     assert holds("forall a. exists r. F(!a@r & N a@r)") == "PASS", "it comes to its exit road"

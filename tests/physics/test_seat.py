@@ -10,6 +10,7 @@ import pytest
 from pytest_rvads.errors import AutopilotError, ScenarioError
 from pytest_rvads.physics.simulation import simulate
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.semantics.lane import MAX_OFFSET, itinerary, off_route
 from pytest_rvads.semantics.states import Agent, Control, Observation, TrafficSystem
 
 SCENARIO = Scenario("stop4", "1231", distance=20, duration=0.1)
@@ -204,12 +205,18 @@ def test_subject_and_traffic_belong_together() -> None:
         simulate(SCENARIO, drive, traffic=drive)
 
 
-def test_a_vehicle_off_its_route_is_a_fault() -> None:
+@pytest.mark.parametrize("side", [1, -1])
+def test_leaving_the_route_ends_the_run_and_is_driving(side: int) -> None:
     class Lost:
         def control(self, seen: Observation) -> Control:
-            return Control(1.0, 0.0, 0.3)
+            return Control(1.0, 0.0, 0.3 * side)
 
     run = simulate(Scenario("stop4", "2000", distance=60, speed=8), Lost)
-    assert run.fault.agent == "a0"
-    assert "a0 is off its route: 3." in run.fault.reason
+    assert (run.fault, run.meta["end"], run.facts.strayed) == (None, "route", ("a0",))
     assert run.steps > 50
+    off = off_route(run, 0)
+    assert off[-1]
+    assert not off[:-1].any(), "it ends with the first state off the route"
+    way = itinerary(run.junction, 0, 2)
+    x, y, _ = run.pose[-1, 0]
+    assert way.project(x, y, run.station[-1, 0])[1] * side > MAX_OFFSET

@@ -96,7 +96,9 @@ def test_what_is_not_recorded_is_not_guessed(tmp_path: Path) -> None:
     assert [v.waiting for v in found.vehicles] == [0.2, 0.5, 0.9]
     assert {(v.delay, v.deceleration, v.jerk) for v in found.vehicles} == {(None, None, None)}
     assert {(p.ttc, p.pet) for p in found.pairs} == {(None, None)}
-    assert check(run, "no_conflict").reason == "not recorded: the run holds no geometry of its junction"
+    assert run.collisions is None
+    assert check(run, "no_collision").reason == "not recorded: the run holds no positions"
+    assert check(run, "no_conflict").reason == "not recorded: the run holds no positions"
 
 
 def test_without_a_rotation_the_chain_of_right_of_counts(tmp_path: Path) -> None:

@@ -16,12 +16,12 @@ from pytest_rvads.maps.finder import find
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.physics.simulation import simulate
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.conduct import stretches
 from pytest_rvads.semantics.itinerary import Itinerary
 from pytest_rvads.semantics.kpis import describe, kpis
-from pytest_rvads.semantics.run import Collision, Fault, Run
+from pytest_rvads.semantics.run import Collision, Facts, Fault, Run
 from pytest_rvads.semantics.runfile import VERSION, load_run, save_run
 from pytest_rvads.semantics.states import Agent, Colour, Zone
+from pytest_rvads.semantics.stretches import stretches
 from pytest_rvads.semantics.validate import agree, validate
 
 
@@ -44,10 +44,9 @@ def moving(vehicles: dict[tuple[int, int], tuple[float, list[float]]], **changes
         columns.append((zone, station, speed, pose))
     zone, station, speed, pose = (np.stack([c[k] for c in columns], axis=1) for k in range(4))
     lights = np.zeros((len(zone), 4), dtype=np.int8)
-    meta = {"speed_limit": 11.176, "vehicle": {"length": 4.6, "width": 1.86}}
-    return replace(
-        Run("moving", place, tuple(agents), zone, lights, station=station, speed=speed, pose=pose, meta=meta), **changes
-    )
+    facts = Facts(sizes=((4.6, 1.86),) * len(agents), speed_limit=11.176)
+    run = Run("moving", place, tuple(agents), zone, lights, station=station, speed=speed, pose=pose, facts=facts)
+    return replace(run, **changes)
 
 
 # Files
@@ -112,8 +111,12 @@ def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]
         (lambda h, a: a.pop("zone"), "damaged: 'zone' is missing"),
         (lambda h, a: a.pop("header"), "damaged: 'header' is missing"),
         (lambda h, a: h.update(meta=[]), "damaged: meta must be an object, got list"),
-        (lambda h, a: h["meta"].update(speed_limit="fast"), "damaged: speed_limit must be a finite number, got 'fast'"),
-        (lambda h, a: h["meta"]["vehicle"].update(width=-1), "damaged: width in meta must be positive, got -1"),
+        (lambda h, a: h["facts"].update(speed_limit="fast"), "damaged: speed_limit must be a finite number, got 'fast'"),
+        (lambda h, a: h["facts"].update(speed_limit=0), "damaged: speed_limit in facts must be positive, got 0"),
+        (lambda h, a: h["facts"]["sizes"][0].__setitem__(1, -1), "damaged: sizes in facts must be positive, got -1"),
+        (lambda h, a: h["facts"]["sizes"].pop(), "damaged: sizes must hold one for each of 3 vehicles, got 2"),
+        (lambda h, a: h["facts"].update(subject="a7"), "damaged: subject in facts must be one of the vehicles, got 'a7'"),
+        (lambda h, a: h.pop("facts"), "damaged: 'facts' is missing"),
         (lambda h, a: h["agents"][0].pop(), r"damaged: agents must be a list of 4, got \['a0', 0, 1\]"),
         (lambda h, a: h["agents"][0].__setitem__(1, "0"), "damaged: agents must be a whole number, got '0'"),
         (lambda h, a: h["junction"].update(setbacks=[0.0]), "damaged: setbacks and phase_groups must be about the 4 entrances"),
@@ -263,7 +266,7 @@ def test_delay_against_the_speed_limit() -> None:
     way = find("stop4").movements[0, 2].length + 5.0
     (one,) = kpis(run).vehicles
     assert one.delay == pytest.approx(way / 8.0 - way / 11.176, abs=0.011), "up to one step"
-    limited = replace(run, meta={**run.meta, "speed_limit": 8.0})
+    limited = replace(run, facts=replace(run.facts, speed_limit=8.0))
     assert kpis(limited).vehicles[0].delay == pytest.approx(0.0, abs=0.011)
 
 
@@ -291,7 +294,7 @@ def test_post_encroachment_time_by_hand() -> None:
     run = moving({near: (-10.0, [8.0] * 1600), far: (-50.0, [8.0] * 1600)})
     shared = stretches(find("stop4"))
     assert shared is not None
-    (_, end), (start, _) = shared[near, far]
+    (_, end), (start, _), _ = shared[near, far]
     wanted = (50.0 + start) / 8.0 - (10.0 + end + 4.6) / 8.0
     assert kpis(run).pairs[0].pet == pytest.approx(wanted, abs=0.021)
     together = moving({near: (-10.0, [8.0] * 1600), far: (-10.0, [8.0] * 1600)})
@@ -306,7 +309,7 @@ def test_who_never_leaves_the_place_of_conflict_is_met_there() -> None:
     run = moving({(0, 2): (-10.0, speeds), (1, 3): (-16.0, speeds)})
     shared = stretches(find("stop4"))
     assert shared is not None
-    _, (start, _) = shared[(0, 2), (1, 3)]
+    start = shared[(0, 2), (1, 3)].yours.start
     entered = (16.0 + start) / 8.0
     assert kpis(run).pet == pytest.approx(entered - 4.5, abs=0.011), "at least as long as the run lasted"
 
@@ -315,8 +318,8 @@ def test_what_is_not_recorded_is_named() -> None:
     run = moving({(0, 2): (-16.5, [8.0] * 50), (1, 3): (-16.5, [8.0] * 50)})
     assert kpis(run).unavailable == ()
     lacking = {
-        ("delay",): replace(run, meta={"vehicle": run.meta["vehicle"]}),
-        ("ttc", "pet"): replace(run, meta={"speed_limit": 8.0, "vehicle": {"length": 4.6}}),
+        ("delay",): replace(run, facts=replace(run.facts, speed_limit=None)),
+        ("ttc", "pet"): replace(run, facts=Facts(speed_limit=8.0)),
         ("deceleration", "jerk", "ttc"): replace(run, speed=None),
         ("delay", "pet"): replace(run, station=None),
         ("ttc",): replace(run, pose=None),
