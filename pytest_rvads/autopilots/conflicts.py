@@ -3,50 +3,26 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from pytest_rvads.maps.junction import Junction, Movement
-from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.maps.segment import Turn
 from pytest_rvads.semantics.states import APPROACH, ENTRANCE, EXIT, JUNCTION, Observation, VehicleState
+from pytest_rvads.semantics.stretches import Shared, stretches
 
-__all__ = ["CLEARANCE", "RUNNER", "Stretch", "conflict", "exit_blocked", "in_the_way", "movements", "occupied", "runs_through"]
+__all__ = ["RUNNER", "conflict", "exit_blocked", "in_the_way", "movements", "occupied", "runs_through"]
 
-CLEARANCE = 2.6
-"""Two centre lines nearer than this are in conflict [m]: a vehicle's width and the room it needs in a bend."""
 RUNNER = 4.5
 """Who would have to brake harder than this to stop before the junction is not going to [m/s^2]."""
 SOON = 1.5
 """Who is this near to the junction and does not brake is about to enter [s]."""
-_SPACING = 0.5
 
 
-class Stretch(NamedTuple):
-    """Part of a movement, in metres after the entrance vertex."""
-
-    start: float
-    end: float
-
-
-@lru_cache(maxsize=4096)
-def conflict(junction: Junction, mine: tuple[int, int], other: tuple[int, int]) -> tuple[Stretch, Stretch] | None:
+def conflict(junction: Junction, mine: tuple[int, int], other: tuple[int, int]) -> Shared | None:
     """Return where two movements, each given as (entrance, exit), are too near each other for two vehicles.
 
-    Returns:
-        The stretch on `mine` and the stretch on `other`, or None where both can be driven at the same time.
+    None where both can be driven at the same time, or where the geometry is not known.
     """
-    if junction.geometry is None:
-        return None
-    one_at, one = _sample(junction.geometry.movements[mine])
-    two_at, two = _sample(junction.geometry.movements[other])
-    distance = np.hypot(one[:, None, 0] - two[None, :, 0], one[:, None, 1] - two[None, :, 1])
-    near = distance < CLEARANCE
-    if not near.any():
-        return None
-    along, across = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
-    return _stretch(along, one_at), _stretch(across, two_at)
+    return (stretches(junction) or {}).get((mine, other))
 
 
 @lru_cache(maxsize=4096)
@@ -93,13 +69,3 @@ def exit_blocked(seen: Observation) -> bool:
                 if movement.exit == seen.itinerary.exit and room < me.length + 2.5:
                     return True
     return False
-
-
-def _stretch(near: NDArray[np.int_], stations: NDArray[np.float64]) -> Stretch:
-    return Stretch(float(stations[near[0]]), float(stations[near[-1]]))
-
-
-def _sample(segment: Segment) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return stations [m] along a movement, ends included, and the places (x, y) there [m]."""
-    stations = np.minimum(np.arange(0.0, segment.length + _SPACING, _SPACING), segment.length)
-    return stations, np.array([segment.pose(float(s))[:2] for s in stations])

@@ -51,7 +51,7 @@ class Light:
         if self._owed or not all(_leaves_time(seen, other) for other in prior):
             return False
         mine = (seen.itinerary.entrance, seen.itinerary.exit)
-        if any(_comes_first(seen, mine, other) for other in seen.others):
+        if any(_comes_first(seen, mine, other, k < seen.created) for k, other in enumerate(seen.others)):
             return False
         if any(occupied(seen.junction, mine, other) for other in seen.others):
             return False
@@ -110,17 +110,17 @@ def _leaves_time(seen: Observation, other: VehicleState) -> bool:
     return True
 
 
-def _comes_first(seen: Observation, mine: tuple[int, int], other: VehicleState) -> bool:
+def _comes_first(seen: Observation, mine: tuple[int, int], other: VehicleState, earlier: bool) -> bool:
     """Return whether `other`, with the same right to go, is nearer to the junction: two left turns may cross each other.
 
-    Both see the same, so exactly one of them waits.
+    Of two that are equally near it is the one that was created `earlier`. Both see the same, so exactly one of them waits.
     """
     me = seen.me
     if other.zone is not APPROACH and other.zone is not ENTRANCE:
         return False
     if (me.entrance, other.entrance) not in seen.junction.opposite or other.turn is not me.turn:
         return False
-    if (other.station, me.entrance) <= (me.station, other.entrance):
+    if other.station < me.station or (other.station == me.station and not earlier):
         return False
     paths = movements(seen.junction, other.entrance, other.turn)
     crosses = any(conflict(seen.junction, mine, (m.entrance, m.exit)) is not None for m in paths)

@@ -50,11 +50,11 @@ class Queue:
         """Return who goes next among the vehicles at the entrances, and whether right before left decides it.
 
         Returns:
-            The one vehicle whose turn it is, and True; or, where everybody who came first has somebody to let go first,
-            all of them, and False.
+            Those that have to wait for nobody, and True; or, where everybody who came first has somebody to let go first,
+            all of them, and False. Who came earlier stands first, of those that came at once who was created earlier.
         """
         since = self._outside
-        waiting = [s for s in (seen.me, *seen.others) if s.zone is ENTRANCE]
+        waiting = [s for s in seen.everybody() if s.zone is ENTRANCE]
         earliest = min(since[s.name] for s in waiting)
         tied = [s for s in waiting if since[s.name] - earliest <= self._tie]
         right_of = seen.junction.right_of
@@ -64,6 +64,4 @@ class Queue:
             return later > self._tie or (later >= -self._tie and (other.entrance, s.entrance) in right_of)
 
         free = [s for s in tied if not any(waits_for(s, other) for other in waiting)]
-        if not free:
-            return tied, False
-        return [min(free, key=lambda s: (since[s.name], s.entrance))], True
+        return sorted(free or tied, key=lambda s: since[s.name]), bool(free)

@@ -28,7 +28,8 @@ class Reference(Follower):
 
     At a stop sign it stops before the line, inside the entrance zone, and enters when nobody else is in the junction
     and it is its turn: first come, first served; on ties whoever has nobody to the right. Where four arrive at once,
-    so that everybody has somebody to the right, patience decides; it differs by entrance, so that one sets off alone.
+    so that everybody has somebody to the right, patience decides; it differs from vehicle to vehicle, in the order of their
+    creation, so that one sets off alone. Who has the turn and does not make use of it is not waited for.
     Where nothing regulates the junction, or only some of its entrances, it does the same.
 
     At a light it stops on yellow where it can and on red always. On red it turns right after a full stop, when nobody

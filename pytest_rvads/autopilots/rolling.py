@@ -60,7 +60,7 @@ class _Yield:
             return True
         if self._stuck_since is None or me.zone is not Zone.ENTRANCE:
             self._stuck_since = seen.time
-        return seen.time - self._stuck_since >= PATIENCE + PATIENCE_STEP * me.entrance
+        return seen.time - self._stuck_since >= PATIENCE + PATIENCE_STEP * seen.created
 
 
 class _RightOnRed(Light):

@@ -119,7 +119,7 @@ def clear_of_crossing(seen: Observation) -> float:
     """
     me, itinerary = seen.me, seen.itinerary
     least = math.inf
-    for other in seen.others:
+    for k, other in enumerate(seen.others):
         if other.zone is not JUNCTION:
             continue
         for movement in movements(seen.junction, other.entrance, other.turn):
@@ -130,7 +130,7 @@ def clear_of_crossing(seen: Observation) -> float:
                 continue
             mine = (found[0].start - me.station) / max(me.speed, 1.0)
             theirs = max(found[1].start - other.station, 0.0) / max(other.speed, 1.0)
-            if (theirs, other.entrance) < (mine, me.entrance):
+            if theirs < mine or (theirs == mine and k < seen.created):
                 least = min(least, _stop_before(me.speed, found[0].start - BEFORE - me.station))
     return least
 

@@ -12,7 +12,9 @@ __all__ = ["StopSign"]
 HOLD = 0.5
 """How long to stand at the sign, at least [s]."""
 PATIENCE, PATIENCE_STEP = 1.0, 0.7
-"""Where everybody has to wait for somebody: how long entrance 0 waits, and how much longer each next entrance [s]."""
+"""How long the first one waits where everybody has to wait for somebody, and how much longer each next one [s]; also how long
+the next one waits for the first to make use of its turn. Next is who was created next, so that rotating a scenario changes
+nothing."""
 
 
 class StopSign:
@@ -51,10 +53,10 @@ class StopSign:
             self._stuck_since = None
             return False
         first, decided = self._queue.first(seen)
-        mine = any(state.name == seen.me.name for state in first)
-        if decided or not mine:
+        place = next((k for k, state in enumerate(first) if state.name == seen.me.name), None)
+        if place is None or (decided and place == 0):
             self._stuck_since = None
-            return mine
+            return place == 0
         if self._stuck_since is None:
             self._stuck_since = seen.time
-        return seen.time - self._stuck_since >= PATIENCE + PATIENCE_STEP * seen.me.entrance
+        return seen.time - self._stuck_since >= PATIENCE + PATIENCE_STEP * place

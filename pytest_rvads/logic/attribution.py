@@ -12,6 +12,7 @@ from pytest_rvads.logic.prepare import Template, prepare
 from pytest_rvads.logic.rules import Rule, get_rule
 from pytest_rvads.logic.story import is_about, waits
 from pytest_rvads.logic.verdicts import Status
+from pytest_rvads.semantics.blame import cut_short_by
 from pytest_rvads.semantics.predicates import extract
 from pytest_rvads.semantics.run import Run
 
@@ -52,7 +53,7 @@ def attribute(found: Sequence[Judgement], rule: Rule, values: Values) -> Attribu
     failed = [j for j in own if j.status is Status.FAIL]
     if failed and not unavoidable(failed, _with_companions(found, rule, run), values):
         return Attribution(Status.FAIL)
-    if len(own) > len(failed) and not (any(waits(j, subject) for j in found) or _held(rule, run, subject)):
+    if len(own) > len(failed) and not _excused(found, rule, run, subject):
         return Attribution(Status.OPEN)
     if status is Status.FAIL and unavoidable(found, _with_companions(found, rule, run), values):
         return Attribution(status, bound, unavoidable=True)
@@ -72,6 +73,12 @@ def _overall(found: Iterable[Judgement]) -> Status:
 
 def _with_companions(found: Sequence[Judgement], rule: Rule, run: Run) -> list[Template]:
     return [*(j.template for j in found), *companions(rule, run)]
+
+
+def _excused(found: Sequence[Judgement], rule: Rule, run: Run, subject: str) -> bool:
+    """Return whether the subject has reason to leave something open: it has to wait itself, or others ended the run."""
+    others = set(cut_short_by(run)) - {subject}
+    return bool(others) or any(waits(j, subject) for j in found) or _held(rule, run, subject)
 
 
 def _held(rule: Rule, run: Run, subject: str) -> bool:

@@ -27,10 +27,13 @@ class Perception:
         self._senses = senses
         self._random = Random(f"{senses.seed} {key} perception")
         self._past: deque[tuple[VehicleState, ...]] = deque(maxlen=round(senses.delay / DT) + 1)
+        self._earlier: set[str] = set()
+        """Vehicles that were created before the own one."""
 
     def watch(self, seen: Observation) -> None:
         """Take note of a state; to be called in every step."""
         self._past.append(seen.others)
+        self._earlier.update(other.name for other in seen.others[: seen.created])
 
     def view(self, seen: Observation) -> Observation:
         """Return what is perceived when the true state is `seen`, the last one watched."""
@@ -53,7 +56,7 @@ class Perception:
                     senses.speed_noise * faster,
                 )
             perceived.append(other)
-        return seen._replace(others=tuple(perceived))
+        return seen._replace(others=tuple(perceived), created=sum(other.name in self._earlier for other in perceived))
 
 
 def hidden(me: VehicleState, other: VehicleState, bodies: tuple[VehicleState, ...]) -> bool:

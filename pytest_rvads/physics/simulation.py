@@ -172,6 +172,7 @@ class _Loop:
                 SPEED_LIMIT,
                 scenario.aggression,
                 scenario.wait,
+                i,
             )
             controls[column] = seats[column].command(self._step, view)
         self.recorder.control(controls)

@@ -24,7 +24,7 @@ from pytest_rvads.semantics.run import Collision, Run
 from pytest_rvads.semantics.states import Colour, Zone
 from pytest_rvads.semantics.stretches import Shared, shared
 
-__all__ = ["STOOD", "Cause", "blame", "cause_of", "stuck", "surprised"]
+__all__ = ["STOOD", "Cause", "blame", "cause_of", "cut_short_by", "stuck", "surprised"]
 
 STOOD = 0.5
 """A vehicle that has stood still for this long before the impact was stood into [s]."""
@@ -79,6 +79,12 @@ def surprised(run: Run, agent: int, other: int, tick: int) -> bool:
         if len(guilty) == 1:
             return guilty[0] == other
     return False
+
+
+def cut_short_by(run: Run) -> tuple[str, ...]:
+    """Return who is to blame that the run ended before its time, by a collision or by leaving the route, if it did."""
+    last = [c for c in run.collisions or () if tick_of(run, c) >= run.steps - 2]
+    return tuple(dict.fromkeys((*run.facts.strayed, *(name for c in last for name in cause_of(run, c).agents))))
 
 
 def stuck(run: Run, agent: int) -> bool:

@@ -1,8 +1,8 @@
 """Getting on: who could go and does not, and who stands in the junction for no good reason.
 
 A vehicle may wait for somebody: for a body ahead in its lane, for one that is on the stretch their movements share, for one
-that has the better right and is due. Those that wait for each other have no such excuse. Time is lost as far as a vehicle that
-could go gets on more slowly than at walking pace.
+that has the better right and is due. Those that wait for each other have no such excuse, but for who came in on red. Time
+is lost as far as a vehicle that could go gets on more slowly than at walking pace.
 """
 
 from __future__ import annotations
@@ -136,7 +136,10 @@ def _work_out(run: Run) -> _Waiting:
     reach = queued | yielding
     for via in range(count):
         reach |= reach[:, via, None] & reach[None, via, :]
-    one_way = ~(reach & reach.swapaxes(0, 1))
+    mutual = reach & reach.swapaxes(0, 1)
+    red = (run.zone >= Zone.JUNCTION) & (run.facing == Colour.RED)
+    # Whoever came in on red is in the way of those who did not, whatever they do to each other.
+    one_way = ~mutual | (red.T[None] & ~red.T[:, None])
     held: NDArray[np.bool_] = np.any((queued | yielding) & one_way, axis=1).T
     gives_way: NDArray[np.bool_] = np.any(yielding & one_way, axis=1).T
     allowed = [_allowed(run, agent) for agent in range(count)]

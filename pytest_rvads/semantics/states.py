@@ -124,6 +124,12 @@ class Observation(NamedTuple):
     """1, 2 or 3: which deceleration of `Vehicle.brake` is full service brake in this run."""
     wait: float = 1.5
     """The one random draw of autopilots that have one, fixed by the scenario [s]."""
+    created: int = 0
+    """How many of `others` were created before the own vehicle: they come first among them."""
+
+    def everybody(self) -> tuple[VehicleState, ...]:
+        """Return the own vehicle among the others, in creation order: it moves along when a scenario is rotated."""
+        return (*self.others[: self.created], self.me, *self.others[self.created :])
 
 
 class Control(NamedTuple):

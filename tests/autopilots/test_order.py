@@ -17,28 +17,30 @@ ITINERARY = Scenario("stop4", "2000").itineraries()[0]
 
 
 def view(zones: dict[int, tuple[Zone, float]], tick: int, me: int = 0) -> Observation:
-    """What the driver at entrance `me` sees; zone and speed per entrance."""
+    """What the driver at entrance `me` sees; zone and speed per entrance, in the order of creation."""
     states = {
         e: VehicleState(f"a{e}", e, Turn.STRAIGHT, zone, -0.5, 0.0, 0.0, 0.0, speed, 0.0, 4.6, 1.86)
         for e, (zone, speed) in zones.items()
     }
     others = tuple(s for e, s in states.items() if e != me)
-    return Observation(tick * 0.01, states[me], others, (), ITINERARY, JUNCTION, Vehicle(), 11.176)
+    created = list(states).index(me)
+    return Observation(tick * 0.01, states[me], others, (), ITINERARY, JUNCTION, Vehicle(), 11.176, created=created)
 
 
-def who(arrivals: dict[int, int], me: int = 0, tie: float = 0.0) -> tuple[set[int], bool]:
-    """Who goes first when the vehicle of each entrance arrives in the given tick."""
+def who(arrivals: dict[int, int], me: int = 0, tie: float = 0.0) -> tuple[list[int], bool]:
+    """Who goes first when the vehicle of each entrance arrives in the given tick; created in this order."""
     queue = Queue(tie)
     for tick in range(max(arrivals.values()) + 1):
         seen = view({e: (Zone.ENTRANCE if tick >= t else Zone.APPROACH, 0.0) for e, t in arrivals.items()}, tick, me)
         queue.watch(seen)
     first, decided = queue.first(seen)
-    return {s.entrance for s in first}, decided
+    return [s.entrance for s in first], decided
 
 
 def test_first_come_first_served() -> None:
     for order in permutations(range(4)):
-        assert who({e: 5 + 3 * place for place, e in enumerate(order)}) == ({order[0]}, True)
+        first, decided = who({e: 5 + 3 * place for place, e in enumerate(order)})
+        assert (first, decided) == ([order[0]], True)
 
 
 @pytest.mark.parametrize("entrance", range(4))
@@ -46,25 +48,26 @@ def test_right_before_left_on_a_tie(entrance: int) -> None:
     right = (entrance + 1) % 4
     assert (right, entrance) in JUNCTION.right_of
     for me in (entrance, right):
-        assert who({entrance: 7, right: 7}, me) == ({right}, True)
+        assert who({entrance: 7, right: 7}, me) == ([right], True)
 
 
 def test_one_tick_decides() -> None:
-    assert who({0: 7, 1: 8}) == ({0}, True)
+    assert who({0: 7, 1: 8}) == ([0], True)
 
 
 def test_who_is_there_in_state_0_ties_with_who_comes_in_state_1() -> None:
     # Waiting time is 0 in state 0 whatever the place, and 1 in the first state after a state elsewhere.
-    assert who({0: 0, 1: 1}) == ({1}, True)
-    assert who({0: 0, 1: 2}) == ({0}, True)
+    assert who({0: 0, 1: 1}) == ([1], True)
+    assert who({0: 0, 1: 2}) == ([0], True)
 
 
 def test_four_at_once_are_a_cycle_and_three_are_not() -> None:
-    assert who({0: 3, 1: 3, 2: 3, 3: 3}) == ({0, 1, 2, 3}, False)
+    assert who({0: 3, 1: 3, 2: 3, 3: 3}) == ([0, 1, 2, 3], False)
+    assert who({2: 3, 1: 3, 3: 3, 0: 3}) == ([2, 1, 3, 0], False), "in the order of creation"
     for gone in range(4):
         left = {e: 3 for e in range(4) if e != gone}
         # The first in the chain has the empty entrance to its right.
-        assert who(left, me=min(left)) == ({(gone + 3) % 4}, True)
+        assert who(left, me=min(left)) == ([(gone + 3) % 4], True)
 
 
 def test_everybody_agrees_on_who_goes() -> None:
@@ -73,17 +76,22 @@ def test_everybody_agrees_on_who_goes() -> None:
         assert all(a == answers[0] for a in answers)
 
 
+def test_of_two_that_face_each_other_the_one_created_first_goes_first() -> None:
+    assert who({0: 7, 2: 7}) == ([0, 2], True)
+    assert who({2: 7, 0: 7}) == ([2, 0], True)
+
+
 def test_a_tie_window_lets_the_right_one_go_first() -> None:
-    assert who({0: 7, 1: 57}, tie=0.5) == ({1}, True)
-    assert who({0: 7, 1: 58}, tie=0.5) == ({0}, True)
-    assert who({0: 57, 1: 7}, tie=0.5) == ({1}, True), "the first one is the right one, too"
-    assert who({0: 7, 2: 20}, tie=0.5) == ({0}, True), "they face each other: nobody is to the right"
+    assert who({0: 7, 1: 57}, tie=0.5) == ([1], True)
+    assert who({0: 7, 1: 58}, tie=0.5) == ([0], True)
+    assert who({0: 57, 1: 7}, tie=0.5) == ([1], True), "the first one is the right one, too"
+    assert who({2: 20, 0: 7}, tie=0.5) == ([0, 2], True), "they face each other: nobody is to the right, who came first leads"
 
 
 def test_ties_in_a_chain_that_does_not_close_can_t_be_decided() -> None:
     # 1 ties with 0 and is to its right; 2 ties with 1 and is to its right, but came more than the window after 0.
-    assert who({0: 0, 1: 40, 2: 80}, tie=0.5) == ({0, 1}, False)
-    assert who({0: 0, 1: 40, 2: 45}, tie=0.5) == ({2}, True)
+    assert who({0: 0, 1: 40, 2: 80}, tie=0.5) == ([0, 1], False)
+    assert who({0: 0, 1: 40, 2: 45}, tie=0.5) == ([2], True)
 
 
 def test_setting_off_is_moving_after_having_stood() -> None:
@@ -111,8 +119,10 @@ def test_movements_that_pass_each_other(one: tuple[int, int], two: tuple[int, in
 def test_movements_that_meet_and_where(one: tuple[int, int], two: tuple[int, int]) -> None:
     found = conflict(JUNCTION, one, two)
     assert found is not None
-    assert conflict(JUNCTION, two, one) == (found[1], found[0])
-    for stretch, movement in zip(found, (one, two), strict=True):
+    back = conflict(JUNCTION, two, one)
+    assert back is not None
+    assert (back.mine, back.yours) == (found.yours, found.mine)
+    for stretch, movement in zip(found[:2], (one, two), strict=True):
         assert 0.0 <= stretch.start <= stretch.end <= JUNCTION.movements[movement].length
     if one[1] == two[1]:
         assert found[0].end == pytest.approx(JUNCTION.movements[one].length, abs=0.5), "to the common exit"
