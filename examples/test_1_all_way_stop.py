@@ -1,13 +1,13 @@
 """An all-way stop with the reference autopilot: every class of scenarios, judged by the paper's rules p1, p2, p3.
 
-The reference autopilot obeys, so nothing fails but p2 where nobody could pass it: four vehicles that arrive at
-the same time each have another one on their right, a cycle. Whoever moves first breaks the rule.
+The reference autopilot obeys, so nothing fails. Where four vehicles arrive at the same time each has another one on its right,
+a cycle: whoever moves first breaks p2, whatever it is. Such a violation is told as unavoidable, and fails no test unless
+``--rvads-unavoidable=fail`` is given.
 """
 
 import pytest_rvads as rvads
 
 
-@rvads.known("cycle", rule="p2", reason="four simultaneous arrivals: right-of is a cycle, no autopilot can pass")
 @rvads.scenario("stop4", grid="CD", rules=("p1", "p2", "p3"))
 def test_rules(run, rule, monitor):
     monitor.check(rule)

@@ -37,6 +37,11 @@ _DECLARED = {
         "tests, those that come with the plugin run",
         metavar="COMMAND",
     ),
+    "autopilot": _Option(
+        "system under test: 'reference' for the bundled one, a traffic policy, or module:name of your class, whatever the "
+        "fixtures say",
+        metavar="NAME",
+    ),
     "sut-rate": _Option("decisions of the stack per simulated second; by default what it asks for, else 20", metavar="HZ"),
     "sut-timeout": _Option("how long the stack may take for one decision, in real time", "5", metavar="SECONDS"),
     "map": _Option("OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)"),
@@ -76,6 +81,7 @@ _DECLARED = {
         ("failed", "never"),
     ),
     "artefacts": _Option("folder for the replay pages of failures and an index of the session, or 'none'", ".rvads"),
+    "unavoidable": _Option("what a violation that nobody could have avoided does to its test", "pass", ("pass", "fail")),
     "open": _Option("what an obligation still open at the end of a run does to its test", "fail", ("fail", "skip", "pass")),
 }
 
@@ -86,6 +92,8 @@ class Options:
 
     sut: tuple[str, ...] | None
     """Command of the stack under test, with an absolute path."""
+    autopilot: str | None
+    """What drives by name, see `--rvads-autopilot`."""
     sut_rate: float | None
     """[Hz]."""
     sut_timeout: float
@@ -113,6 +121,16 @@ class Options:
     """Which runs are simulated once more: failed or never."""
     artefacts: str | None
     open: str
+    """What OPEN does to a test: fail, skip or pass."""
+    unavoidable: str
+    """What UNAVOIDABLE does to a test: pass or fail."""
+
+    @property
+    def driver(self) -> str:
+        """What drives, as the options say; nothing where fixtures do."""
+        if self.autopilot:
+            return f"--rvads-autopilot={self.autopilot}"
+        return f"--rvads-sut={shlex.join(self.sut)}" if self.sut else ""
 
     @classmethod
     def read(cls, config: pytest.Config) -> Options:
@@ -123,8 +141,13 @@ class Options:
         """
         values = {name: _value(config, name) for name, option in _DECLARED.items() if not option.several}
         here = config.invocation_params.dir
+        if values["sut"] and values["autopilot"]:
+            raise RvadsError(
+                f"rvads_sut and rvads_autopilot both say what drives, got {values['sut']!r} and {values['autopilot']!r}"
+            )
         return cls(
             sut=_command(values["sut"], here),
+            autopilot=values["autopilot"] or None,
             sut_rate=_number("sut-rate", values["sut-rate"], 100.0),
             sut_timeout=_number("sut-timeout", values["sut-timeout"], 3600.0) or 5.0,
             map=_map(config),
@@ -143,6 +166,7 @@ class Options:
             repeat=values["repeat"],
             artefacts=None if values["artefacts"] == "none" else values["artefacts"],
             open=values["open"],
+            unavoidable=values["unavoidable"],
         )
 
 

@@ -6,6 +6,7 @@ It is imported by every pytest run of the environment, so it imports nothing hea
 from __future__ import annotations
 
 from collections.abc import Generator
+from contextlib import ExitStack
 
 import pytest
 
@@ -13,9 +14,10 @@ from pytest_rvads import hooks
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.fixtures.budget import BUDGET, Budget
 from pytest_rvads.fixtures.comparing import explain
-from pytest_rvads.fixtures.items import OPTIONS, attach, letter, prepare
-from pytest_rvads.fixtures.judging import monitor, rule
-from pytest_rvads.fixtures.plan import Planner
+from pytest_rvads.fixtures.drivers import chosen
+from pytest_rvads.fixtures.items import OPTIONS, RECORD, attach, letter, prepare
+from pytest_rvads.fixtures.judging import monitor, rule, settle
+from pytest_rvads.fixtures.plan import Planner, in_part
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_runs
 from pytest_rvads.fixtures.session import Session
 from pytest_rvads.fixtures.suite import offer
@@ -35,18 +37,30 @@ def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
     pluginmanager.add_hookspecs(hooks)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
+    """Have what this session registers forgotten at its end, by whatever comes after it in the process."""
+    from pytest_rvads.logic.registry import registries_kept
+
+    kept = ExitStack()
+    kept.enter_context(registries_kept())
+    early_config.add_cleanup(kept.close)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Read the options once and register the marks."""
     from pytest_rvads.collection import register_marks
 
     try:
-        config.stash[OPTIONS] = Options.read(config)
+        options = config.stash[OPTIONS] = Options.read(config)
+        if options.autopilot:
+            chosen(options.autopilot, config.invocation_params.dir)  # a wrong name ends the session before anything runs
     except RvadsError as error:
         raise pytest.UsageError(str(error)) from error
     register_marks(config)
-    if config.stash[OPTIONS].sut:
+    if options.driver:
         offer(config)
-    seconds = config.stash[OPTIONS].time_budget
+    seconds = options.time_budget
     config.stash[BUDGET] = None if seconds is None else Budget(config, seconds)
     if config.stash[BUDGET]:
         config.pluginmanager.register(config.stash[BUDGET], "rvads_budget")
@@ -54,6 +68,12 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(planner, "rvads_planner")
     if not hasattr(config, "workerinput"):
         config.pluginmanager.register(Session(config, planner), "rvads_session")
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    """Name what drives, where the options say so."""
+    driver = config.stash[OPTIONS].driver
+    return f"rvads: driven by {driver}" if driver else None
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -64,13 +84,20 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         expand(metafunc, metafunc.config.stash[OPTIONS])
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Refuse a mark on what can't be parametrized, so that it is not silently a plain test."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Refuse a mark on what can't be parametrized, so that it is not silently a plain test, and one that nothing matches."""
     for item in items:
         if "rvads_cell" not in getattr(item, "fixturenames", ()) and item.get_closest_marker("rvads_scenario"):
             raise pytest.UsageError(
                 f"{item.nodeid} has @rvads.scenario(...), which works on functions and classes of pytest only"
             )
+
+    if in_part(config):
+        return
+    from pytest_rvads.collection import unused
+
+    if wrong := unused(config):
+        raise pytest.UsageError("; ".join(wrong))
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -78,6 +105,20 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Give every item of ours a record, and keep those from starting that a time budget has no room for."""
     if prepare(item) and (budget := item.config.stash[BUDGET]):
         budget.spend()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
+    """Let no item of ours pass that judged nothing, or went on after a violation as if nothing had been."""
+    if RECORD not in item.stash:
+        return (yield)
+    try:
+        yield
+    except (pytest.skip.Exception, pytest.xfail.Exception):
+        settle(item, ended=False)
+        raise
+    settle(item, ended=True)
+    return None
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,12 +1,14 @@
 """Fixtures shared by the tests of all packages."""
 
 import os
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import pytest_rvads
+from pytest_rvads.logic.registry import registries_kept
 
 pytest_plugins = ["pytester"]
 
@@ -17,6 +19,13 @@ for _name in pytest_rvads.__all__:
     getattr(pytest_rvads, _name)
 for _name in ("hypothesis", "pytest_rvads.draw.picture", "pytest_rvads.draw.replay", "pytest_rvads.report.terminal"):
     import_module(_name)
+
+
+@pytest.fixture(autouse=True)
+def _registries() -> Iterator[None]:
+    """What a test registers, or a command that it runs in this process, is forgotten at its end."""
+    with registries_kept():
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,6 @@ run follow each other.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,12 +25,14 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.grid import Configuration
     from pytest_rvads.scenarios.senses import Senses
 
-__all__ = ["LEFT_OUT", "expand"]
+__all__ = ["LEFT_OUT", "expand", "unused"]
 
 _POINTS, _CELLS = 10, 5000
 """From how many points or cells on a terminal shows how far the collection is."""
 LEFT_OUT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
 """Node id of a test to how many points of its grid are beyond v(d)max and were left out."""
+_KNOWN: pytest.StashKey[dict[int, tuple[Any, pytest.Mark, bool]]] = pytest.StashKey()
+"""Marks of known deficiencies: where they stand, and whether they match a cell."""
 
 
 def expand(metafunc: pytest.Metafunc, options: Options) -> None:
@@ -48,14 +49,21 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
         raise pytest.Collector.CollectError(f"{name} asks for a run, but no @rvads.scenario(...) says which: add the mark")
     if not {"run", "monitor"} & set(metafunc.fixturenames):
         raise pytest.Collector.CollectError(f"{name} has @rvads.scenario(...) but takes neither run nor monitor: add an argument")
-    declared = list(metafunc.definition.iter_markers("rvads_known"))
+    declared = list(metafunc.definition.iter_markers_with_node("rvads_known"))
     try:
         cells = _distinct(cell for mark in marks for cell in _cells(mark, metafunc, options))
-        _in_use([mark for mark in metafunc.definition.own_markers if mark.name == "rvads_known"], cells)
+        _in_use([mark for node, mark in declared if node is metafunc.definition], cells)
     except RvadsError as error:
         raise pytest.Collector.CollectError(f"{name}: {error}") from error
     watched_cells = watched(metafunc.config, f"items of {metafunc.function.__name__}", cells, _CELLS)
-    metafunc.parametrize("rvads_cell", list(_params(watched_cells, declared)), indirect=True)
+    _note(metafunc.config, declared, cells)
+    metafunc.parametrize("rvads_cell", list(_params(watched_cells, [mark for _, mark in declared])), indirect=True)
+
+
+def unused(config: pytest.Config) -> list[str]:
+    """Return a sentence for every mark of a known deficiency on a class or module that matches no cell of any test there."""
+    declared = config.stash.get(_KNOWN, {}).values()
+    return [f"{node.nodeid}: {_asked(mark)} matches no cell of any of its tests" for node, mark, used in declared if not used]
 
 
 def _nearest(definition: pytest.Function) -> list[pytest.Mark]:
@@ -80,8 +88,20 @@ def _in_use(declared: Sequence[pytest.Mark], cells: Sequence[Cell]) -> None:
     """Refuse a mark of a known deficiency that matches no cell of the test it stands on."""
     for mark in declared:
         if not any(_known(mark, cell.keys) for cell in cells):
-            where = ", ".join(f"{k}={v!r}" for k, v in mark.kwargs.items() if k != "reason")
-            raise ScenarioError(f"@rvads.known({mark.args[0]!r}, {where}) matches none of the {len(cells)} cells of this test")
+            raise ScenarioError(f"{_asked(mark)} matches none of the {len(cells)} cells of this test")
+
+
+def _note(config: pytest.Config, declared: Sequence[tuple[Any, pytest.Mark]], cells: Sequence[Cell]) -> None:
+    """Note which marks of known deficiencies a test has made use of; those of classes and modules serve several tests."""
+    known = config.stash.setdefault(_KNOWN, {})
+    for node, mark in declared:
+        used = any(_known(mark, cell.keys) for cell in cells) or known.get(id(mark), (node, mark, False))[2]
+        known[id(mark)] = node, mark, used
+
+
+def _asked(mark: pytest.Mark) -> str:
+    where = "".join(f", {k}={v!r}" for k, v in mark.kwargs.items() if k != "reason")
+    return f"@rvads.known({mark.args[0]!r}{where})"
 
 
 def _known(mark: pytest.Mark, keys: Mapping[str, str | int]) -> bool:
@@ -106,7 +126,7 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
     from pytest_rvads.scenarios.selection import Selection
 
     ask = mark.kwargs
-    added = extensions(metafunc.config)
+    added = extensions(metafunc.config, options.rules)
     file, place = _map_file(ask["junction"], ask["map"], metafunc, options), ask["junction"]
     if ask["map"] is None and place in added.junctions:
         file, place = added.junctions[place]
@@ -128,8 +148,6 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
     )
     policies = _policies(ask["subject"], ask["traffic"])
     requirements = _several("requirement", ask["requirement"], str, "identifiers of requirements")
-    if options.rules:
-        _register(options.rules)
     rules: Sequence[Rule | None] = [None]
     if "rule" in metafunc.fixturenames:
         default = "paper" if ask["subject"] is None else "road"
@@ -196,14 +214,6 @@ def _several(name: str, value: Any, kind: type | tuple[type, ...], what: str) ->
         if all(isinstance(v, kind) and not isinstance(v, bool) for v in values):
             return values
     raise ScenarioError(f"{name} takes {what}, one or several, got {value!r}")
-
-
-@lru_cache
-def _register(path: Path) -> None:
-    """Register the rules of a user's file, once per process."""
-    from pytest_rvads.logic.rulefile import load_rules
-
-    load_rules(path)
 
 
 def _map_file(junction: str, map: str | None, metafunc: pytest.Metafunc, options: Options) -> str | None:

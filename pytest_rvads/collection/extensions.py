@@ -27,14 +27,18 @@ class Extensions:
 _EXTENSIONS: pytest.StashKey[Extensions] = pytest.StashKey()
 
 
-def extensions(config: pytest.Config) -> Extensions:
-    """Return what the hooks of this session give; asked once per process.
+def extensions(config: pytest.Config, rules: Path | None) -> Extensions:
+    """Return what the hooks of this session give, and register its rules; once per session and process.
+
+    Args:
+        config: of the session.
+        rules: a file of rules, if there is one.
 
     Raises:
         RvadsError: a hook gives something else, or a name that is taken.
     """
     if _EXTENSIONS not in config.stash:
-        _rules(config)
+        _rules(config, rules)
         config.stash[_EXTENSIONS] = Extensions(_junctions(config), _grids(config))
     return config.stash[_EXTENSIONS]
 
@@ -61,10 +65,12 @@ def _grids(config: pytest.Config) -> dict[str, tuple[Any, Any]]:
     return {name: (value[0], value[1]) for name, value in found.items()}
 
 
-def _rules(config: pytest.Config) -> None:
+def _rules(config: pytest.Config, file: Path | None) -> None:
     from pytest_rvads.logic.rulefile import load_rules
     from pytest_rvads.logic.rules import Rule, user_rules
 
+    if file is not None:
+        load_rules(file)
     for rules in config.hook.pytest_rvads_rules(config=config):
         if isinstance(rules, str | bytes | Mapping) or not hasattr(rules, "__iter__"):
             raise ScenarioError(f"pytest_rvads_rules must give a list of rules or files of rules, got {rules!r}")

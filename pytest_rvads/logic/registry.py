@@ -61,12 +61,12 @@ class Registry(Generic[T]):
 @contextmanager
 def registries_kept() -> Iterator[None]:
     """Forget, at the end, what is registered meanwhile: one session must not change the next one in the same process."""
-    before = [(registry, dict(registry.things)) for registry in _ALL]
+    before = {id(registry): dict(registry.things) for registry in _ALL}
     try:
         yield
     finally:
-        for registry, things in before:
-            registry.things = things
+        for registry in _ALL:
+            registry.things = before.get(id(registry), {})
 
 
 def _here() -> str:

@@ -14,14 +14,20 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import lru_cache
 from types import MappingProxyType
+from typing import Any
 
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.maps.segment import Segment, Turn
 
 __all__ = ["Geometry", "Junction", "JunctionControl", "Movement", "digest"]
 
+
 # Autopilots are handed the tables of a junction, so they are read-only; a run has to be picklable all the same.
-copyreg.pickle(MappingProxyType, lambda table: (MappingProxyType, (dict(table),)))
+def _table(items: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(items)
+
+
+copyreg.pickle(MappingProxyType, lambda table: (_table, (dict(table),)))
 
 
 class JunctionControl(StrEnum):

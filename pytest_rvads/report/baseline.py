@@ -19,7 +19,7 @@ _WORDS = {
     "NEW": "fails now and did not before, or is new and fails",
     "FIXED": "failed before, also as a known failure, and passes now",
     "ERODED": "passes both times, with less of a margin",
-    "LOST": "was judged before and is NA or does not exist now",
+    "LOST": "was judged before, and now is NA, is another place, or does not exist",
     "KNOWN": "passed before and is marked as a known failure now",
     "ADDED": "is judged now and was not before",
     "UNCHANGED": "the same",
@@ -112,36 +112,52 @@ def with_baseline(report: Report, comparison: Comparison) -> Report:
     return replace(report, records=records, comparison=comparison)
 
 
+_FAILED = ("violated", "error", "flaky")
+
+
 def _state(record: Record | None) -> str:
     if record is None:
         return "absent"
     if record["outcome"] == "failed":
-        return "failed"
+        # An error says nothing of what the verdict would be, so it is never the same as a violation.
+        return {"ERROR": "error", "NOT JUDGED": "error", "FLAKY": "flaky"}.get(record["status"], "violated")
     if record["known"]:
         return "known"
-    return "passed" if record["status"] in ("PASS", "PROVOKED") else "idle"
+    return "passed" if record["status"] in ("PASS", "PROVOKED", "UNAVOIDABLE") else "idle"
 
 
 def _judged(record: Record) -> bool:
     return _state(record) != "idle"
 
 
+def _elsewhere(record: Record, before: Record | None) -> bool:
+    """Tell whether the junction of an item is not the one it was: another map under the same name."""
+    places = [found.get("place") for found in (record, before or {})]
+    return None not in places and places[0] != places[1]
+
+
 def _change(record: Record, before: Record | None, erosion: float) -> Change:
     """Return what became of an item that the session has a record of."""
-    nodeid, now, then = record["nodeid"], _state(record), _state(before)
+    nodeid, now = record["nodeid"], _state(record)
     if record["status"] == "NOT RUN":
         return Change("NOT RUN", nodeid)
+    moved = _elsewhere(record, before)
+    then = "absent" if moved else _state(before)
+    was = "" if before is None else before["status"]
     match then, now:
-        case "failed", "failed":
+        case _, ("violated" | "error" | "flaky") if then == now:
             return Change("UNCHANGED", nodeid)
-        case _, "failed":
-            return Change("NEW", nodeid, record["message"].strip().partition("\n")[0])
-        case (("failed" | "known"), "passed"):
+        case _, ("violated" | "error" | "flaky"):
+            changed = f"was {was}, is {record['status']}: " if then in _FAILED else ""
+            return Change("NEW", nodeid, changed + record["message"].strip().partition("\n")[0])
+        case "absent", _ if moved and before is not None and _judged(before):
+            return Change("LOST", nodeid, f"was {was}, at a junction that is not the same any more")
+        case (("violated" | "error" | "flaky" | "known"), "passed"):
             return Change("FIXED", nodeid)
         case "passed", "known":
             return Change("KNOWN", nodeid, record["known"])
-        case (("passed" | "failed" | "known"), "idle"):
-            return Change("LOST", nodeid, f"was {before['status'] if before else ''}, is {record['status']}")
+        case (("passed" | "violated" | "error" | "flaky" | "known"), "idle"):
+            return Change("LOST", nodeid, f"was {was}, is {record['status']}")
         case (("absent" | "idle"), ("passed" | "known")):
             return Change("ADDED", nodeid)
         case "absent", _:

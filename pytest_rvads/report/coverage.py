@@ -1,7 +1,8 @@
 """Coverage: which cells of the tables a session exercised, of those that its tests ask for.
 
-A cell is (junction, class, configuration, rule). It is exercised when a rule judged a run in it: PASS, FAIL or
-OPEN, expected or not, provoked by traffic or not. NA exercises nothing, nor does an error, nor an item that did not run.
+A cell is (junction, class, configuration, rule), and with a subject its seat and the traffic around it. It is exercised when
+a rule asked something of the system under test there, and got an answer: PASS, FAIL or OPEN, expected or not. What only the
+traffic was asked exercises nothing, nor does NA, an error, or an item that did not run.
 """
 
 from __future__ import annotations
@@ -10,11 +11,11 @@ from collections import Counter
 from dataclasses import dataclass
 
 from pytest_rvads.report.document import Cell, Report, cell_of
+from pytest_rvads.report.record import Record, asked
 
 __all__ = ["Coverage", "dropped", "measure", "shortfall"]
 
-_JUDGED = ("PASS", "FAIL", "OPEN", "PROVOKED", "FLAKY")
-_REASONS = ("ERROR", "NOT JUDGED", "NA", "NOT RUN")
+_REASONS = ("ERROR", "FLAKY", "NOT JUDGED", "UNAVOIDABLE", "PROVOKED", "NA", "NOT RUN")
 """Why a cell is not exercised, the first that applies to one of its items."""
 
 
@@ -41,17 +42,18 @@ class Coverage:
 
 
 def measure(report: Report) -> Coverage:
-    """Return the coverage of a session over (class x configuration x rule) cells."""
-    statuses: dict[Cell, set[str]] = {tuple(cell): set() for cell in report.planned}  # type: ignore[misc]
+    """Return the coverage of a session over its cells."""
+    cells: dict[Cell, list[Record]] = {tuple(cell): [] for cell in report.planned}  # type: ignore[misc]
     for record in report.records:
-        statuses.setdefault(cell_of(record), set()).add(record["status"])
+        cells.setdefault(cell_of(record), []).append(record)
     idle: Counter[str] = Counter()
-    for found in statuses.values():
-        if not found & set(_JUDGED):
-            idle[next((reason for reason in _REASONS if reason in found), "not selected")] += 1
+    for records in cells.values():
+        if not any(map(asked, records)):
+            statuses = {record["status"] for record in records}
+            idle[next((reason for reason in _REASONS if reason in statuses), "not selected")] += 1
     order = (*_REASONS, "not selected")
     ordered = {why if why == "NA" else why.lower(): idle[why] for why in order if idle[why]}
-    return Coverage(len(statuses), len(statuses) - idle.total(), ordered)
+    return Coverage(len(cells), len(cells) - idle.total(), ordered)
 
 
 def shortfall(report: Report, least: float) -> str:

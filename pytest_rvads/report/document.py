@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.report.record import Record
 
 if TYPE_CHECKING:
     from pytest_rvads.report.baseline import Comparison
 
-__all__ = ["Cell", "Report", "cell_of", "in_order"]
+__all__ = ["Cell", "Report", "cell_from", "cell_of", "in_order"]
 
-Cell = tuple[str, int, str, str]
-"""Junction, class, configuration, rule; where a test has no rule axis, its name stands for the rule."""
+Cell = tuple[str, int, str, str, int | None, str | None]
+"""Junction, class, configuration, rule, seat of the subject, traffic around it; where a test has no rule axis, its name stands
+for the rule."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,18 @@ class Report:
 
 def cell_of(record: Record) -> Cell:
     """Return the cell of a table that a record belongs to; the rows of a class share it."""
-    return record["junction"], record["cls"], record["cfg"], record["rule"] or record["test"]
+    rule = record["rule"] or record["test"]
+    return record["junction"], record["cls"], record["cfg"], rule, record["seat"], record["traffic"]
+
+
+def cell_from(entry: Sequence[Any]) -> Cell:
+    """Return the cell that was written as a list.
+
+    Raises:
+        ValueError: it has another length.
+    """
+    junction, cls, cfg, rule, seat, traffic = entry
+    return junction, cls, cfg, rule, seat, traffic
 
 
 def in_order(records: Sequence[Record]) -> tuple[Record, ...]:

@@ -9,20 +9,24 @@ from typing import Any
 
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.coverage import dropped, measure
-from pytest_rvads.report.document import Report
+from pytest_rvads.report.document import Report, cell_from
+from pytest_rvads.report.drivers import drivers
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import coverage, matrices
 from pytest_rvads.report.page import page
 from pytest_rvads.report.timing import timing
 from pytest_rvads.report.traceability import table
-from pytest_rvads.report.triage import causes, provoked
+from pytest_rvads.report.triage import causes, provoked, unavoidable
 
 __all__ = ["FORMATS", "append_summary", "load", "markdown", "save"]
 
-VERSION = 2
+VERSION = 3
 SUMMARY_LIMIT = 900 * 1024
 """GitHub drops a job summary above 1 MiB as a whole [bytes]."""
-_REQUIRED = {"nodeid", "line", "test", "ways", "junction", "cls", "scenario", "cfg", "rule", "status", "verdicts", "outcome"}
+_REQUIRED = {
+    *("nodeid", "line", "test", "ways", "junction", "cls", "scenario", "cfg", "rule", "seat", "traffic", "driver"),
+    *("status", "verdicts", "outcome"),
+}
 
 
 def save(path: Path, report: Report) -> None:
@@ -82,7 +86,7 @@ def _report(content: dict[str, Any]) -> Report:
     return Report(
         tuple(content["records"]),
         {int(ways): (classes, scenarios) for ways, (classes, scenarios) in content["totals"].items()},
-        tuple((junction, cls, cfg, rule) for junction, cls, cfg, rule in content["planned"]),
+        tuple(map(cell_from, content["planned"])),
         dict(content["versions"]),
         int(content["exitstatus"]),
         tuple(content["notes"]),
@@ -116,12 +120,17 @@ def markdown(report: Report) -> str:
         lines += ["## Since the baseline", "", _cell(report.comparison.headline), ""]
         lines += [f"- {_cell(line)}" for line in report.comparison.lines()]
         lines.append("")
-    for title, groups in (("Causes of failures", causes(records)), ("Provoked by traffic", provoked(records))):
+    for title, groups in (
+        ("Causes of failures", causes(records)),
+        ("Provoked by traffic", provoked(records)),
+        ("Unavoidable: nobody could have kept the rule", unavoidable(records)),
+    ):
         if groups:
             lines += [f"## {title}", "", "| items | rule | cause | first |", "|---:|---|---|---|"]
             lines += [f"| {c.count} | {_cell(c.rule)} | {_cell(c.line)} | `{_cell(c.example)}` |" for c in groups]
             lines.append("")
     said = (
+        *drivers(records),
         *coverage(records, report.totals),
         *extremes(records),
         *timing(records),

@@ -77,11 +77,11 @@ def _text(records: Sequence[Record]) -> str:
     if len(kinds) == 1:
         return next(iter(kinds))
     bad = [kind for kind in _BAD if kinds[kind]] + sorted(kind for kind in kinds if kind.startswith("xfail"))
-    shown = bad or [kind for kind in ("NOT JUDGED", "NOT RUN", "provoked", "pass", "NA") if kinds[kind]]
+    shown = bad or [kind for kind in ("NOT RUN", "unavoidable", "provoked", "pass", "NA") if kinds[kind]]
     return ", ".join(f"{kinds[kind]}/{len(records)} {kind.lower() if kind in _BAD else kind}" for kind in shown)
 
 
-_BAD = ("ERROR", "FLAKY", "FAIL", "OPEN")
+_BAD = ("ERROR", "FLAKY", "FAIL", "NOT JUDGED", "OPEN")
 
 
 def _kind(record: Record) -> str:
@@ -89,7 +89,7 @@ def _kind(record: Record) -> str:
     status: str = record["status"]
     if known:
         return f"xfail {known.partition(':')[0]}"
-    return status.lower() if status in ("PASS", "PROVOKED") else status
+    return status.lower() if status in ("PASS", "PROVOKED", "UNAVOIDABLE") else status
 
 
 def _spans(numbers: Sequence[int], width: int) -> str:
@@ -140,6 +140,7 @@ _WORDS = (
     ("PASS", "pass"),
     ("FAIL", "fail"),
     ("OPEN", "open"),
+    ("UNAVOIDABLE", "unavoidable"),
     ("PROVOKED", "provoked by traffic"),
     ("known", "known failures"),
     ("NA", "NA"),

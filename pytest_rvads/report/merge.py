@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pytest_rvads.report.document import Cell, Report, in_order
-from pytest_rvads.report.record import SEVERITY, Record
+from pytest_rvads.report.record import JUDGED, SEVERITY, Record
 
 __all__ = ["merge"]
 
@@ -42,7 +42,7 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
     return Report(
         merged,
         {ways: total for _, report in reports for ways, total in report.totals.items()},
-        tuple(sorted(planned)),
+        tuple(sorted(planned, key=str)),
         versions,
         _exitstatus([report for _, report in reports], merged, bool(clashes)),
         tuple(differences + notes),
@@ -84,6 +84,6 @@ def _exitstatus(reports: Sequence[Report], records: Sequence[Record], clashed: b
     worst = max((r.exitstatus for r in reports if r.exitstatus != 5), default=0)
     if worst == 0 and (clashed or any(r["outcome"] == "failed" for r in records)):
         return 1
-    if worst == 0 and not any(r["status"] not in ("NA", "NOT RUN") for r in records):
+    if worst == 0 and not any(r["status"] in JUDGED for r in records):
         return 5
     return worst

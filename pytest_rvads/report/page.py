@@ -12,11 +12,12 @@ from typing import Any
 
 from pytest_rvads.report.coverage import measure
 from pytest_rvads.report.document import Report
+from pytest_rvads.report.drivers import drivers
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import coverage, group_of, matrices
 from pytest_rvads.report.record import SEVERITY, Record
 from pytest_rvads.report.timing import timing
-from pytest_rvads.report.triage import Cause, causes, provoked
+from pytest_rvads.report.triage import Cause, causes, provoked, unavoidable
 
 __all__ = ["page"]
 
@@ -33,10 +34,17 @@ def page(report: Report, folder: Path) -> str:
     notes = list(report.notes)
     if report.exitstatus > 1:
         notes.insert(0, f"The session did not end by itself (exit status {report.exitstatus}): verdicts are missing.")
-    said = (*coverage(records, report.totals), *extremes(records), *timing(records), f"coverage: {measure(report)}")
+    said = (
+        *drivers(records),
+        *coverage(records, report.totals),
+        *extremes(records),
+        *timing(records),
+        f"coverage: {measure(report)}",
+    )
+    groups = (("", causes), ("provoked by traffic: ", provoked), ("unavoidable: ", unavoidable))
     content = {
         "items": [_item(record, folder) for record in records],
-        "causes": [_cause("cause", c) for c in causes(records)] + [_cause("provoked", c) for c in provoked(records)],
+        "causes": [_cause(kind, cause) for kind, group in groups for cause in group(records)],
         "matrices": [{"title": m.title, "columns": m.columns, "rows": m.rows} for m in matrices(records)],
         "statuses": [s for s in SEVERITY if any(r["status"] == s for r in records)],
     }
@@ -67,6 +75,7 @@ def _item(record: Record, folder: Path) -> dict[str, Any]:
         "cfg": record["cfg"],
         "rule": record["rule"] or "run",
         "text": record.get("message") or "",
+        "driver": record["driver"],
         "look": look and os.path.relpath(look, folder).replace(os.sep, "/"),
     }
 

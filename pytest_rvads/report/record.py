@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["SEVERITY", "Record", "cell_record", "conclude", "flake", "not_run", "properties"]
+__all__ = ["JUDGED", "SEVERITY", "Record", "asked", "cell_record", "conclude", "flake", "not_run", "properties"]
 
 Record = dict[str, Any]
 
-SEVERITY = ("ERROR", "FLAKY", "FAIL", "OPEN", "PROVOKED", "PASS", "NA", "NOT JUDGED", "NOT RUN")
-"""Every status of a record, the worst first. PROVOKED: violated or open by the doing of the traffic, not of the subject."""
+SEVERITY = ("ERROR", "FLAKY", "FAIL", "NOT JUDGED", "OPEN", "UNAVOIDABLE", "PROVOKED", "PASS", "NA", "NOT RUN")
+"""Every status of a record, the worst first.
 
-_WORST = ("ERROR", "FAIL", "OPEN", "PROVOKED", "PASS", "NA")
+UNAVOIDABLE: violated, and nobody could have kept the rule. PROVOKED: violated or open by the doing of the traffic, not of the
+subject. NOT JUDGED: the test has a rule or a monitor and judged nothing.
+"""
+JUDGED = ("PASS", "FAIL", "OPEN")
+"""Statuses in which something was found out about the system under test; a session without any of them is not green."""
 
 
 def cell_record(
@@ -36,9 +40,16 @@ def cell_record(
         "seat": None,
         "traffic": None,
         "rule": None,
+        "driver": "",
         **keys,
         "requirements": list(requirements),
     }
+
+
+def asked(record: Record) -> bool:
+    """Return whether a rule asked something of the system under test, of the subject where there is one, and got an answer."""
+    given = any(v.get("asked", True) for v in record["verdicts"] if v["status"] in JUDGED)
+    return record["status"] in JUDGED or (given and record["status"] != "ERROR")
 
 
 def conclude(
@@ -50,7 +61,7 @@ def conclude(
     known: str | None = None,
     text: str = "",
     asserted: bool = True,
-    monitored: bool = True,
+    judged: bool = True,
 ) -> None:
     """Complete a record when its item is over.
 
@@ -62,23 +73,27 @@ def conclude(
         known: reason of the xfail that matched, or None.
         text: of the exception, or empty.
         asserted: whether the exception, if any, is a failed assertion; any other one is an error of the test.
-        monitored: whether the test has a rule or a monitor to judge with.
+        judged: False where the test has a rule or a monitor and did not judge, for which it failed.
 
     The status is that of the verdicts, worst first. A test of a run without rule and monitor is PASS or FAIL by its
-    assertions. A test that has one and never judged is NOT JUDGED, one that was skipped by somebody NOT RUN; neither
-    ever counts as a pass, and no failed test as anything but a failure.
+    assertions. One that was skipped by somebody is NOT RUN; it never counts as a pass, and no failed test as anything but a
+    failure.
     """
-    given = ["PROVOKED" if v.get("provoked") else v["status"] for v in verdicts]
-    worst = min(given, key=_WORST.index, default=None)
+    worst = min(map(_status, verdicts), key=SEVERITY.index, default=None)
     if outcome == "failed":
-        status = worst if worst in ("ERROR", "FAIL", "OPEN") else "FAIL" if when == "call" and asserted else "ERROR"
-    elif worst:
-        status = worst
-    elif when != "call" or outcome == "skipped":
-        status = "NOT RUN"
+        violated = worst if worst in ("FAIL", "OPEN", "UNAVOIDABLE") else "FAIL"
+        status = "ERROR" if worst == "ERROR" or not (when == "call" and asserted) else violated
+        status = status if judged else "NOT JUDGED"
     else:
-        status = "NOT JUDGED" if monitored else "PASS"
+        status = worst or ("NOT RUN" if when != "call" or outcome == "skipped" else "PASS")
     record |= {"status": status, "verdicts": list(verdicts), "known": known, "outcome": outcome, "message": text}
+
+
+def _status(verdict: Record) -> str:
+    for special in ("unavoidable", "provoked"):
+        if verdict.get(special):
+            return special.upper()
+    return str(verdict["status"])
 
 
 def flake(record: Record, what: str, time: float | None, text: str) -> None:
@@ -109,5 +124,6 @@ def properties(record: Record) -> list[tuple[str, Any]]:
         **({} if record["seat"] is None else {"seat": record["seat"], "traffic": record["traffic"]}),
         "rule": record["rule"] or record["test"],
         "verdict": record["status"],
+        "driver": record["driver"],
     }
     return list(named.items())

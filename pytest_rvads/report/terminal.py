@@ -13,10 +13,11 @@ from rich.text import Text
 
 from pytest_rvads.report.coverage import dropped, measure
 from pytest_rvads.report.document import Report
+from pytest_rvads.report.drivers import drivers
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import Matrix, coverage, matrices
 from pytest_rvads.report.timing import timing
-from pytest_rvads.report.triage import Cause, causes, provoked
+from pytest_rvads.report.triage import Cause, causes, provoked, unavoidable
 
 __all__ = ["summary"]
 
@@ -31,11 +32,13 @@ _SLOW = 1.0
 _STYLES = {
     "pass": "green",
     "provoked": "cyan",
+    "unavoidable": "cyan",
     "NA": "dim",
     "FAIL": "bold red",
     "fail": "red",
     "OPEN": "yellow",
     "ERROR": "bold magenta",
+    "NOT JUDGED": "bold magenta",
     "FLAKY": "bold magenta",
 }
 _CHANGES = {"NEW": "bold red", "FIXED": "green", "ERODED": "yellow", "LOST": "yellow"}
@@ -72,9 +75,14 @@ def summary(report: Report, *, colour: bool, width: int, unicode: bool, full: bo
             console.print(Text(f" {short[label]} = {label}"), soft_wrap=True)
         console.print()
     records = report.records
-    for title, groups in (("causes of failures", causes(records)), ("provoked by traffic", provoked(records))):
+    for title, groups in (
+        ("causes of failures", causes(records)),
+        ("provoked by traffic", provoked(records)),
+        ("unavoidable: nobody could have kept the rule", unavoidable(records)),
+    ):
         _list(console, title, groups, most)
     for line in (
+        *drivers(records),
         *extremes(records),
         *coverage(records, report.totals),
         *timing(records),

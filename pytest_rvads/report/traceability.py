@@ -16,9 +16,11 @@ _COLUMNS = {
     "configuration": "cfg",
     "rotation": "rotation",
     "seat": "seat",
+    "traffic": "traffic",
     "rule": "rule",
     "verdict": "status",
     "known": "known",
+    "driver": "driver",
     "run": "hash",
     "item": "nodeid",
 }

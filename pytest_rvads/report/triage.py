@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 from pytest_rvads.report.record import Record
 
-__all__ = ["Cause", "causes", "provoked"]
+__all__ = ["Cause", "causes", "provoked", "unavoidable"]
 
 _RULES = 3
 """Rules named per cause; the rest is counted."""
@@ -68,6 +68,11 @@ def provoked(records: Sequence[Record]) -> list[Cause]:
     return _grouped([record for record in records if record["status"] == "PROVOKED"])
 
 
+def unavoidable(records: Sequence[Record]) -> list[Cause]:
+    """Group what nobody could have avoided and no test failed for, likewise."""
+    return _grouped([record for record in records if record["status"] == "UNAVOIDABLE" and record["outcome"] != "failed"])
+
+
 def _grouped(records: Sequence[Record]) -> list[Cause]:
     first: dict[Hashable, Record] = {}
     for record in records:
@@ -105,9 +110,10 @@ def _explains(record: Record) -> bool:
 def _verdict(record: Record) -> Record | None:
     """Return the verdict that gave a record its status, or None where something else did."""
     wanted = record["status"]
-    if wanted not in ("FAIL", "OPEN", "PROVOKED"):
+    if wanted not in ("FAIL", "OPEN", "PROVOKED", "UNAVOIDABLE"):
         return None
-    return next((v for v in record["verdicts"] if wanted in (v["status"], "PROVOKED" if v.get("provoked") else "")), None)
+    flag = wanted.lower()
+    return next((v for v in record["verdicts"] if v.get(flag) or v["status"] == wanted), None)
 
 
 def _time(record: Record) -> tuple[float, str]:
@@ -123,7 +129,9 @@ def _signature(record: Record) -> Hashable:
     if verdict:
         # What can't be kept is one cause, however it ended.
         return "" if verdict.get("unavoidable") else record["status"], _violated(record)
-    return record["status"], _rule(record), re.sub(r"\d+(\.\d+)?", "#", _violated(record))
+    # One fault of a stack is one cause, whatever rules would have judged its runs.
+    rule = "" if record["status"] == "ERROR" else _rule(record)
+    return record["status"], rule, re.sub(r"\d+(\.\d+)?", "#", _violated(record))
 
 
 def _violated(record: Record) -> str:

@@ -148,14 +148,20 @@ def _work_out(run: Run) -> _Waiting:
 
 def _allowed(run: Run, agent: int) -> NDArray[np.bool_]:
     """Whether nothing but other vehicles can keep the agent from getting on; once far down its exit road, it has arrived."""
-    zone, station = run.zone[:, agent], run.need("station")[:, agent]
+    zone = run.zone[:, agent]
     arrived = before_exit(run, agent)[0] >= LEAVE
     waits = np.zeros(run.steps, dtype=np.bool_)
     if run.junction.control in (JunctionControl.LIGHTS, JunctionControl.PARTIAL):
-        at_line = (zone <= Zone.ENTRANCE) & (station > -run.junction.setbacks[run.agents[agent].entrance] - AT_LINE)
         facing = run.facing[:, agent]
-        waits = at_line & (facing != Colour.GREEN) & (facing != Colour.NONE)
+        waits = _at_line(run, agent) & (facing != Colour.GREEN) & (facing != Colour.NONE)
     found: NDArray[np.bool_] = (zone != Zone.GONE) & ~arrived & ~waits
+    return found
+
+
+def _at_line(run: Run, agent: int) -> NDArray[np.bool_]:
+    """Whether the agent is before the junction and so near to its line that it may wait there."""
+    line = -run.junction.setbacks[run.agents[agent].entrance]
+    found: NDArray[np.bool_] = (run.zone[:, agent] <= Zone.ENTRANCE) & (run.need("station")[:, agent] > line - AT_LINE)
     return found
 
 
@@ -188,7 +194,7 @@ def _cut_off(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
 def _lets_pass(run: Run, agent: int, other: int, common: Shared | None) -> NDArray[np.bool_]:
     """Whether the agent has reason to let the other one pass."""
     zone, theirs = run.zone[:, agent], run.zone[:, other]
-    before = zone <= Zone.ENTRANCE
+    before = _at_line(run, agent)
     found = np.zeros(run.steps, dtype=np.bool_)
     if run.junction.control is not JunctionControl.LIGHTS:
         found |= before & (theirs == Zone.JUNCTION)
@@ -205,7 +211,7 @@ def _lets_pass(run: Run, agent: int, other: int, common: Shared | None) -> NDArr
     found |= before & coming
     if may_owe(run, agent, other):
         found |= ahead & yields(run, agent, other) & due(run, other, common.yours)
-    found &= zone <= Zone.JUNCTION
+    found &= before | (zone == Zone.JUNCTION)
     return found
 
 

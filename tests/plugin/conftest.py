@@ -14,6 +14,12 @@ def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def reference(pytester: pytest.Pytester) -> None:
+    """The inner session asks for the reference autopilot, so that a test need not bring one of its own."""
+    pytester.makeini("[pytest]\nrvads_autopilot = reference\n")
+
+
+@pytest.fixture
 def ids() -> Callable[[pytest.RunResult], list[str]]:
     """Return a function giving the ids of the items that ``--collect-only -q`` lists."""
     return lambda result: [line for line in result.outlines if "::" in line and not line.startswith(("ERROR", "E "))]

@@ -18,7 +18,7 @@ TESTS = """
 
 
 @pytest.fixture
-def tests(pytester: pytest.Pytester) -> pytest.Pytester:
+def tests(pytester: pytest.Pytester, reference: None) -> pytest.Pytester:
     pytester.makepyfile(test_gate=TESTS)
     return pytester
 
@@ -80,7 +80,7 @@ def test_shards_merge_into_one_table(tests: pytest.Pytester, capsys: pytest.Capt
 
 def test_merging_what_is_no_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = tmp_path / "other.json"
-    other.write_text('{"format": "rvads-report", "version": 2, "records": [{}]}', encoding="utf-8")
+    other.write_text('{"format": "rvads-report", "version": 3, "records": [{}]}', encoding="utf-8")
     assert main(["report", "merge", str(other)]) == 2
     assert "damaged report" in capsys.readouterr().err
     assert main(["report", "merge", str(tmp_path / "none.json")]) == 2

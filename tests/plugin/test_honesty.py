@@ -137,6 +137,7 @@ def test_an_assertion_after_a_pass_is_a_failure_in_every_report(pytester: pytest
 
 
 @pytest.mark.parametrize("options", [(), ("-n", "1")])
+@pytest.mark.usefixtures("reference")
 def test_a_session_that_judged_nothing_is_not_green(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
     pytester.makepyfile(
         """

@@ -88,6 +88,7 @@ def test_hooks_that_give_something_else(pytester: pytest.Pytester, hook: str, sa
 
 
 @pytest.mark.parametrize("workers", [(), ("-n", "1")])
+@pytest.mark.usefixtures("reference")
 def test_a_call_per_verdict(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
     pytester.makeconftest(
         """
@@ -111,6 +112,7 @@ def test_a_hook_that_fails_costs_no_verdict(pytester: pytest.Pytester) -> None:
     assert result.ret == pytest.ExitCode.TESTS_FAILED
 
 
+@pytest.mark.usefixtures("reference")
 def test_requirements_are_traced_to_verdicts(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """

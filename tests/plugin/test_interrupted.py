@@ -69,9 +69,9 @@ def test_artefacts_that_can_t_be_written_cost_no_verdict(pytester: pytest.Pytest
 
 
 def test_what_should_be_kept_and_is_not_is_no_success(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(test_it=TESTS.replace("monitor.check(rule)", "monitor.verdict(rule)"))
+    pytester.makepyfile(test_it=TESTS)
     pytester.path.joinpath("file").write_text("in the way", encoding="utf-8")
-    result = pytester.runpytest("-k", "class01", "--rvads-keep=file")
+    result = pytester.runpytest("-k", "class01", "--rvads-keep=file", "--rvads-autopilot=reference")
     result.assert_outcomes(passed=1)
     assert result.ret == pytest.ExitCode.TESTS_FAILED
 

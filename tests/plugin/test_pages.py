@@ -14,10 +14,10 @@ import pytest
 
 @pytest.fixture
 def rvads_autopilot():
-    return rvads.Reference
+    return rvads.RollingStop
 
-# Nobody can pass p2 when four arrive at once.
-@rvads.scenario("stop4", classes=7, distances=20, speeds=10, rules=("p1", "p2"))
+# Who came first does not matter to it.
+@rvads.scenario("stop4", classes=7, distances=(10, 11, 12, 13), rules=("p1", "p3"))
 def test_rules(run, rule, monitor):
     monitor.check(rule)
 """
@@ -48,14 +48,14 @@ def test_the_index_links_every_failure_to_its_replay(pytester: pytest.Pytester, 
 
 def test_the_replay_shows_the_monitors_and_the_vehicle_to_blame(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(FAILING)
-    pytester.runpytest("-k", "p2")
-    (page,) = (pytester.path / ".rvads").glob("*p2.html")
+    pytester.runpytest("-k", "p3")
+    (page,) = (pytester.path / ".rvads").glob("*p3.html")
     found = re.search(r"^const run = (.*);$", page.read_text(encoding="utf-8"), re.MULTILINE)
     assert found
     run = json.loads(found[1])
     assert run["responsible"]
     assert "violated" in {word for _, changes in run["tracks"] for _, word in changes}
-    assert {label.split()[0] for label, _ in run["tracks"]} == {"p2"}
+    assert {label.split()[0] for label, _ in run["tracks"]} == {"p3"}
 
 
 def test_without_artefacts_there_is_no_page(pytester: pytest.Pytester) -> None:
@@ -68,6 +68,6 @@ def test_without_artefacts_there_is_no_page(pytester: pytest.Pytester) -> None:
 def test_pytest_html_gets_the_picture(pytester: pytest.Pytester) -> None:
     pytest.importorskip("pytest_html")
     pytester.makepyfile(FAILING)
-    pytester.runpytest("-k", "p2", "--html=report.html", "--self-contained-html")
-    (drawn,) = (pytester.path / ".rvads").glob("*p2.svg")
+    pytester.runpytest("-k", "p3", "--html=report.html", "--self-contained-html")
+    (drawn,) = (pytester.path / ".rvads").glob("*p3.svg")
     assert base64.b64encode(drawn.read_bytes()).decode() in (pytester.path / "report.html").read_text(encoding="utf-8")

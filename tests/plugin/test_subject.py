@@ -124,7 +124,7 @@ def test_seats_and_traffic_select(pytester: pytest.Pytester, ids) -> None:
         ("subject=0, traffic=()", "*traffic is empty*"),
         ("subject=0, traffic=3", "*traffic takes names of policies or classes of autopilots, got 3*"),
         ('subject=1, scenarios="1033"', "*subject must be an occupied entrance of 1033, got 1*"),
-        ('subject="all", cover="rotation", rules="road"', "*would expand to 13,440 items (384 scenarios × 5 points × 7 rules)*"),
+        ('subject="all", cover="rotation", rules="road"', "*would expand to 19,200 items (384 scenarios × 5 points × 10 rules)*"),
     ],
 )
 def test_marks_that_mean_nothing_are_refused(pytester: pytest.Pytester, mark: str, says: str) -> None:

@@ -22,7 +22,7 @@ def record(cls: int, rule: str, status: str, *, row: int = 0, hash: str = "aa") 
     return made
 
 
-PLANNED = tuple(("stop4", cls, "C", rule) for cls in (1, 2) for rule in ("p1", "p2"))
+PLANNED = tuple(("stop4", cls, "C", rule, None, None) for cls in (1, 2) for rule in ("p1", "p2"))
 
 
 def report(*records: dict[str, Any], planned: Any = PLANNED, **more: Any) -> Report:
@@ -45,8 +45,19 @@ def test_one_row_of_a_class_exercises_its_cell() -> None:
     assert measure(report(record(1, "p1", "NA"), record(1, "p1", "PASS", row=1), planned=PLANNED[:1])).percent == 100
 
 
+def test_what_only_the_traffic_was_asked_exercises_nothing() -> None:
+    def among(traffic: str, seat: int, status: str, asked: bool) -> dict[str, Any]:
+        made = record(1, "p1", "PASS")
+        conclude(made, [{"status": status, "provoked": status == "FAIL", "asked": asked}], "call", "passed")
+        return made | {"seat": seat, "traffic": traffic}
+
+    seen = [among("hesitant", 0, "FAIL", False), among("hesitant", 1, "FAIL", True), among("stopped", 1, "PASS", True)]
+    assert [r["status"] for r in seen] == ["PROVOKED", "PROVOKED", "PASS"]
+    assert str(measure(report(*seen, planned=()))) == "2/3 cells exercised (66.6 %): 1 provoked", "a cell per seat and traffic"
+
+
 def test_the_share_is_rounded_down_and_the_gate_is_exact() -> None:
-    planned = tuple(("stop4", cls, "C", "p1") for cls in range(3000))
+    planned = tuple(("stop4", cls, "C", "p1", None, None) for cls in range(3000))
     nearly = report(*(record(cls, "p1", "PASS") for cls in range(2999)), planned=planned)
     assert "(99.9 %)" in str(measure(nearly))
     assert shortfall(nearly, 100).startswith("coverage is below 100 %: 2999/3000")

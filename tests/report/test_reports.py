@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.report.document import Report
+from pytest_rvads.report.document import Report, cell_of
 from pytest_rvads.report.files import load, markdown, save
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import coverage, matrices
@@ -21,7 +21,15 @@ TOTALS = {4: (24, 81)}
 def record(
     cls: int, cfg: str, rule: str, status: str, *, known: str | None = None, scenario: str = "1111", cause: str = "both in"
 ) -> Any:
-    keys = {"junction": "stop4", "cls": cls, "scenario": scenario, "cfg": cfg, "rotation": 0, "rule": rule}
+    keys = {
+        "junction": "stop4",
+        "cls": cls,
+        "scenario": scenario,
+        "cfg": cfg,
+        "rotation": 0,
+        "rule": rule,
+        "driver": "mine.Pilot",
+    }
     made = cell_record(f"t.py::test[{cls}-{scenario}-{cfg}-{rule}]", 3, "test", keys, 4)
     outcome = "skipped" if status == "NA" or known else "passed" if status == "PASS" else "failed"
     conclude(made, [{"status": status, "cause": cause}], "call", outcome, known=known, text=f"{rule} at t=1.00 s")
@@ -40,7 +48,7 @@ RECORDS = [
     record(4, "C", "p1", "OPEN", cause="waits"),
     record(4, "C", "p2", "FAIL", cause="waits"),
 ]
-PLANNED = tuple(dict.fromkeys(("stop4", r["cls"], r["cfg"], r["rule"]) for r in RECORDS))
+PLANNED = tuple(dict.fromkeys(map(cell_of, RECORDS)))
 REPORT = Report(tuple(RECORDS), TOTALS, PLANNED, {"numpy": "2.0"}, 1, ("a note",))
 
 
@@ -88,8 +96,8 @@ def test_nothing_but_a_judged_pass_is_a_pass() -> None:
         found: str = made["status"]
         return found
 
-    assert status([], "passed") == "NOT JUDGED"
-    assert status([], "passed", monitored=False) == "PASS"
+    assert status([], "failed", judged=False, asserted=False) == "NOT JUDGED"
+    assert status([], "passed") == "PASS", "a test of a run by its own assertions"
     assert status([], "skipped") == "NOT RUN"
     assert status(["PASS"], "failed") == "FAIL", "an assertion after the verdict failed, or a known failure passed"
     assert status([], "failed", asserted=False) == "ERROR"
@@ -115,6 +123,7 @@ def test_properties_are_builtins() -> None:
         "rotation": 0,
         "rule": "p1",
         "verdict": "FAIL",
+        "driver": "mine.Pilot",
     }
 
 

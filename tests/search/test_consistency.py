@@ -137,7 +137,7 @@ def test_rules_without_a_way_through_are_found_whatever_they_speak_of():
 
 def test_a_run_may_begin_before_or_at_the_entrance():
     one = model("stop4", "2000", (0.0,))
-    there = "exists j.en. exists a. a@j.en"
+    there = "exists j.en. exists a. (a@j.en U a@j)"
     assert decide(one, [Rule("there", there)]).possible
     assert decide(one, [Rule("elsewhere", f"!({there})")]).possible
     assert not decide(one, [Rule("there", there), Rule("elsewhere", f"!({there})")]).possible
