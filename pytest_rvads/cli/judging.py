@@ -22,7 +22,12 @@ def declare(commands: Subparsers) -> None:
     rules.set_defaults(command=_rules)
     consistency.declare(rules)
 
-    check = commands.add_parser("check", help="judge runs that were recorded (.json) or kept by --rvads-keep (.npz)")
+    check = commands.add_parser(
+        "check",
+        help="judge runs that were recorded (.json) or kept by --rvads-keep (.npz)",
+        description="Exit status: 0 when no rule is violated or open, 1 when one is, 2 when a run can't be judged, 5 when no "
+        "rule applies.",
+    )
     check.add_argument("file", metavar="FILE")
     check.add_argument(
         "--rule", action="append", metavar="RULE", help="a rule, rulebook or file of rules, may be repeated (default: paper)"
@@ -83,7 +88,12 @@ def _check(options: argparse.Namespace) -> int:
     unfit = {run: v.reason for run, by_rule in verdicts.items() for v in by_rule.values() if v.status == "ERROR"}
     if unfit:
         raise RunError("; ".join(f"{run} can't be judged: {reason}" for run, reason in unfit.items()))
-    return 1 if not options.json and any(v.status in ("FAIL", "OPEN") for v in given) else 0
+    if options.json:
+        return 0
+    if all(v.status == "NA" for v in given):
+        print("rvads: nothing was judged: no rule applies to any of these runs", file=sys.stderr)
+        return 5
+    return 1 if any(v.status in ("FAIL", "OPEN") for v in given) else 0
 
 
 def _monitor(options: argparse.Namespace) -> int:

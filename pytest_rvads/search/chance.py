@@ -66,11 +66,14 @@ class Spread:
 
         Raises:
             RuleViolation: some do; the message says which.
+            ScenarioError: the rule applies for none of them, so nothing was tried.
         """
         __tracebackhide__ = True
         bad = [i for i in self.intervals if i.status in (Status.FAIL, Status.OPEN)]
         if bad:
             raise RuleViolation(f"{self.rule} depends on the draw in {self.scenario.name}: {', '.join(map(str, bad))}")
+        if self.status is Status.NA:
+            raise ScenarioError(f"{self.rule} never applies in {self.scenario.name}, whatever is drawn, so nothing was tried")
 
     def __str__(self) -> str:
         shares = ", ".join(f"{share:.1%} {status}" for status, share in self.shares.items())

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -58,7 +58,7 @@ def falsify(
     """Make a test that looks for a scenario in which a rule is broken, and fails with the simplest one it finds.
 
     The body of the test is called once nothing was found; its arguments are fixtures. What was found is kept in Hypothesis'
-    example database and tried first the next time.
+    example database and tried first the next time. A rule that never was triggered was not tried, which is an error.
 
     Args:
         junction: built-in name, or id of a junction in ``map``.
@@ -85,11 +85,15 @@ def falsify(
             __tracebackhide__ = True
             factory = autopilot if autopilot is not None else fixtures["rvads_autopilot"]
             name = f"{test.__module__}.{test.__qualname__}"
-            found = look_for(
-                junction, factory, rule, budget=budget, seed=seed, vehicle=fixtures["rvads_vehicle"], name=name, **space
-            )
+            trial = _Trial(factory, rule, budget, fixtures["rvads_vehicle"])
+            found = _search(junction, trial, seed, name, True, space)
             if found is not None:
                 raise _violation(found)
+            if not trial.triggered:
+                raise ScenarioError(
+                    f"{trial.rule.name} was not triggered in any of {trial.simulations} simulations at {junction}, so nothing "
+                    "was tried: choose another rule or junction, or look elsewhere"
+                )
             test(**{key: value for key, value in fixtures.items() if key in wanted.parameters})
 
         for attribute in ("__name__", "__qualname__", "__module__", "__doc__"):
@@ -135,13 +139,18 @@ def look_for(
     Raises:
         RunError: a run ended by a fault; the scenario is in the message.
     """
+    return _search(junction, _Trial(autopilot, rule, budget, vehicle), seed, name, guided, space)
+
+
+def _search(
+    junction: str, trial: _Trial, seed: int, name: str | None, guided: bool, space: Mapping[str, Any]
+) -> Counterexample | None:
+    """Have Hypothesis try scenarios until one breaks the rule of `trial`; see `look_for`."""
     from hypothesis import HealthCheck, Phase, Verbosity, given, settings, target
     from hypothesis import seed as seeded
 
     from pytest_rvads.search import strategies
 
-    chosen = get_rule(rule) if isinstance(rule, str) else rule
-    trial = _Trial(autopilot, chosen, budget, vehicle)
     simplest: list[Scenario] = []
 
     def attempt(scenario: Scenario) -> None:
@@ -155,9 +164,9 @@ def look_for(
             target(score(verdict))
 
     # Hypothesis tells stored examples apart by the name of the function.
-    attempt.__name__ = re.sub(r"\W", "_", f"{name}__{junction}__{chosen.name}")
+    attempt.__name__ = re.sub(r"\W", "_", f"{name}__{junction}__{trial.rule.name}")
     configured = settings(
-        max_examples=budget,
+        max_examples=trial.budget,
         deadline=None,
         phases=(Phase.reuse, Phase.generate, Phase.target, Phase.shrink),
         verbosity=Verbosity.quiet,
@@ -182,32 +191,35 @@ class _Broken(Exception):
 class _Trial:
     """Simulates every scenario once, and no more than the budget allows."""
 
-    def __init__(self, autopilot: Factory, rule: Rule, budget: int, vehicle: Vehicle | None) -> None:
+    def __init__(self, autopilot: Factory, rule: str | Rule, budget: int, vehicle: Vehicle | None) -> None:
+        self.rule = get_rule(rule) if isinstance(rule, str) else rule
+        self.budget = budget
         self.simulations = 0
+        self.triggered = False
+        """Whether the rule applied in any of them."""
         self.first: int | None = None
         """Simulations up to the first counterexample."""
         self.counts: dict[Scenario, bool] = {}
         """Whether the violation in a scenario could have been avoided."""
         self.known: dict[Scenario, Verdict] = {}
         self._autopilot = autopilot
-        self._rule = rule
-        self._budget = budget
         self._vehicle = vehicle
 
     def judge(self, scenario: Scenario) -> Verdict | None:
         """Return the verdict, or None where the budget is spent."""
         if scenario not in self.known:
-            if self.simulations - (self.first or 0) >= self._budget:
+            if self.simulations - (self.first or 0) >= self.budget:
                 return None
             self.simulations += 1
             run = simulate(scenario, self._autopilot, vehicle=self._vehicle)
-            verdict = self.known[scenario] = check(run, self._rule)
-            self.counts[scenario] = verdict.status in _BROKEN and avoidable(run, self._rule)
+            verdict = self.known[scenario] = check(run, self.rule)
+            self.triggered = self.triggered or verdict.status not in (Status.NA, Status.ERROR)
+            self.counts[scenario] = verdict.status in _BROKEN and avoidable(run, self.rule)
             if self.first is None and (self.counts[scenario] or verdict.status is Status.ERROR):
                 self.first = self.simulations
         verdict = self.known[scenario]
         if verdict.status is Status.ERROR:
-            raise RunError(f"{scenario!r} can't be judged by {self._rule.name}: {verdict.reason}")
+            raise RunError(f"{scenario!r} can't be judged by {self.rule.name}: {verdict.reason}")
         return verdict
 
 

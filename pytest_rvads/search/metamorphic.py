@@ -45,6 +45,8 @@ class Comparison:
     compared: tuple[str, ...]
     incomparable: tuple[Incomparable, ...]
     differences: tuple[Difference, ...]
+    triggered: tuple[str, ...] = ()
+    """Rules that applied in a run that was compared; only these were tried."""
 
 
 def equivalent(
@@ -71,7 +73,7 @@ def equivalent(
 
     Raises:
         MetamorphicViolation: two runs are judged differently; its note shows them side by side.
-        ScenarioError: an unknown relation, or nothing that could be compared.
+        ScenarioError: an unknown relation, nothing that could be compared, or no rule that applied.
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
@@ -84,6 +86,8 @@ def equivalent(
     if not found.compared:
         reasons = "; ".join(f"{item.what}: {item.why}" for item in found.incomparable)
         raise ScenarioError(f"nothing is equivalent to {scenario.name}, so nothing was compared: {reasons}")
+    if not found.triggered:
+        raise ScenarioError(f"no rule applied in {scenario.name}, nor in what is equivalent to it, so nothing was tried")
     return found
 
 
@@ -101,6 +105,7 @@ def compare(
     usable = [v for v in variants if isinstance(v, Variant)]
     base, before = judged(scenario, autopilot, chosen, vehicle) if usable else (None, {})
     compared, differences = [], []
+    triggered: dict[str, None] = {}
     for variant in usable:
         same = [rule for rule in chosen if variant.concerns(rule)]
         if not same or base is None:
@@ -109,13 +114,16 @@ def compare(
         compared.append(variant.what)
         for rule in same:
             one, other = before[rule.name], after[rule.name]
+            if {one.status, other.status} != {Status.NA}:
+                triggered[rule.name] = None
             if one.status is not other.status:
                 table = side_by_side(base, one, run, other, variant.image, variant.what)
                 differences.append(Difference(variant.what, one, other, table))
     mute = tuple(
         Incomparable(v.what, "the rules name left and right") for v in usable if not any(v.concerns(rule) for rule in chosen)
     )
-    return Comparison(tuple(compared), mute + tuple(v for v in variants if isinstance(v, Incomparable)), tuple(differences))
+    incomparable = mute + tuple(v for v in variants if isinstance(v, Incomparable))
+    return Comparison(tuple(compared), incomparable, tuple(differences), tuple(triggered))
 
 
 def judged(

@@ -1,0 +1,124 @@
+"""What a run's hash holds: everything that a verdict depends on, and nothing else."""
+
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pytest_rvads.autopilots import Reference
+from pytest_rvads.errors import RunError
+from pytest_rvads.logic.check import check
+from pytest_rvads.maps.finder import find
+from pytest_rvads.maps.junction import digest
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.semantics.run import Collision, Facts, Fault, Run
+from pytest_rvads.semantics.states import Colour, Zone
+
+Make = Callable[..., Run]
+
+
+@pytest.fixture
+def run(drive: Make) -> Run:
+    return drive("light4", {0: (2, -5.0, [(0, 9.0)]), 2: (3, -9.0, [(0, 8.0)])}, 200, {0: [(0, Colour.GREEN)]})
+
+
+FACTS: dict[str, Callable[[Run], Any]] = {
+    "subject": lambda run: {"facts": replace(run.facts, subject="a0")},
+    "another subject": lambda run: {"facts": replace(run.facts, subject="a2")},
+    "sizes": lambda run: {"facts": replace(run.facts, sizes=((4.6, 1.86), (12.0, 2.5)))},
+    "speed limit": lambda run: {"facts": replace(run.facts, speed_limit=8.0)},
+    "who strayed": lambda run: {"facts": replace(run.facts, strayed=("a2",))},
+    "nothing known": lambda run: {"facts": Facts()},
+    "lights": lambda run: {"lights": np.where(run.lights == Colour.GREEN, Colour.RED, run.lights).astype(np.int8)},
+    "zones": lambda run: {"zone": np.full_like(run.zone, Zone.ENTRANCE)},
+    "stations": lambda run: {"station": run.need("station") + 1e-9},
+    "speeds": lambda run: {"speed": run.need("speed") + 1e-9},
+    "poses": lambda run: {"pose": run.need("pose") + 1e-9},
+    "controls": lambda run: {"controls": np.zeros((200, 2, 3))},
+    "collisions": lambda run: {"collisions": (Collision(1.0, ("a0", "a2"), 2.0),)},
+    "nobody watched collisions": lambda run: {"collisions": None},
+    "a fault": lambda run: {"fault": Fault(1.0, "a0", "it broke")},
+    "the junction": lambda run: {"junction": replace(run.junction, setbacks=(1.0, 0.0, 0.0, 0.0))},
+    "who is who": lambda run: {"agents": run.agents[::-1]},
+    "the time step": lambda run: {"dt": 0.02},
+    "the label": lambda run: {"label": "another"},
+}
+
+
+def test_every_fact_counts(run: Run) -> None:
+    variants = [run, *(replace(run, **change(run)) for change in FACTS.values())]
+    assert len({v.hash for v in variants}) == len(variants)
+    assert len({*variants}) == len(variants), "nor are two of them equal"
+
+
+def test_where_a_run_comes_from_does_not(run: Run) -> None:
+    assert replace(run, meta={"autopilot": "somebody", "speed_limit": 3.0}) == run
+    assert replace(run, zone=run.zone.copy(), facts=replace(run.facts)) == run
+
+
+def test_no_verdict_reads_where_a_run_comes_from(run: Run) -> None:
+    told = replace(run, meta={"subject": "a2", "speed_limit": 1.0, "vehicle": "truck"})
+    for rule in ("speed_limit", "keep_lane", "no_conflict", "left_yields"):
+        one, other = check(told, rule), check(run, rule)
+        assert (one.status, one.message, one.responsible) == (other.status, other.message, other.responsible)
+
+
+def test_two_runs_that_differ_in_a_fact_are_judged_apart(run: Run) -> None:
+    slow = replace(run, facts=replace(run.facts, speed_limit=8.0))
+    assert [str(check(r, "speed_limit").status) for r in (run, slow, run)] == ["PASS", "FAIL", "PASS"]
+
+
+@pytest.mark.parametrize("name", ["zone", "lights", "station", "speed", "pose"])
+def test_states_cannot_be_written_to(run: Run, name: str) -> None:
+    array = getattr(run, name)
+    with pytest.raises(ValueError, match=r"read-only|output array"):
+        array *= 2
+
+
+@pytest.mark.parametrize("name", ["wt", "entered", "facing", "advance"])
+def test_nor_can_what_is_derived_from_them(run: Run, name: str) -> None:
+    with pytest.raises(ValueError, match=r"read-only|output array"):
+        getattr(run, name)[0] += 1
+
+
+def test_a_simulated_run_is_a_value_too() -> None:
+    run = simulate(Scenario("stop4", "2000", distance=10, duration=5, subject=0), Reference, traffic=Reference)
+    assert run.facts == Facts(subject="a0", sizes=((4.6, 1.86),), speed_limit=11.176)
+    assert run.subject == "a0"
+    speed = run.speed
+    assert speed is not None
+    with pytest.raises(ValueError, match="read-only"):
+        speed[0] = 1.0
+    assert check(run, "full_stop").status == "PASS"
+
+
+def test_whoever_made_an_array_may_go_on_writing_to_it(run: Run) -> None:
+    zone = np.zeros((200, 2), dtype=np.int8)
+    replace(run, zone=zone)
+    zone[0] = 1
+
+
+def test_a_run_survives_a_pickle(run: Run) -> None:
+    again = pickle.loads(pickle.dumps(run))
+    assert again == run
+    assert digest(again.junction) == digest(run.junction)
+    assert check(again, "speed_limit").message == check(run, "speed_limit").message
+
+
+def test_tables_of_a_junction_cannot_be_written_to() -> None:
+    with pytest.raises(TypeError, match="does not support item assignment"):
+        find("stop4").movements[0, 1] = None  # type: ignore[index]
+
+
+def test_what_is_not_known_is_asked_for_by_name(run: Run) -> None:
+    bare = replace(run, station=None, speed=None, pose=None, facts=Facts())
+    for name, what in (("station", "positions"), ("pose", "positions"), ("speed", "speeds")):
+        with pytest.raises(RunError, match=f"the run holds no {what}"):
+            bare.need(name)
+    with pytest.raises(RunError, match="no size of its vehicles"):
+        bare.size(0)
+    assert run.size(1) == (4.6, 1.86)

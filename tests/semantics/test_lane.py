@@ -1,0 +1,132 @@
+"""Keeping to the lane and to the route: offsets by hand, both hands, both sides."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pytest_rvads.autopilots import Follower, Reference
+from pytest_rvads.errors import RunError
+from pytest_rvads.logic.check import check
+from pytest_rvads.maps.finder import find
+from pytest_rvads.maps.segment import Segment
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.semantics.itinerary import Itinerary
+from pytest_rvads.semantics.lane import beside, off_lane, off_route
+from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.states import Control, Observation, Zone
+
+Make = Callable[..., Run]
+# Lanes of the built-in maps are 3.5 m wide, a body 1.86 m: 0.3 m over the border is 1.75 + 0.3 - 0.93 m beside the centre.
+ALLOWED = 1.12
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("direction", [1, 2, 3])
+def test_a_body_may_reach_over_the_border_by_the_tolerance(drive: Make, direction: int, side: int) -> None:
+    def kept(offset: float) -> bool:
+        run = drive("stop4", {0: (direction, -30.0, [(0, 8.0)], side * offset)}, 300)
+        assert (run.zone[:, 0] <= Zone.ENTRANCE).all()
+        return not off_lane(run, 0).any()
+
+    assert kept(ALLOWED - 0.02)
+    assert not kept(ALLOWED + 0.02)
+
+
+def test_in_the_junction_the_front_counts(drive: Make) -> None:
+    def states(offset: float) -> np.ndarray:
+        run = drive("stop4", {0: (2, 6.0, [(0, 8.0)], offset)}, 200)
+        assert (run.zone[:, 0] == Zone.JUNCTION).all()
+        return off_lane(run, 0)
+
+    assert not states(1.75 + 0.3 - 0.02).any()
+    assert states(1.75 + 0.3 + 0.02).all()
+
+
+def test_a_vehicle_across_its_lane_is_out_of_it_though_its_front_is_on_the_centre_line(drive: Make) -> None:
+    run = drive("stop4", {0: (2, -30.0, [(0, 0.0)])}, 5)
+    pose = run.need("pose").copy()
+    pose[:, 0, 2] += np.pi / 2
+    assert off_lane(replace(run, pose=pose), 0).all()
+    pose[:, 0, 2] += np.pi / 2 - 0.05  # nearly the wrong way round, in the middle of the lane
+    assert not off_lane(replace(run, pose=pose), 0).any(), "the direction is no matter of lanes"
+
+
+def test_who_is_gone_is_nowhere(drive: Make) -> None:
+    run = drive("stop4", {0: (2, -30.0, [(0, 0.0)], 2.0)}, 5)
+    gone = replace(run, zone=np.full_like(run.zone, Zone.GONE))
+    assert off_lane(run, 0).all()
+    assert not off_lane(gone, 0).any()
+
+
+class Beside(Follower):
+    """Drives beside the centre line."""
+
+    offset = 0.0
+
+    def target_speed(self, seen: Observation) -> float:
+        return 6.0
+
+    def steer(self, seen: Observation) -> float:
+        _, _, heading = seen.itinerary.pose(seen.me.station)
+        offset = self.offset * min(seen.time / 6.0, 1.0)  # little by little, so that it doesn't swing over
+        left = -np.sin(heading) * offset, np.cos(heading) * offset
+        steering = super().steer(seen._replace(me=seen.me._replace(x=seen.me.x - left[0], y=seen.me.y - left[1])))
+        return float(steering)
+
+
+@pytest.mark.parametrize("offset", [2.1, -2.1])
+def test_in_the_wrong_lane_all_the_way(offset: float) -> None:
+    pilot = type("Wrong", (Beside,), {"offset": offset})
+    run = simulate(Scenario("light4", "2000", distance=40, duration=25), pilot)
+    assert run.meta["end"] == "left"
+    verdict = check(run, "keep_lane")
+    assert (verdict.status, verdict.responsible) == ("FAIL", ("a0",))
+    assert check(run, "on_route").status == "PASS"
+
+
+@pytest.mark.parametrize("code", ["1111", "2222", "3333"])
+def test_a_good_driver_keeps_its_lane(code: str) -> None:
+    run = simulate(Scenario("stop4", code, distance=30, speed=8), Reference)
+    for rule in ("keep_lane", "on_route"):
+        assert check(run, rule).status == "PASS"
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_leaving_the_route_is_the_driver_s_violation(side: int) -> None:
+    class Lost(Follower):
+        def control(self, seen: Observation) -> Control:
+            return Control(0.5, 0.0, side * 0.2) if seen.time > 2.0 else super().control(seen)
+
+    scenario = Scenario("light4", "2020", distance=60, speed=8, subject=0)
+    run = simulate(scenario, Lost, traffic=Reference)
+    assert (run.fault, run.meta["end"]) == (None, "route")
+    verdict = check(run, "on_route")
+    assert (verdict.status, verdict.responsible, verdict.time) == ("FAIL", ("a0",), pytest.approx(run.duration))
+    rest = check(run, "speed_limit")
+    assert (rest.status, rest.provoked) == ("OPEN", False)
+    assert "a0 left the route, which ended the run" in rest.message
+    other = replace(run, facts=replace(run.facts, subject="a2"))
+    assert (check(other, "on_route").status, check(other, "on_route").provoked) == ("FAIL", True)
+    assert check(other, "speed_limit").status == "PASS", "what others do is not held against it"
+
+
+def test_a_front_that_swings_out_is_on_the_route_while_the_rear_axle_is() -> None:
+    path = Segment("straight", np.array([[0.0, 0.0], [100.0, 0.0]]))
+    way = Itinerary(0, 2, find("stop4").turn(0, 2), path, 50.0, 20.0, 0.0)
+    assert not beside(way, 30.0, 2.9, 0.0, -20.0, 4.6), "less than 3 m"
+    assert beside(way, 30.0, 3.1, 0.0, -20.0, 4.6)
+    assert beside(way, 30.0, -3.1, 0.0, -20.0, 4.6)
+    # 3.68 m behind the front, the axle is 1.5 m to the side when the body is turned by 0.46 rad.
+    assert not beside(way, 30.0, 3.1, 0.48, -20.0, 4.6)
+    assert beside(way, 30.0, 3.1, 0.40, -20.0, 4.6)
+
+
+def test_without_a_map_nothing_is_said(drive: Make) -> None:
+    run = drive("stop4", {0: (2, -30.0, [(0, 8.0)])}, 5)
+    bare = replace(run, junction=replace(run.junction, geometry=None))
+    for predicate in (off_lane, off_route):
+        with pytest.raises(RunError, match="no geometry"):
+            predicate(bare, 0)

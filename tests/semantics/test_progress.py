@@ -1,0 +1,272 @@
+"""Who could get on and does not, and who blocks the junction: speeds by hand, along the centre lines."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pytest_rvads.errors import RunError
+from pytest_rvads.logic.check import check
+from pytest_rvads.maps.finder import find
+from pytest_rvads.semantics import progress
+from pytest_rvads.semantics.progress import (
+    BLOCKING_TIME,
+    PACE,
+    PATIENCE,
+    blocking_time,
+    blocks,
+    comes_first,
+    idles,
+    inside,
+    lost_time,
+    may_go,
+)
+from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.states import Colour, Zone
+from pytest_rvads.semantics.stretches import stretches
+
+Make = Callable[..., Run]
+G, Y, R = Colour.GREEN, Colour.YELLOW, Colour.RED
+CROSS = {e: [(0, R if e % 2 else G)] for e in range(4)}
+ALL_RED = {e: [(0, R)] for e in range(4)}
+
+
+def stands(direction: int, station: float = -0.5, *then: tuple[int, float]) -> tuple[Any, ...]:
+    return direction, station, [(0, 0.0), *then]
+
+
+def status(run: Run, rule: str) -> tuple[str, tuple[str, ...]]:
+    verdict = check(run, rule)
+    return str(verdict.status), verdict.responsible
+
+
+# Time lost on the way
+
+
+def test_ten_seconds_at_rest_with_nothing_in_the_way(drive: Make) -> None:
+    assert PATIENCE == 10.0
+    run = drive("light4", {0: stands(2)}, 1200, CROSS)
+    assert may_go(run, 0).all()
+    assert np.flatnonzero(idles(run, 0))[0] == 1000
+    assert status(run, "progress") == ("FAIL", ("a0",))
+
+
+@pytest.mark.parametrize(("speed", "late"), [(0.11, 10.9), (0.7, 20.0), (1.3, 140.0), (PACE, None), (8.0, None)])
+def test_who_creeps_loses_time_by_its_amount(drive: Make, speed: float, late: float | None) -> None:
+    # At a share s of walking pace a second loses 1 - s: ten seconds are lost after 10 / (1 - s).
+    run = drive("light4", {0: (2, -250.0, [(0, speed)])}, 15_000, {e: [(0, G)] for e in range(4)})
+    hits = np.flatnonzero(idles(run, 0))
+    assert (len(hits) > 0) == (late is not None)
+    if late is not None:
+        assert hits[0] * run.dt == pytest.approx(late, abs=0.1)
+
+
+def test_each_part_of_the_way_has_its_own_patience(drive: Make) -> None:
+    # 6 s at the entrance, 6 s in the junction, 6 s on the exit road.
+    run = drive("light4", {0: stands(2, -0.5, (600, 5.0), (900, 0.0), (1500, 5.0), (1900, 0.0), (2500, 5.0))}, 2700, CROSS)
+    assert {int(z) for z in run.zone[[300, 1200, 2200], 0]} == {Zone.ENTRANCE, Zone.JUNCTION, Zone.EXIT}
+    assert lost_time(run)[:, 0].sum() == pytest.approx(18.0, abs=0.02)
+    assert not idles(run, 0).any()
+    # Twice 6 s before the junction are not forgotten in between.
+    twice = drive("light4", {0: (2, -60.0, [(0, 0.0), (600, 8.0), (700, 0.0), (1300, 8.0)])}, 1500, CROSS)
+    assert idles(twice, 0).any()
+
+
+def test_backing_off_is_no_way_to_get_on(drive: Make) -> None:
+    run = drive("light4", {0: (2, -5.0, [(0, -3.0)])}, 1100, CROSS)
+    assert idles(run, 0).any()
+    assert status(run, "progress") == ("FAIL", ("a0",))
+
+
+def test_speed_that_leads_nowhere_is_no_progress(drive: Make) -> None:
+    """Circles: wheels turn, the station does not."""
+    run = drive("light4", {0: (2, -30.0, [(0, 0.0)])}, 1100, CROSS)
+    assert idles(replace(run, speed=np.full_like(run.need("speed"), 5.0)), 0).any()
+
+
+def test_who_has_gone_or_arrived_is_left_alone(drive: Make) -> None:
+    arrived = drive("light4", {0: (2, 60.0, [(0, 0.0)])}, 1200, CROSS)
+    assert not may_go(arrived, 0).any()
+    run = drive("light4", {0: stands(2)}, 1200, CROSS)
+    assert not may_go(replace(run, zone=np.full_like(run.zone, Zone.GONE)), 0).any()
+
+
+# Reasons to wait
+
+
+def test_a_light_that_is_not_green_is_a_reason_at_the_line_only(drive: Make) -> None:
+    for colours, waits in ((ALL_RED, True), ({0: [(0, Y)]}, True), ({0: [(0, G)]}, False), ({}, False)):
+        for station, near in ((-0.5, True), (-4.9, True), (-5.1, False)):
+            run = drive("light4", {0: stands(2, station)}, 5, colours)
+            assert may_go(run, 0).all() == (not (waits and near)), (colours, station)
+    assert may_go(drive("light4", {0: (2, 5.0, [(0, 0.0)])}, 5, ALL_RED), 0).all(), "in the junction it clears it"
+    assert may_go(drive("stop4", {0: stands(2)}, 5), 0).all()
+
+
+@pytest.mark.parametrize(("gap", "speed", "waits"), [(5.9, 0.0, True), (6.1, 0.0, False), (5.9, PACE, False)])
+def test_a_body_near_ahead_in_the_lane_is_a_reason(drive: Make, gap: float, speed: float, waits: bool) -> None:
+    run = queue(drive, gap, speed)
+    assert may_go(run, 0)[0] == (not waits)
+    assert may_go(run, 1)[0] or speed == 0.0
+
+
+def queue(drive: Make, gap: float, speed: float = 0.0) -> Run:
+    """a0 stands 40 m before the line, another one's rear `gap` ahead of it."""
+    one = drive("light4", {0: (2, -40.0, [(0, 0.0)])}, 3, CROSS)
+    two = drive("light4", {0: (2, -40.0 + 4.6 + gap, [(0, speed)])}, 3, CROSS)
+    both = {name: np.concatenate((one.need(name), two.need(name)), axis=1) for name in ("station", "speed", "pose")}
+    facts = replace(one.facts, sizes=((4.6, 1.86),) * 2)
+    agents = (*one.agents, replace(two.agents[0], name="b0"))
+    return replace(one, agents=agents, zone=np.concatenate((one.zone, two.zone), axis=1), facts=facts, **both)
+
+
+def test_an_exit_road_without_room_is_a_reason(drive: Make) -> None:
+    # a1 turns right into the exit that a0 wants, and stands there: a0 needs 4.6 m and 2.5 m behind its rear.
+    end = find("light4").movements[1, 2].length
+    for behind, waits in ((7.0, True), (7.2, False)):
+        run = drive("light4", {0: stands(2), 1: (1, end + behind + 4.6, [(0, 0.0)])}, 1200, CROSS)
+        assert may_go(run, 0)[0] == (not waits)
+        assert idles(run, 0).any() == (not waits)
+        assert status(run, "progress") == ("FAIL", ("a1",) if waits else ("a0", "a1")), "a1 has no reason to stand"
+
+
+def test_at_a_stop_sign_who_is_inside_and_who_comes_first_are_reasons(drive: Make) -> None:
+    run = drive("stop4", {0: stands(2), 1: (2, 8.0, [(0, 0.0)])}, 1200)
+    assert not may_go(run, 0).any()
+    assert status(run, "progress") == ("FAIL", ("a1",)), "the one inside stands for nobody"
+    later = drive("stop4", {0: stands(2), 1: (2, -2.0, [(0, 1.0), (150, 0.0)])}, 1300)
+    assert may_go(later, 0)[300], "a0 was first"
+    assert not may_go(later, 1)[300]
+    assert status(later, "progress") == ("FAIL", ("a0",))
+
+
+def test_who_comes_from_the_right_at_about_the_same_time_comes_first(drive: Make) -> None:
+    # a1 arrives 0.4 s or 0.6 s after a0: within half a second it is at about the same time.
+    for delay, first in ((40, 1), (60, 0)):
+        run = drive("stop4", {0: stands(2), 1: (2, -1.0 - delay * 0.01 * 0.5, [(0, 0.5), (delay + 20, 0.0)])}, 300)
+        one, two = comes_first(run, 0, 1)[250], comes_first(run, 1, 0)[250]
+        right = (1, 0) in run.junction.right_of
+        assert right, "entrance 1 is to the right of entrance 0"
+        assert (bool(one), bool(two)) == (first == 1, first == 0)
+
+
+def test_a_due_oncoming_vehicle_is_a_reason_for_a_left_turn(drive: Make) -> None:
+    common = stretches(find("light4"))
+    assert common is not None
+    start = common[(0, 3), (2, 0)].yours.start
+    for speed, ahead, waits in ((8.0, 31.0, True), (8.0, 33.0, False), (0.0, 31.0, False)):
+        run = drive("light4", {0: (3, 4.0, [(0, 0.0)]), 2: (2, start - ahead, [(0, speed)])}, 3, CROSS)
+        assert may_go(run, 0)[0] == (not waits)
+
+
+def test_turning_on_red_is_no_duty(drive: Make) -> None:
+    run = drive("light4", {1: stands(1)}, 3000, CROSS)
+    assert not idles(run, 0).any()
+
+
+# Waiting for each other
+
+
+def test_who_waits_for_another_that_stands_there_has_a_reason_and_that_one_has_not(drive: Make) -> None:
+    common = stretches(find("stop4"))
+    assert common is not None
+    mine, yours, _ = common[(0, 3), (1, 0)]
+    run = drive("stop4", {0: (3, mine.start - 0.5, [(0, 0.0)]), 1: (3, yours.start + 1.0, [(0, 0.0)])}, 1500)
+    assert not may_go(run, 0).any()
+    assert may_go(run, 1).all()
+    assert status(run, "progress") == ("FAIL", ("a1",))
+
+
+def test_those_that_wait_for_each_other_have_none(drive: Make) -> None:
+    common = stretches(find("stop4"))
+    assert common is not None
+    both = common[(0, 2), (1, 3)]
+    run = drive("stop4", {0: (2, both.mine.start + 1.0, [(0, 0.0)]), 1: (2, both.yours.start + 1.0, [(0, 0.0)])}, 1500)
+    assert may_go(run, 0).all()
+    assert may_go(run, 1).all()
+    verdict = check(run, "progress")
+    assert (verdict.status, {i.responsible for i in verdict.instances}) == ("FAIL", {("a0",), ("a1",)})
+    assert status(run, "keep_clear")[0] == "FAIL"
+
+
+def test_who_came_in_on_red_excuses_the_one_with_green(drive: Make) -> None:
+    common = stretches(find("light4"))
+    assert common is not None
+    both = common[(0, 2), (1, 3)]
+    stop_there = [(0, 5.0), (400, 0.0)]
+    run = drive("light4", {0: (2, both.mine.start - 19.0, stop_there), 1: (2, both.yours.start - 19.0, stop_there)}, 1600, CROSS)
+    assert (run.facing[500] == [G, R]).all()
+    assert not may_go(run, 0)[500]
+    assert may_go(run, 1)[500]
+    assert status(run, "progress") == ("FAIL", ("a1",))
+
+
+# Blocking the junction
+
+
+def test_three_seconds_in_the_junction(drive: Make) -> None:
+    assert BLOCKING_TIME == 3.0
+    run = drive("light4", {0: (2, 8.0, [(0, 0.0)])}, 400, CROSS)
+    assert np.flatnonzero(blocks(run, 0))[0] == 300
+    assert status(run, "keep_clear") == ("FAIL", ("a0",))
+
+
+def test_many_short_stands_add_up(drive: Make) -> None:
+    """Twenty times 2.9 s, moving on by 0.1 m in between."""
+    speeds = [(0, 0.0)]
+    for k in range(1, 20):
+        speeds += [(k * 300 - 10, 1.0), (k * 300, 0.0)]
+    run = drive("light4", {0: (2, 8.0, speeds)}, 6000, CROSS)
+    assert np.flatnonzero(blocks(run, 0))[0] == pytest.approx(310, abs=12)
+    assert status(run, "keep_clear") == ("FAIL", ("a0",))
+
+
+@pytest.mark.parametrize("speed", [0.11, 0.5, 1.0, -0.5])
+def test_creeping_blocks_by_its_amount_and_backing_off_is_moving(drive: Make, speed: float) -> None:
+    run = drive("light4", {0: (2, 8.0, [(0, speed)])}, 1100, CROSS)
+    assert (run.zone == Zone.JUNCTION).all()
+    assert np.flatnonzero(blocks(run, 0))[0] * run.dt == pytest.approx(3.0 / (1.0 - abs(speed) / PACE), abs=0.02)
+
+
+def test_the_body_counts_to_its_rear(drive: Make) -> None:
+    end = find("light4").movements[0, 2].length
+    for station, part in ((-0.1, False), (0.1, True), (end + 4.5, True), (end + 4.7, False)):
+        run = drive("light4", {0: (2, station, [(0, 0.0)])}, 3, CROSS)
+        assert inside(run, 0).all() == part, station
+
+
+def test_giving_way_blocks_nothing(drive: Make) -> None:
+    common = stretches(find("light4"))
+    assert common is not None
+    mine, yours, _ = common[(0, 3), (2, 0)]
+    # a0 waits 6 s in the middle while a2 comes slowly, and goes on when it has passed.
+    run = drive("light4", {0: (3, mine.start - 1.0, [(0, 0.0)]), 2: (2, yours.start - 12.0, [(0, 3.0)])}, 600, CROSS)
+    assert blocking_time(run, 0).sum() == 0.0
+    assert status(run, "keep_clear")[0] == "PASS"
+
+
+def test_behind_a_queue_it_does(drive: Make) -> None:
+    """Who enters although the exit road is full stands in the junction by its own doing."""
+    ways = find("light4").movements
+    run = drive("light4", {0: (2, ways[0, 2].length - 3.0, [(0, 0.0)]), 1: (1, ways[1, 2].length + 6.0, [(0, 0.0)])}, 400, CROSS)
+    assert not may_go(run, 0).any(), "it can't get on"
+    assert blocks(run, 0).any()
+
+
+def test_unless_the_other_one_came_in_afterwards(drive: Make) -> None:
+    ways = find("light4").movements
+    first = (2, -0.5, [(0, 6.0), (round(100 * (ways[0, 2].length - 2.5) / 6.0), 0.0)])
+    out = ways[1, 2].length + 5.5
+    afterwards = (1, -0.5, [(0, 0.0), (100, 8.0), (100 + round(100 * (out + 0.5) / 8.0), 0.0)])
+    for second, blamed in ((afterwards, False), ((1, out, [(0, 0.0)]), True)):
+        run = drive("light4", {0: first, 1: second}, 1000, CROSS)
+        assert blocks(run, 0).any() == blamed
+
+
+def test_too_many_vehicles_are_refused_not_waited_for(drive: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = drive("light4", {0: stands(2), 1: stands(2)}, 100, CROSS)
+    monkeypatch.setattr(progress, "MOST", 399)
+    with pytest.raises(RunError, match="2 vehicles in 100 states are too many to tell who waits for whom: cut the run in parts"):
+        may_go(run, 0)
