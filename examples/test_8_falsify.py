@@ -13,6 +13,6 @@ def test_nobody_meets_in_the_junction():
 
 
 @pytest.mark.xfail(strict=True, raises=rvads.RuleViolation, reason="I3: ties are decided by creation order")
-@rvads.falsify("stop4", rule="p2", autopilot=partial(rvads.LgsvlLike, i1=False, i2=False), budget=20)
+@rvads.falsify("stop4", rule="p2", autopilot=partial(rvads.LgsvlLike, i1=False, i2=False), budget=60)
 def test_right_before_left():
     """The LGSVL-like autopilot: two vehicles suffice."""

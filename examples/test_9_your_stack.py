@@ -20,7 +20,7 @@ def rvads_autopilot():
         yield stack
 
 
-@rvads.scenario("stop3", subject="all", grid="E", rules=("full_stop", "no_collision", "keep_clear"))
+@rvads.scenario("stop3", subject="all", grid="E")
 def test_all_way_stop(run, rule, monitor):
     monitor.check(rule)
 
