@@ -18,13 +18,24 @@ from pytest_rvads.fixtures.drivers import chosen
 from pytest_rvads.fixtures.items import OPTIONS, RECORD, attach, letter, prepare
 from pytest_rvads.fixtures.judging import monitor, rule, settle
 from pytest_rvads.fixtures.plan import Planner, in_part
-from pytest_rvads.fixtures.running import run, rvads_cell, rvads_runs
+from pytest_rvads.fixtures.running import run, rvads_cell, rvads_run, rvads_runs
 from pytest_rvads.fixtures.session import Session
 from pytest_rvads.fixtures.suite import offer
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_sut, rvads_vehicle
 from pytest_rvads.options import Options, declare
 
-__all__ = ["monitor", "rule", "run", "rvads_autopilot", "rvads_cell", "rvads_map", "rvads_runs", "rvads_sut", "rvads_vehicle"]
+__all__ = [
+    "monitor",
+    "rule",
+    "run",
+    "rvads_autopilot",
+    "rvads_cell",
+    "rvads_map",
+    "rvads_run",
+    "rvads_runs",
+    "rvads_sut",
+    "rvads_vehicle",
+]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

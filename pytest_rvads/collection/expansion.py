@@ -47,8 +47,10 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
     name = metafunc.definition.nodeid
     if not marks:
         raise pytest.Collector.CollectError(f"{name} asks for a run, but no @rvads.scenario(...) says which: add the mark")
-    if not {"run", "monitor"} & set(metafunc.fixturenames):
-        raise pytest.Collector.CollectError(f"{name} has @rvads.scenario(...) but takes neither run nor monitor: add an argument")
+    if "rvads_run" not in metafunc.fixturenames:
+        own = "run" in metafunc.fixturenames
+        why = "its `run` is a fixture of yours: call that otherwise" if own else "takes neither run nor monitor: add an argument"
+        raise pytest.Collector.CollectError(f"{name} has @rvads.scenario(...) but {why}")
     declared = list(metafunc.definition.iter_markers_with_node("rvads_known"))
     try:
         cells = _distinct(cell for mark in marks for cell in _cells(mark, metafunc, options))

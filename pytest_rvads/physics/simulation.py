@@ -30,7 +30,8 @@ def simulate(scenario: Scenario, autopilot: Factory, *, vehicle: Vehicle | None 
     route, because what follows is no driving. It ends with `Run.fault` set when an autopilot raises or answers with something
     that is not a command, or when the plant fails. The states up to the end are kept.
 
-    What ``timing()`` of an autopilot returns is kept under ``timing`` in `Run.meta`, which is not part of the run's hash.
+    What ``timing()`` of an autopilot returns, a mapping with ``stack``, ``decisions``, ``compute`` and ``longest`` [s], is kept
+    under ``timing`` in `Run.meta`, which is not part of the run's hash.
 
     Args:
         scenario: where the vehicles start and go.
@@ -60,7 +61,7 @@ def simulate(scenario: Scenario, autopilot: Factory, *, vehicle: Vehicle | None 
         "end": loop.end,
         "versions": versions(),
     }
-    timed = {s.agent.name: s.autopilot.timing() for s in loop.seats if callable(getattr(s.autopilot, "timing", None))}
+    timed = {seat.agent.name: told for seat in loop.seats if (told := seat.timing()) is not None}
     if timed:
         meta["timing"] = timed
     return loop.recorder.run(scenario.name, loop.junction, tuple(loop.collisions), loop.fault, loop.facts(), meta)
@@ -79,6 +80,7 @@ class _Loop:
         self.strayed: tuple[str, ...] = ()
         self.seats: tuple[Seat, ...] = ()
         self._vehicle = vehicle
+        self._size = vehicle.length, vehicle.width
         self._signals = scenario.signals()
         self._agents = scenario.agents()
         self._bodies: list[Body] = []
@@ -125,8 +127,7 @@ class _Loop:
     def facts(self) -> Facts:
         """Return what verdicts can depend on beside the states."""
         subject = next((agent.name for agent in self._agents if agent.entrance == self.scenario.subject), None)
-        sizes = tuple((self._vehicle.length, self._vehicle.width) for _ in self._agents)
-        return Facts(subject, sizes, SPEED_LIMIT, self.strayed)
+        return Facts(subject, (self._size,) * len(self._agents), SPEED_LIMIT, self.strayed)
 
     def _over(self) -> bool:
         """Tell whether the run is over before its time, and note why."""

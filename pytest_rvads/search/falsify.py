@@ -22,6 +22,7 @@ from pytest_rvads.scenarios.classes import label
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model
 from pytest_rvads.search.consistency import decide
+from pytest_rvads.semantics.blame import cut_short_by
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Zone
 from pytest_rvads.semantics.vehicle import Vehicle
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Counterexample", "avoidable", "falsify", "look_for", "pasteable", "score"]
 
-_BROKEN = (Status.FAIL, Status.OPEN)
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +214,7 @@ class _Trial:
             run = simulate(scenario, self._autopilot, vehicle=self._vehicle)
             verdict = self.known[scenario] = check(run, self.rule)
             self.triggered = self.triggered or verdict.status not in (Status.NA, Status.ERROR)
-            self.counts[scenario] = verdict.status in _BROKEN and avoidable(run, self.rule)
+            self.counts[scenario] = broken(run, verdict) and avoidable(run, self.rule)
             if self.first is None and (self.counts[scenario] or verdict.status is Status.ERROR):
                 self.first = self.simulations
         verdict = self.known[scenario]
@@ -232,6 +232,11 @@ def score(verdict: Verdict) -> float:
     if verdict.status is Status.NA:
         return -100.0 - 10.0 * (len(verdict.near.missing) if verdict.near else 10)
     return max(margins, default=-50.0)
+
+
+def broken(run: Run, verdict: Verdict) -> bool:
+    """Return whether a run breaks a rule; what a collision cut short in the middle is open, not broken."""
+    return verdict.status is Status.FAIL or (verdict.status is Status.OPEN and not cut_short_by(run))
 
 
 def avoidable(run: Run, rule: Rule) -> bool:

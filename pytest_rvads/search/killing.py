@@ -10,11 +10,11 @@ from pytest_rvads.autopilots.reference import Reference
 from pytest_rvads.experiment.pool import Progress, spread
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules import rules_for
-from pytest_rvads.logic.verdicts import Status
 from pytest_rvads.physics.seat import Factory
 from pytest_rvads.physics.simulation import simulate
 from pytest_rvads.scenarios.grid import configuration
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.search.falsify import broken
 from pytest_rvads.search.metamorphic import compare
 from pytest_rvads.search.relations import RELATIONS
 
@@ -79,4 +79,4 @@ def _by_reference(scenario: Scenario) -> list[str]:
 def _broken(scenario: Scenario, factory: Factory) -> list[str]:
     run = simulate(scenario, factory)
     rules = rules_for(("paper", "road"), run.junction.control)
-    return [rule.name for rule in rules if check(run, rule).status in (Status.FAIL, Status.OPEN)]
+    return [rule.name for rule in rules if broken(run, check(run, rule))]

@@ -17,11 +17,10 @@ from pytest_rvads.autopilots.lgsvl import LgsvlLike
 from pytest_rvads.experiment.pool import Progress, spread
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules import rules_for
-from pytest_rvads.logic.verdicts import Status
 from pytest_rvads.physics.seat import Factory
 from pytest_rvads.physics.simulation import simulate
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.search.falsify import avoidable
+from pytest_rvads.search.falsify import avoidable, broken
 from pytest_rvads.search.methods import METHODS
 from pytest_rvads.search.relations import with_fields
 
@@ -69,7 +68,7 @@ def broken_rules(scenario: Scenario, factory: Factory) -> frozenset[str]:
     return frozenset(
         rule.name
         for rule in rules_for("paper", run.junction.control)
-        if check(run, rule).status in (Status.FAIL, Status.OPEN) and avoidable(run, rule)
+        if broken(run, check(run, rule)) and avoidable(run, rule)
     )
 
 

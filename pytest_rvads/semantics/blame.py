@@ -2,7 +2,8 @@
 
 Whoever lacked the right of way is to blame: who entered on red or past a stop sign (Vienna Convention on Road Traffic 1968,
 Art. 5), out of turn, or took a way that it owed to the other one (Art. 16(2), 18). Where that tells nothing apart it is
-whoever drove into somebody who stood or was ahead (Art. 13), unless that one cut in; else whoever entered the junction last
+whoever was in the wrong lane (Art. 10(3)), drove into somebody who stood or was ahead (Art. 13), unless that one cut in, or
+drove backwards (California Vehicle Code 22106); else whoever entered the junction last
 (California Vehicle Code 21800(a)). This is also the order of everyday insurance practice.
 """
 
@@ -18,8 +19,9 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.maps.junction import JunctionControl
 from pytest_rvads.semantics.bodies import tick_of
 from pytest_rvads.semantics.conduct import STANDSTILL, stopped
+from pytest_rvads.semantics.lane import off_lane
 from pytest_rvads.semantics.priority import DUE, MIN_GAP, owes
-from pytest_rvads.semantics.progress import comes_first
+from pytest_rvads.semantics.progress import comes_first, idles, may_go
 from pytest_rvads.semantics.run import Collision, Run
 from pytest_rvads.semantics.states import Colour, Zone
 from pytest_rvads.semantics.stretches import Shared, shared
@@ -30,6 +32,8 @@ STOOD = 0.5
 """A vehicle that has stood still for this long before the impact was stood into [s]."""
 REACTION = 1.0
 """Time in which a driver notices somebody and stops or does not set off [s]; the usual figure of accident analysis."""
+IMPACT = 0.1
+"""Motions are those of so long before the impact, which changes them [s]."""
 ALONG = math.pi / 4
 """Two vehicles whose headings differ by less than this drive one behind the other [rad]."""
 
@@ -88,9 +92,17 @@ def cut_short_by(run: Run) -> tuple[str, ...]:
 
 
 def stuck(run: Run, agent: int) -> bool:
-    """Return whether the vehicle in column `agent` stands at its entrance or in the junction when the run ends."""
+    """Return whether the vehicle in column `agent` stands in everybody's way when the run ends.
+
+    It does in the junction, and at its entrance if it could go, or could have gone for long.
+    """
     where = run.zone[-1, agent]
-    return bool(where in (Zone.ENTRANCE, Zone.JUNCTION)) and _stood(run, agent, run.steps - 1, STOOD)
+    if where not in (Zone.ENTRANCE, Zone.JUNCTION) or not _stood(run, agent, run.steps - 1, STOOD):
+        return False
+    try:
+        return bool(where == Zone.JUNCTION or may_go(run, agent)[-1] or idles(run, agent)[-1])
+    except RunError:
+        return True
 
 
 _Asks = Callable[[Run, int, int, int], bool]
@@ -103,6 +115,23 @@ def _into_standing(run: Run, agent: int, other: int, tick: int) -> bool:
 def _stood(run: Run, agent: int, tick: int, seconds: float) -> bool:
     since = tick - round(seconds / run.dt)
     return run.speed is not None and since >= 0 and bool((np.abs(run.speed[since : tick + 1, agent]) <= STANDSTILL).all())
+
+
+def _in_the_wrong_lane(run: Run, agent: int, other: int, tick: int) -> bool:
+    """Whether `agent` was outside its lane, and their ways don't meet, so that it would not have met `other` in it."""
+    try:
+        ways = run.agents[agent], run.agents[other]
+        if shared(run, agent, other) is not None or ways[0].entrance == ways[1].entrance or ways[0].exit == ways[1].exit:
+            return False
+        return bool(off_lane(run, agent)[tick])
+    except RunError:
+        return False
+
+
+def _backs(run: Run, agent: int, _other: int, tick: int) -> bool:
+    """Whether `agent` drove backwards when they met."""
+    before = max(tick - round(IMPACT / run.dt), 0)
+    return run.speed is not None and bool(run.speed[before, agent] < -STANDSTILL)
 
 
 def _from_behind(run: Run, agent: int, other: int, tick: int) -> bool:
@@ -210,7 +239,9 @@ _RIGHTS: tuple[tuple[_Asks, str], ...] = (
 )
 """Who lacked the right of way, the first question that exactly one of both answers with yes."""
 _HANDLING: tuple[tuple[_Asks, str], ...] = (
+    (_in_the_wrong_lane, "was outside its lane"),
     (_into_standing, "drove into {}, which stood"),
+    (_backs, "drove backwards"),
     (_from_behind, "ran into {} from behind"),
     (_cuts_in, "cut in ahead of {}"),
     (_last, "entered the junction after {}"),

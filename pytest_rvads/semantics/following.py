@@ -92,8 +92,9 @@ def _priority(first: Run, agent: int, other: int) -> Callable[[Run], tuple[bool,
     encounter = Encounter(first, agent, other, common)
 
     def follow(run: Run) -> tuple[bool, bool]:
-        bound = yields(run, agent, other) & due(run, other, common.yours)
-        (row,) = encounter.rows(run, bound, collide(run, agent, other))
+        better = yields(run, agent, other)
+        bound = better & due(run, other, common.yours)
+        (row,) = encounter.rows(run, better, bound, collide(run, agent, other))
         taking, hit = (False, False) if encounter.over else encounter.step(*row)
         return bool(owed_before(run, agent, bound, common)[0]) or taking, hit
 

@@ -69,11 +69,12 @@ def _encounter(run: Run, agent: int, other: int) -> tuple[NDArray[np.bool_], NDA
     common = shared(run, agent, other) if may_owe(run, agent, other) else None
     if common is None:
         return owed, broken
-    bound = yields(run, agent, other) & due(run, other, common.yours)
+    better = yields(run, agent, other)
+    bound = better & due(run, other, common.yours)
     owed |= owed_before(run, agent, bound, common)
     if run.entered[agent] < run.steps:
         follower = Encounter(run, agent, other, common)
-        rows = follower.rows(run, bound, collide(run, agent, other))
+        rows = follower.rows(run, better, bound, collide(run, agent, other))
         for tick in range(max(int(run.entered[agent]) - 1 - round(_WINDOW / run.dt), 0), run.steps):
             taking, broken[tick] = follower.step(*rows[tick])
             owed[tick] |= taking
@@ -140,12 +141,15 @@ class Encounter:
         self.over = False
         """Whether nothing can happen any more."""
 
-    def rows(self, run: Run, bound: NDArray[np.bool_], touching: NDArray[np.bool_]) -> list[tuple[Any, ...]]:
+    def rows(
+        self, run: Run, better: NDArray[np.bool_], bound: NDArray[np.bool_], touching: NDArray[np.bool_]
+    ) -> list[tuple[Any, ...]]:
         """Return what `step` takes, for every state of a run with the same agents.
 
         Args:
             run: the states.
-            bound: whether the agent has to give way to the other one, which is due, shape ``(steps,)``.
+            better: whether the other one has the better right, shape ``(steps,)``.
+            bound: whether the agent has to give way to the other one, which is due, likewise.
             touching: whether they touch, likewise.
         """
         agent, other = self._agent, self._other
@@ -154,16 +158,27 @@ class Encounter:
         if self._common.merges:
             (_, rear), (ahead, _) = (before_exit(run, k) for k in (agent, other))
         green = run.facing[:, other] == Colour.GREEN
-        columns = (run.zone[:, agent] >= Zone.JUNCTION, bound, touching, there, rear, ahead, run.need("speed")[:, other], green)
+        inside, speed = run.zone[:, agent] >= Zone.JUNCTION, run.need("speed")[:, other]
+        columns = (inside, better, bound, touching, there, rear, ahead, speed, green)
         return list(zip(*(column.tolist() for column in columns), strict=True))
 
     def step(
-        self, inside: bool, bound: bool, touching: bool, there: bool, rear: float, ahead: float, speed: float, green: bool
+        self,
+        inside: bool,
+        better: bool,
+        bound: bool,
+        touching: bool,
+        there: bool,
+        rear: float,
+        ahead: float,
+        speed: float,
+        green: bool,
     ) -> tuple[bool, bool]:
         """Read a state and return whether the agent is taking a way that it owed, and whether it obstructs the other one.
 
         Args:
             inside: whether the agent has entered the junction.
+            better: whether the other one has the better right; once its light is red, it has it no more.
             bound: whether it has to give way to the other one, which is due.
             touching: whether they touch.
             there: whether its front has reached the shared stretch.
@@ -180,7 +195,7 @@ class Encounter:
         if self._entered is None:
             self._entered, self._start = tick, (ahead, speed)
         if self._taken is None and not self._first:
-            self._owed |= bound and not there
+            self._owed = better and (self._owed or (bound and not there))
             if there and ahead < self._arrives:
                 self._taken = tick
             self._first = ahead >= self._arrives

@@ -179,7 +179,7 @@ class Run:
     def hash(self) -> str:
         """SHA-256 over states, collisions, fault, facts and junction: equal hashes mean bit-identical runs, judged alike."""
         found = hashlib.sha256()
-        agents = [[a.name, a.entrance, a.exit] for a in self.agents]
+        agents = [[a.name, a.entrance, a.exit, a.turn.value] for a in self.agents]
         head = [self.label, self.dt, agents, astuple(self.facts), digest(self.junction)]
         tail = None if self.collisions is None else [[c.time, *c.agents, c.speed] for c in self.collisions]
         fault = self.fault and [self.fault.time, self.fault.agent, self.fault.reason]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
+from pytest_rvads.semantics.bodies import contacts
 from pytest_rvads.semantics.itinerary import ENTRANCE_ZONE, Itinerary
 from pytest_rvads.semantics.run import Run
 from pytest_rvads.semantics.states import Agent, Colour, Zone
@@ -31,7 +32,7 @@ class Finding:
     """Something about a run that can't be."""
 
     kind: str
-    """jump, progress, missing ticks, sampling, zone, itinerary, colour, values."""
+    """jump, progress, missing ticks, sampling, zone, itinerary, colour, collision, values."""
     time: float
     """Of the first occurrence [s]."""
     message: str
@@ -55,6 +56,7 @@ def validate(run: Run) -> tuple[Finding, ...]:
         found += _progress(run, column, agent)
         found += _itinerary(run, column, agent)
     found += _colours(run)
+    found += _bodies(run)
     return tuple(sorted(found, key=lambda f: f.time))
 
 
@@ -91,10 +93,19 @@ def _values(run: Run) -> Iterator[Finding]:
     sizes = run.facts.sizes
     if sizes is not None and not (len(sizes) == len(run.agents) and all(0 < v < np.inf for size in sizes for v in size)):
         yield Finding("values", 0.0, f"sizes must be {len(run.agents)} positive lengths and widths, got {sizes}")
+    names = [agent.name for agent in run.agents]
+    if len(set(names)) < len(names):
+        yield Finding("values", 0.0, f"every vehicle must have a name of its own, got {', '.join(names)}")
+    for named in (run.facts.subject, *run.facts.strayed):
+        if named not in (None, *names):
+            yield Finding("values", 0.0, f"the facts name {named!r}, which is none of the vehicles {', '.join(names)}")
     for agent in run.agents:
-        if (agent.entrance, agent.exit) not in run.junction.movements:
-            where = f"goes from entrance {agent.entrance} to exit {agent.exit}"
-            yield Finding("values", 0.0, f"{agent.name} {where}, where junction {run.junction.name!r} has no movement")
+        way = run.junction.movements.get((agent.entrance, agent.exit))
+        where = f"{agent.name} goes from entrance {agent.entrance} to exit {agent.exit}"
+        if way is None:
+            yield Finding("values", 0.0, f"{where}, where junction {run.junction.name!r} has no movement")
+        elif way.turn is not agent.turn:
+            yield Finding("values", 0.0, f"{where}, which is {way.turn.value} and not {agent.turn.value}")
 
 
 def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
@@ -193,6 +204,17 @@ def _colours(run: Run) -> Iterator[Finding]:
                     f"light {entrance} turns from {before.name.lower()} to {after.name.lower()} at {time:.2f} s, out of order",
                 )
                 break
+
+
+def _bodies(run: Run) -> Iterator[Finding]:
+    """Whoever touches has collided."""
+    if run.pose is None or run.facts.sizes is None or run.collisions is None:
+        return
+    recorded = {frozenset(c.agents) for c in run.collisions}
+    for contact in contacts(replace(run, collisions=None)):
+        if frozenset(contact.agents) not in recorded:
+            pair = " and ".join(contact.agents)
+            yield Finding("collision", contact.time, f"{pair} touch at {contact.time:.2f} s, and no collision is recorded")
 
 
 def agree(one: Run, two: Run) -> tuple[Finding, ...]:

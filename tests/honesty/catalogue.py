@@ -1,0 +1,816 @@
+"""The catalogue: what was tried in order to get a green that is not deserved, what an innocent driver does, and what is told.
+
+Plain data, for the tests beside it and for a page of the documentation. Every entry is shown by one test, see
+``test_catalogue.py``. Rules go by their names: `progress` is a rule, PASS FAIL OPEN UNAVOIDABLE PROVOKED NA ERROR NOT JUDGED
+NOT RUN are outcomes. What is not mentioned is PASS or NA.
+"""
+
+from dataclasses import dataclass
+
+__all__ = ["CHEATS", "INNOCENTS", "Entry"]
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One way to cheat, or to be innocent."""
+
+    name: str
+    """Short, and the same in the test that shows it."""
+    group: str
+    tries: str
+    """What it does."""
+    told: str
+    """What the tool says of it."""
+
+
+DRIVING = "driving"
+CONFLICTS = "conflicts and crashes"
+STACKS = "controllers that attack the tool"
+TESTS = "tests"
+SESSIONS = "sessions"
+RECORDINGS = "recordings"
+SEARCHES = "rules and searches"
+
+CHEATS = (
+    # Getting nowhere, and being in the way.
+    Entry(
+        "idle", DRIVING, "stands on the brake from the start", "`progress` FAIL after 10 s; all else NA, only traffic was asked"
+    ),
+    Entry(
+        "creep_on_approach", DRIVING, "creeps towards the line at 0.11 m/s", "`progress` FAIL: below walking pace time is lost"
+    ),
+    Entry(
+        "stop_short_of_the_line",
+        DRIVING,
+        "stops 3 m before the line for ever",
+        "`progress` FAIL; `full_stop` NA, it never got there",
+    ),
+    Entry(
+        "stop_and_go",
+        DRIVING,
+        "rolls for a second after every 4 s, so that it never stands for 10 s",
+        "`progress` FAIL: lost time adds up",
+    ),
+    Entry("idle_at_green", DRIVING, "waits at the line while the light is green", "`progress` FAIL"),
+    Entry(
+        "creep_inside",
+        DRIVING,
+        "stops at the sign, then creeps through the junction at 0.3 m/s",
+        "`keep_clear` FAIL, `progress` FAIL",
+    ),
+    Entry(
+        "twenty_short_stops_inside",
+        DRIVING,
+        "stops in the junction twenty times, for 2.9 s each",
+        "`keep_clear` FAIL, `progress` FAIL: lost time adds up",
+    ),
+    Entry(
+        "stop_inside", DRIVING, "stops in the middle of the junction", "`keep_clear` FAIL after 3 s, `progress` FAIL after 10 s"
+    ),
+    Entry(
+        "stop_right_behind_the_junction",
+        DRIVING,
+        "stops on the exit road as soon as its rear has left the junction",
+        "`progress` FAIL; `keep_clear` PASS",
+    ),
+    # Leaving the lane, the route, the limit.
+    Entry(
+        "circling",
+        DRIVING,
+        "drives in circles in the junction",
+        "`on_route` FAIL, `keep_lane` FAIL; what it kept so far is OPEN, as it ended the run",
+    ),
+    Entry(
+        "leave_the_route_inside",
+        DRIVING,
+        "turns off to the left where its route goes straight on",
+        "`on_route` FAIL, `keep_lane` FAIL; what it kept so far is OPEN",
+    ),
+    Entry(
+        "leave_the_route_before_the_line",
+        DRIVING,
+        "drives off the road to the right before it gets to the sign",
+        "`on_route` FAIL, `keep_lane` FAIL; `progress` OPEN; `full_stop` NA",
+    ),
+    Entry(
+        "red_then_off_the_route",
+        DRIVING,
+        "runs a red light straight on and turns off behind it, as if to turn right on red",
+        "`red` FAIL all the same; `on_route` FAIL, `keep_lane` FAIL",
+    ),
+    Entry(
+        "oncoming_lane",
+        DRIVING,
+        "drives over into the oncoming lane, not quite as far as `on_route` lets it",
+        "`keep_lane` FAIL",
+    ),
+    Entry(
+        "on_the_border_of_the_lane", DRIVING, "drives 1.5 m beside the middle of its lane, over the border", "`keep_lane` FAIL"
+    ),
+    Entry("a_little_too_fast", DRIVING, "drives 0.8 m/s over the limit, where 0.5 m/s are tolerated", "`speed_limit` FAIL"),
+    # What looks like obeying signs and lights.
+    Entry("roll_over_the_line", DRIVING, "slows down to 0.5 m/s and rolls over the line of the stop sign", "`full_stop` FAIL"),
+    Entry("creep_over_the_line", DRIVING, "creeps over the line of the stop sign at 0.15 m/s", "`full_stop` FAIL"),
+    Entry(
+        "stop_five_metres_before_the_line",
+        DRIVING,
+        "stops 5 m before the line and then drives through",
+        "`full_stop` FAIL: that was no stop at the line",
+    ),
+    Entry(
+        "stop_beyond_the_line",
+        DRIVING,
+        "stops between the line and the junction, where the line lies 3 m before it",
+        "`full_stop` FAIL",
+    ),
+    Entry("red_after_a_stop", DRIVING, "stops at the red light, waits, and goes straight on at red", "`red` FAIL"),
+    Entry("speed_up_on_yellow", DRIVING, "speeds up on yellow, which it could have stopped for, and enters on red", "`red` FAIL"),
+    Entry(
+        "stand_beyond_the_line_at_red",
+        DRIVING,
+        "stops for the red light, 1 m inside the junction",
+        "`red` FAIL, `keep_clear` FAIL",
+    ),
+    Entry("right_on_red_without_a_stop", DRIVING, "turns right on red without stopping first", "`right_on_red` FAIL"),
+    # Taking the way of others.
+    Entry(
+        "left_turn_that_makes_others_brake",
+        CONFLICTS,
+        "turns left so near before oncoming traffic that this has to brake hard",
+        "`left_yields` FAIL",
+    ),
+    Entry(
+        "left_turn_with_half_a_second_to_spare",
+        CONFLICTS,
+        "turns left and is gone half a second before the oncoming vehicle is there",
+        "`left_yields` FAIL: less than a second is a near miss",
+    ),
+    Entry(
+        "left_turn_into_a_crash",
+        CONFLICTS,
+        "turns left into an oncoming vehicle that has green as well",
+        "`left_yields`, `no_conflict`, `no_collision` FAIL, and it is to blame",
+    ),
+    Entry(
+        "keep_left_and_turn_right_into_a_crash",
+        CONFLICTS,
+        "does the same in a mirror: keeps left and turns right",
+        "`left_yields`, `no_conflict`, `no_collision` FAIL, and it is to blame",
+    ),
+    Entry(
+        "right_on_red_without_looking",
+        CONFLICTS,
+        "stops at the red light, turns right, and is hit by who has green",
+        "`right_on_red`, `no_conflict`, `no_collision` FAIL, and it is to blame",
+    ),
+    Entry(
+        "go_when_the_other_is_slow",
+        CONFLICTS,
+        "goes first at an all-way stop as the one that came before it hesitates",
+        "`first_come` FAIL",
+    ),
+    Entry(
+        "left_before_right",
+        CONFLICTS,
+        "goes first at an all-way stop though the one on its right came at the same time",
+        "`right_first` FAIL",
+    ),
+    Entry(
+        "cross_without_looking",
+        CONFLICTS,
+        "stops at the sign and drives into who is crossing already",
+        "`no_conflict`, `no_collision` FAIL, and it is to blame",
+    ),
+    Entry(
+        "left_turn_without_looking_ahead",
+        CONFLICTS,
+        "stops at the sign and turns left into who comes from straight ahead",
+        "`no_conflict`, `no_collision` FAIL, and it is to blame",
+    ),
+    Entry(
+        "enter_together_and_be_half_to_blame",
+        CONFLICTS,
+        "turns left in the very step in which the oncoming vehicle sets off too, and they crash",
+        "`no_conflict`, `no_collision` FAIL: half of the blame is enough",
+    ),
+    Entry(
+        "roll_in_behind_another",
+        CONFLICTS,
+        "runs the sign right behind another vehicle, when nobody is in the way any more",
+        "`full_stop` FAIL",
+    ),
+    # Leaving it to others to be blamed.
+    Entry(
+        "run_the_sign_and_be_hit_by_who_enters_last",
+        CONFLICTS,
+        "runs the sign slowly, so that who has the right of way enters after it and hits it",
+        "`full_stop`, `first_come`, `no_conflict`, `no_collision` FAIL: right of way counts, not who came last",
+    ),
+    Entry(
+        "run_a_red_light_and_be_hit_by_who_enters_last",
+        CONFLICTS,
+        "runs a red light, and who has green enters after it and hits it",
+        "`red`, `no_conflict`, `no_collision` FAIL, and it is to blame",
+    ),
+    Entry(
+        "crash_late",
+        CONFLICTS,
+        "waits at red for 20 s and then drives into who has been standing in the junction all the time",
+        "`no_conflict`, `no_collision` FAIL; that the other one stood there is PROVOKED",
+    ),
+    Entry("run_into_who_waits_on_the_exit_road", CONFLICTS, "drives into who waits on its exit road", "`no_collision` FAIL"),
+    Entry(
+        "head_on_in_the_oncoming_lane",
+        CONFLICTS,
+        "drives in the oncoming lane into who enters after it",
+        "`keep_lane` FAIL, `no_collision` FAIL, and it is to blame",
+    ),
+    Entry(
+        "enter_without_room_to_leave",
+        CONFLICTS,
+        "enters though a vehicle on the exit road leaves it no room, and stands in the junction",
+        "`keep_clear` FAIL; that the other one stands there is PROVOKED",
+    ),
+    # Waiting without a reason.
+    Entry(
+        "keep_others_waiting",
+        CONFLICTS,
+        "comes first to an all-way stop and stays, so that another has to wait",
+        "`progress` FAIL, `first_come` OPEN",
+    ),
+    Entry(
+        "end_the_run_at_red",
+        CONFLICTS,
+        "waits at red, as does another vehicle, until the run is over, before the light is green",
+        "`red` OPEN, which fails: the run was too short",
+    ),
+    Entry(
+        "block_each_other_inside",
+        CONFLICTS,
+        "two copies stop in the junction, each for the other one",
+        "`keep_clear`, `progress` FAIL by both",
+    ),
+    Entry(
+        "wave_each_other_through_for_ever",
+        CONFLICTS,
+        "two copies that face each other at an all-way stop each let the other one go first",
+        "`progress` FAIL by both",
+    ),
+    Entry(
+        "wait_for_who_waits_for_you",
+        CONFLICTS,
+        "waits at green for a left-turner, which waits for it in the middle",
+        "`progress` FAIL by the one that had the right to go",
+    ),
+    Entry(
+        "deadlock_of_four",
+        CONFLICTS,
+        "four copies at an all-way stop each wait for the one on the right",
+        "`progress` FAIL by all four, `right_first` OPEN",
+    ),
+    Entry(
+        "four_racers",
+        CONFLICTS,
+        "four copies race into an all-way stop in the same step",
+        "`full_stop`, `right_first` FAIL by all four; one had to go first, not four, so nothing is UNAVOIDABLE",
+    ),
+    Entry(
+        "four_racers_one_step_apart",
+        CONFLICTS,
+        "four copies race into an all-way stop, each a hundredth of a second after the one before",
+        "`full_stop`, `right_first` FAIL: only the first one had to break the circle",
+    ),
+    # Controllers that attack the tool.
+    Entry(
+        "raise_after_the_violation",
+        STACKS,
+        "runs the sign and then raises, to turn FAIL into ERROR",
+        "`full_stop` FAIL; all else ERROR",
+    ),
+    Entry("nan_after_the_violation", STACKS, "runs the sign and then answers NaN", "`full_stop` FAIL; all else ERROR"),
+    Entry("skip_inside", STACKS, "calls `pytest.skip` when asked for a command", "ERROR, not a skip"),
+    Entry("xfail_inside", STACKS, "calls `pytest.xfail` when asked for a command", "ERROR, not an expected failure"),
+    Entry("exit_inside", STACKS, "raises SystemExit when asked for a command", "ERROR; the other tests run"),
+    Entry(
+        "clear_the_junction", STACKS, "deletes the movements of the junction it is shown", "it can't; `full_stop` FAIL as before"
+    ),
+    Entry(
+        "bend_the_itinerary",
+        STACKS,
+        "moves the points of the itinerary it is shown",
+        "it changes no verdict; `full_stop` FAIL as before",
+    ),
+    Entry(
+        "shrink_the_vehicle",
+        STACKS,
+        "makes the vehicle it is shown so thin that it is always within its lane",
+        "it changes no verdict; `keep_lane` FAIL as before",
+    ),
+    Entry(
+        "behave_in_seat_0_only",
+        STACKS,
+        "keeps the rules only where it is called a0, as in most examples",
+        "`full_stop` PASS in seat 0, FAIL in seat 1",
+    ),
+    Entry(
+        "drive_otherwise_every_time",
+        STACKS,
+        "drives otherwise when its run is repeated",
+        "the test fails, and its record says that it is FLAKY",
+    ),
+    Entry(
+        "break_the_diagnosis",
+        STACKS,
+        "raises when its failed run is simulated once more",
+        "the test fails as before; no other verdict is lost",
+    ),
+    Entry(
+        "exit_in_the_diagnosis",
+        STACKS,
+        "raises SystemExit when its failed run is simulated once more",
+        "the test fails as before; no other verdict is lost",
+    ),
+    Entry(
+        "hand_in_nonsense_for_the_report",
+        STACKS,
+        "gives nonsense as its computing times, for the report to stumble over",
+        "FAIL, and the report is written",
+    ),
+    Entry("end_the_process", STACKS, "ends its process with exit status 0", "ERROR; under pytest-xdist the session goes on"),
+    # Tests that pass over a violation, or judge something else.
+    Entry("judge_elsewhere", TESTS, "takes a rule and never gives it to the monitor", "NOT JUDGED, which fails"),
+    Entry("never_ask_the_monitor", TESTS, "takes the monitor and never asks it", "NOT JUDGED, which fails"),
+    Entry("swallow_by_try", TESTS, "catches the violation and goes on", "FAIL at the end of the test"),
+    Entry("swallow_by_raises", TESTS, "expects the violation with `pytest.raises`", "FAIL at the end of the test"),
+    Entry("swallow_then_skip", TESTS, "catches the violation and skips", "FAIL, not a skip"),
+    Entry("swallow_then_xfail", TESTS, "catches the violation and calls `pytest.xfail`", "FAIL, not an expected failure"),
+    Entry(
+        "swallow_then_forget",
+        TESTS,
+        "catches the violation, deletes the verdicts of the monitor and checks a harmless rule",
+        "FAIL: what was judged stays judged",
+    ),
+    Entry("verdict_without_assertion", TESTS, "asks for the verdict and asserts nothing", "FAIL at the end of the test"),
+    Entry("check_another_rule", TESTS, "checks p2 in the item that is about p1", "ERROR: that can't be the verdict of this item"),
+    Entry(
+        "judge_another_run", TESTS, "gives the monitor the run of another controller", "no PASS: the item is about its own run"
+    ),
+    Entry(
+        "a_run_of_its_own",
+        TESTS,
+        "hides the fixture `run` behind one of its own, which is another run",
+        "no PASS: the item is about its own run",
+    ),
+    Entry(
+        "a_monitor_of_its_own", TESTS, "hides the fixture `monitor` behind one that is always content", "NOT JUDGED, which fails"
+    ),
+    Entry(
+        "a_rule_of_its_own",
+        TESTS,
+        "hides the fixture `rule` behind one that gives a harmless rule",
+        "ERROR: that can't be the verdict of this item",
+    ),
+    Entry(
+        "parametrize_the_rule",
+        TESTS,
+        "sets the rule of its items by `pytest.mark.parametrize`",
+        "ERROR: that can't be the verdict of this item",
+    ),
+    Entry("another_rule_by_that_name", TESTS, "checks a harmless rule that it calls p1", "ERROR: p1 says something else"),
+    Entry(
+        "change_the_run_in_place",
+        TESTS,
+        "sets the speeds of the run to zero before it is judged",
+        "ERROR: runs can't be written to",
+    ),
+    Entry("open_is_a_pass_so_fail_is", TESTS, "breaks a rule in a session that lets OPEN and UNAVOIDABLE pass", "FAIL"),
+    Entry(
+        "xfail_without_a_reason_over_an_error",
+        TESTS,
+        "marks a test as xfail whose controller raises",
+        "ERROR, not an expected failure",
+    ),
+    Entry(
+        "xfail_over_an_error",
+        TESTS,
+        "marks a test as xfail, with a reason, whose controller raises",
+        "ERROR, not an expected failure",
+    ),
+    Entry(
+        "known_over_an_error",
+        TESTS,
+        "marks as a known deficiency what is an error of its controller",
+        "ERROR, not a known failure",
+    ),
+    Entry("known_over_a_pass", TESTS, "marks as a known deficiency what passes", "the test fails, as it should have failed"),
+    Entry(
+        "known_that_matches_nothing",
+        TESTS,
+        "marks as known the cells of a rule that the class does not ask for",
+        "the session is refused",
+    ),
+    Entry(
+        "assert_on_a_run_that_broke_off",
+        TESTS,
+        "asserts that nobody crashed in a run that broke off before anybody could",
+        "ERROR",
+    ),
+    Entry(
+        "end_before_it_gets_in",
+        TESTS,
+        "ends the run before a rule is kept that asks for something to happen",
+        "OPEN, which fails",
+    ),
+    # Sessions that judge nothing.
+    Entry("nothing_but_na", SESSIONS, "asks only for rules that don't apply", "NA; exit status 5, nothing was judged"),
+    Entry(
+        "catch_the_skip_of_na",
+        SESSIONS,
+        "catches the skip of a rule that does not apply, so that the test passes",
+        "NA; exit status 5, nothing was judged",
+    ),
+    Entry(
+        "nothing_but_provoked",
+        SESSIONS,
+        "asks for a rule that only traffic breaks",
+        "PROVOKED; exit status 5, nothing was judged",
+    ),
+    Entry(
+        "nothing_but_unavoidable",
+        SESSIONS,
+        "asks only for a rule that nobody could have kept",
+        "UNAVOIDABLE; exit status 5, nothing was judged",
+    ),
+    Entry(
+        "a_rule_that_never_applies",
+        SESSIONS,
+        "asks for a rule of its own whose condition can't hold",
+        "NA; exit status 5, nothing was judged",
+    ),
+    Entry("skip_everything", SESSIONS, "skips all its tests", "NOT RUN; exit status 5, nothing was judged"),
+    Entry("no_time_for_anything", SESSIONS, "sets a time budget of 0 s", "NOT RUN; exit status 5, nothing was judged"),
+    # Sessions in which nothing of the user's drives, or something is left out.
+    Entry(
+        "nobody_drives",
+        SESSIONS,
+        "says nowhere what drives, so that the bundled autopilot does",
+        "exit status 1: nothing of yours was tested",
+    ),
+    Entry(
+        "misspelt_fixture",
+        SESSIONS,
+        "calls its fixture rvads_autopliot",
+        "exit status 1, and the question whether it is misspelt",
+    ),
+    Entry("fixture_next_door", SESSIONS, "has its fixture in another test file", "exit status 1, and where the fixture is"),
+    Entry(
+        "let_the_reference_drive",
+        SESSIONS,
+        "lets the reference autopilot drive by an option",
+        "the verdicts of the reference, and in every record that it drove",
+    ),
+    Entry(
+        "drop_what_fails",
+        SESSIONS,
+        "has a plugin drop the items that fail after collection",
+        "NOT RUN; exit status 1, and how many vanished",
+    ),
+    Entry(
+        "deselect_what_fails",
+        SESSIONS,
+        "deselects by `-k` what fails, and asks for full coverage",
+        "exit status 1: what was not selected still counts as planned",
+    ),
+    Entry(
+        "three_tests_on_one_run", SESSIONS, "judges one run in three tests, for the summary to stumble over", "FAIL three times"
+    ),
+    # Sessions beside an earlier report, of which only new failures count.
+    Entry("break_down_where_it_failed_before", SESSIONS, "is an ERROR now where it was a FAIL", "exit status 1: NEW"),
+    Entry("fail_where_it_broke_down_before", SESSIONS, "is a FAIL now where it was an ERROR", "exit status 1: NEW"),
+    Entry("ask_nothing_any_more", SESSIONS, "makes its runs so short that the rule does not apply any more", "no success: LOST"),
+    Entry("delete_the_test", SESSIONS, "deletes the test that failed", "exit status 1: LOST"),
+    Entry("call_it_known", SESSIONS, "marks as known what passed before and fails now", "the comparison names it: KNOWN"),
+    Entry(
+        "another_map_under_the_same_name",
+        SESSIONS,
+        "judges another junction under the same name",
+        "exit status 1: LOST, the junction is not the same any more",
+    ),
+    Entry(
+        "shard_that_judged_nothing",
+        SESSIONS,
+        "merges a shard that passed with one that skipped all",
+        "coverage counts what did not run; by itself it is exit status 5",
+    ),
+    # Recorded runs.
+    Entry("reverse_away", RECORDINGS, "backs off from the line at green", "`progress` FAIL: driving backwards is not getting on"),
+    Entry(
+        "to_and_fro_inside",
+        RECORDINGS,
+        "drives to and fro in the junction at 2 m/s for half a minute",
+        "`progress` FAIL: it moves, and gets nowhere",
+    ),
+    Entry("too_fast_backwards", RECORDINGS, "drives backwards faster than the limit", "`speed_limit` FAIL"),
+    Entry(
+        "drive_on_after_a_crash",
+        RECORDINGS,
+        "runs a red light, touches somebody, and drives on as if nothing had been",
+        "`red` FAIL, `no_collision` FAIL",
+    ),
+    Entry(
+        "cut_in_on_the_exit_road",
+        RECORDINGS,
+        "cuts in on the exit road, less than a second ahead of another, and slows down",
+        "`no_collision` FAIL by who cut in, not by who was behind",
+    ),
+    Entry(
+        "reverse_into_who_follows",
+        RECORDINGS,
+        "reverses into who slowly comes up behind it",
+        "`no_collision` FAIL by who reversed",
+    ),
+    Entry(
+        "two_bodies_in_one_place",
+        RECORDINGS,
+        "does not record collisions, and has two vehicles in one place",
+        "`no_collision` FAIL, from the poses",
+    ),
+    Entry(
+        "crash_struck_out",
+        RECORDINGS,
+        "says that nobody collided, and has two vehicles in one place",
+        "it is not believed: `no_collision` FAIL, or a finding",
+    ),
+    Entry("without_positions", RECORDINGS, "records only who was in which zone", "what needs positions is NA, not recorded"),
+    Entry("empty_run", RECORDINGS, "holds no states at all", "ERROR"),
+    Entry("nan_in_the_run", RECORDINGS, "holds NaN where the speeds were too high", "ERROR"),
+    Entry("subject_that_is_not_there", RECORDINGS, "names as its subject a vehicle that is not in the run", "ERROR"),
+    Entry("two_by_one_name", RECORDINGS, "calls two vehicles by the name of the subject", "ERROR"),
+    Entry(
+        "straight_on_called_a_right_turn",
+        RECORDINGS,
+        "goes straight on at red and calls it a right turn",
+        "`red` FAIL: the movement counts",
+    ),
+    Entry(
+        "speeds_set_to_zero",
+        RECORDINGS,
+        "runs the sign with all its speeds set to zero",
+        "a warning that places and speeds don't agree",
+    ),
+    Entry(
+        "violation_cut_out",
+        RECORDINGS,
+        "cuts out the seconds in which it runs the sign",
+        "a warning that it jumps; `rvads check` is no success",
+    ),
+    Entry(
+        "light_painted_green",
+        RECORDINGS,
+        "makes the red light green for the moment in which it enters",
+        "a finding: the light changes out of order",
+    ),
+    Entry(
+        "vehicles_made_thin",
+        RECORDINGS,
+        "makes the vehicles of a kept run so thin that nothing touches",
+        "its hash is another one than in the report",
+    ),
+    Entry(
+        "nothing_applies",
+        RECORDINGS,
+        "has `rvads check` judge a run by rules that don't apply",
+        "NA; exit status 5, nothing was judged",
+    ),
+    # Rules and searches.
+    Entry(
+        "rule_without_always", SEARCHES, "writes a rule that asks for something in the first state only", "the rule is refused"
+    ),
+    Entry(
+        "predicate_that_is_just_true",
+        SEARCHES,
+        "writes a predicate that returns True",
+        "ERROR: one truth value per state is needed",
+    ),
+    Entry("no_rules_at_all", SEARCHES, "asks for an empty list of rules", "the test is refused"),
+    Entry("redefine_a_shipped_rule", SEARCHES, "registers a harmless rule as p1", "the rule is refused"),
+    Entry(
+        "one_name_for_two_rules",
+        SEARCHES,
+        "registers a harmless rule by the name that another file uses",
+        "the second file is refused",
+    ),
+    Entry(
+        "search_where_nothing_applies",
+        SEARCHES,
+        "looks for counterexamples to a rule that never applies",
+        "an error: nothing was tried",
+    ),
+    Entry(
+        "sweep_where_nothing_applies",
+        SEARCHES,
+        "sweeps a draw over runs to which the rule never applies",
+        "an error: nothing was tried",
+    ),
+    Entry(
+        "compare_where_nothing_applies",
+        SEARCHES,
+        "compares equivalent scenarios to which no rule applies",
+        "an error: nothing was tried",
+    ),
+)
+
+INNOCENTS = (
+    # Driving as one may.
+    Entry("stop_for_a_moment", DRIVING, "stands at the stop sign for half a second only", "`full_stop` PASS"),
+    Entry(
+        "hesitate_for_three_seconds",
+        DRIVING,
+        "waits for 3 s when it could go, and drives slowly",
+        "`full_stop` PASS, `progress` PASS",
+    ),
+    Entry(
+        "creep_the_last_two_metres",
+        DRIVING,
+        "creeps the last two metres to the line and stops",
+        "`full_stop` PASS, `progress` PASS",
+    ),
+    Entry("stop_at_the_last_moment", DRIVING, "brakes for the stop sign at the last moment, and hard", "`full_stop` PASS"),
+    Entry("drive_slowly_all_the_way", DRIVING, "drives at 2 m/s all the way", "`progress` PASS, `keep_clear` PASS"),
+    Entry("wait_for_eight_seconds", DRIVING, "waits at the stop sign for eight seconds", "`progress` PASS"),
+    Entry("a_little_over_the_limit", DRIVING, "drives 0.2 m/s over the limit", "`speed_limit` PASS"),
+    Entry(
+        "brake_on_yellow", DRIVING, "stops for a yellow light and waits until it is green again", "`red` PASS, `progress` PASS"
+    ),
+    Entry("pass_on_yellow_when_too_near_to_stop", DRIVING, "passes on yellow when it is too near to stop", "`red` NA"),
+    Entry("wait_at_red", DRIVING, "waits at a red light for as long as it is red", "`red` PASS, `progress` PASS"),
+    Entry("right_on_red_after_a_stop", DRIVING, "stops at a red light and turns right when nobody comes", "`right_on_red` PASS"),
+    Entry(
+        "wait_for_green_to_turn_right",
+        DRIVING,
+        "waits for green though it might turn right on red",
+        "`right_on_red` PASS, `progress` PASS",
+    ),
+    Entry("keep_left_at_stop_signs", DRIVING, "stops at a sign where traffic keeps left", "`full_stop` PASS, `keep_lane` PASS"),
+    Entry(
+        "keep_left_and_turn_left_on_red",
+        DRIVING,
+        "stops at a red light where traffic keeps left, and turns left",
+        "`right_on_red` PASS, `red` NA",
+    ),
+    Entry(
+        "swing_out_in_a_narrow_corner",
+        DRIVING,
+        "swings out with its front in a narrow bend, as cars do",
+        "`keep_lane` PASS, `on_route` PASS",
+    ),
+    # What others do.
+    Entry(
+        "cross_on_green_and_be_hit",
+        CONFLICTS,
+        "crosses on green and is hit by who runs the red light",
+        "`red`, `no_conflict`, `no_collision` PROVOKED",
+    ),
+    Entry(
+        "be_cut_off_by_who_runs_the_sign",
+        CONFLICTS,
+        "is in the junction when another runs the sign and hits it",
+        "`full_stop`, `no_conflict`, `no_collision` PROVOKED",
+    ),
+    Entry(
+        "meet_who_comes_in_the_wrong_lane",
+        CONFLICTS,
+        "meets head-on who comes in its lane",
+        "`keep_lane` PROVOKED, `no_collision` PROVOKED",
+    ),
+    Entry(
+        "leave_the_junction_and_be_hit_by_who_runs_a_red_light",
+        CONFLICTS,
+        "waits in the middle to turn left, leaves when the light of the oncoming vehicle is red, and is hit by it",
+        "`red`, `no_conflict`, `no_collision` PROVOKED; `left_yields` holds nothing against it",
+    ),
+    Entry("traffic_runs_the_sign", CONFLICTS, "keeps the rules beside who rolls over the stop line", "`full_stop` PROVOKED"),
+    Entry("traffic_runs_a_red_light", CONFLICTS, "keeps the rules beside who runs a red light", "`red` PROVOKED"),
+    Entry(
+        "traffic_leaves_its_route",
+        CONFLICTS,
+        "keeps the rules beside who leaves its route, which ends the run",
+        "`on_route`, `keep_lane` PROVOKED; its own rules PASS",
+    ),
+    Entry(
+        "others_crash",
+        CONFLICTS,
+        "is on its way when two others crash, which ends the run",
+        "`left_yields`, `no_conflict`, `no_collision` PROVOKED",
+    ),
+    Entry(
+        "wait_for_who_never_goes",
+        CONFLICTS,
+        "waits for who came first to an all-way stop and never goes",
+        "`first_come` PROVOKED, `progress` PROVOKED",
+    ),
+    Entry(
+        "wait_at_red_until_others_crash",
+        CONFLICTS,
+        "waits at red when two others crash, which ends the run",
+        "`red`, `left_yields`, `no_conflict`, `no_collision` PROVOKED",
+    ),
+    Entry(
+        "wait_for_who_turns_left_and_stops",
+        CONFLICTS,
+        "waits at green for a left-turner that stands across its way",
+        "`keep_clear` PROVOKED, `progress` PROVOKED",
+    ),
+    Entry(
+        "wait_at_the_line_for_a_blocked_exit",
+        CONFLICTS,
+        "waits at the line as a vehicle on its exit road leaves it no room",
+        "`progress` PROVOKED",
+    ),
+    Entry(
+        "wait_inside_behind_who_pushed_in",
+        CONFLICTS,
+        "stands in the junction behind who turned into its exit road ahead of it and stopped there",
+        "`full_stop` PROVOKED, `progress` PROVOKED; `keep_clear` holds nothing against it",
+    ),
+    Entry(
+        "wait_for_who_blocks_the_junction",
+        CONFLICTS,
+        "waits at the stop sign for who stands in the junction",
+        "`keep_clear` PROVOKED, `progress` PROVOKED",
+    ),
+    Entry(
+        "wait_in_the_middle_for_a_slow_one",
+        CONFLICTS,
+        "waits in the middle for nine seconds to let a slow oncoming vehicle pass",
+        "`left_yields` PASS, `keep_clear` PASS, `progress` PASS",
+    ),
+    Entry(
+        "pass_a_left_turner_that_waits",
+        CONFLICTS,
+        "drives past a left-turner that waits for it in the middle",
+        "`no_conflict` PASS",
+    ),
+    Entry("right_on_red_with_a_large_gap", CONFLICTS, "turns right on red when who has green is far away", "`right_on_red` PASS"),
+    Entry(
+        "left_turn_with_a_large_gap",
+        CONFLICTS,
+        "turns left when the oncoming vehicle is far away",
+        "`no_conflict` PASS; `left_yields` holds nothing against it",
+    ),
+    Entry(
+        "tie_of_two_that_face_each_other",
+        CONFLICTS,
+        "comes to an all-way stop together with who faces it, and both go straight on",
+        "`full_stop` PASS; `first_come` NA, `right_first` NA",
+    ),
+    Entry(
+        "go_first_of_four",
+        CONFLICTS,
+        "goes first when four come to an all-way stop at once",
+        "`right_first` UNAVOIDABLE: somebody has to",
+    ),
+    Entry(
+        "see_another_go_first_of_four",
+        CONFLICTS,
+        "waits when four come to an all-way stop at once and another goes first",
+        "`right_first` UNAVOIDABLE",
+    ),
+    # The reference autopilot, at an all-way stop and at lights, among every policy of traffic.
+    Entry("reference_among_reference", CONFLICTS, "keeps the rules among others that do", "no FAIL, no OPEN, no ERROR"),
+    Entry("reference_among_hesitant", CONFLICTS, "keeps the rules among others that hesitate", "no FAIL, no OPEN, no ERROR"),
+    Entry(
+        "reference_among_rolling_stop",
+        CONFLICTS,
+        "keeps the rules among others that roll over stop lines",
+        "no FAIL, no OPEN, no ERROR",
+    ),
+    Entry(
+        "reference_among_late_yielder", CONFLICTS, "keeps the rules among others that brake late", "no FAIL, no OPEN, no ERROR"
+    ),
+    Entry(
+        "reference_among_red_light_runner",
+        CONFLICTS,
+        "keeps the rules among others that stop for nothing",
+        "no FAIL, no OPEN, no ERROR",
+    ),
+    Entry("reference_among_stopped", CONFLICTS, "keeps the rules among others that never go", "no FAIL, no OPEN, no ERROR"),
+    Entry(
+        "reference_among_lgsvl",
+        CONFLICTS,
+        "keeps the rules among others with the deficiencies of the paper's autopilot",
+        "no FAIL, no OPEN, no ERROR",
+    ),
+    # Recorded runs.
+    Entry("hit_from_behind_at_the_line", RECORDINGS, "waits at the stop sign and is hit from behind", "`no_collision` PROVOKED"),
+    Entry(
+        "hit_from_behind_at_red",
+        RECORDINGS,
+        "waits at a red light and is hit from behind, which ends the run",
+        "`no_collision` PROVOKED, `red` PROVOKED",
+    ),
+    Entry("queue_behind_another", RECORDINGS, "stands at green behind who does not go", "`progress` PROVOKED"),
+    Entry(
+        "no_time_to_react", RECORDINGS, "enters less than a second after who runs the sign", "p1 PROVOKED, `full_stop` PROVOKED"
+    ),
+)

@@ -1,0 +1,41 @@
+"""Every entry of the catalogue is shown by one test, and every test shows an entry."""
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+from pytest_rvads.logic.rulebooks import PAPER, ROAD
+
+from .catalogue import CHEATS, INNOCENTS
+from .shown import SHOWN
+
+EVERY = (*CHEATS, *INNOCENTS)
+
+
+def test_every_entry_is_shown_by_one_test() -> None:
+    # Where only this file was asked for, the others have not been read.
+    for file in sorted(Path(__file__).parent.glob("test_*.py")):
+        import_module(f"{__package__}.{file.stem}")
+    assert {name: tests for name, tests in SHOWN.items() if len(tests) != 1} == {}
+    assert {entry.name for entry in EVERY} ^ SHOWN.keys() == set()
+
+
+def test_an_entry_is_where_it_belongs() -> None:
+    innocent = {name for name, tests in SHOWN.items() if all(".test_innocent_" in test for test in tests)}
+    assert innocent == {entry.name for entry in INNOCENTS}
+
+
+def test_there_are_enough_of_them() -> None:
+    assert len({entry.name for entry in EVERY}) == len(EVERY)
+    assert len(CHEATS) >= 60
+    assert len(INNOCENTS) >= 30
+
+
+def test_entries_are_sentences_about_rules_that_exist() -> None:
+    known = {rule.name for rule in (*PAPER, *ROAD)} | {"run", "monitor", "rule", "-k", "rvads check"}
+    for entry in EVERY:
+        assert entry.name.isidentifier()
+        for text in (entry.tries, entry.told):
+            assert 0 < len(text) <= 120, text
+            assert not text.endswith(".")
+            assert {name for name in re.findall(r"`([^`]*)`", text) if not name.startswith("pytest.")} <= known
