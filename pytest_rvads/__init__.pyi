@@ -43,7 +43,7 @@ from pytest_rvads.semantics.commands import (
 from pytest_rvads.semantics.itinerary import Itinerary as Itinerary
 from pytest_rvads.semantics.kpis import Kpis as Kpis, kpis as kpis
 from pytest_rvads.semantics.recorded import read_recorded as read_recorded
-from pytest_rvads.semantics.run import Collision as Collision, Fault as Fault, Run as Run
+from pytest_rvads.semantics.run import Collision as Collision, Facts as Facts, Fault as Fault, Run as Run
 from pytest_rvads.semantics.runfile import load_run as load_run, save_run as save_run
 from pytest_rvads.semantics.states import (
     Agent as Agent,

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 __all__ = ["Counterexample", "avoidable", "falsify", "look_for", "pasteable", "score"]
 
 
-
 @dataclass(frozen=True, slots=True)
 class Counterexample:
     """A scenario in which a rule is broken, as simple as it could be made."""

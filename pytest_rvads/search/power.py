@@ -66,9 +66,7 @@ def broken_rules(scenario: Scenario, factory: Factory) -> frozenset[str]:
     """Return the paper's rules that a run breaks although they could have been kept."""
     run = simulate(scenario, factory)
     return frozenset(
-        rule.name
-        for rule in rules_for("paper", run.junction.control)
-        if broken(run, check(run, rule)) and avoidable(run, rule)
+        rule.name for rule in rules_for("paper", run.junction.control) if broken(run, check(run, rule)) and avoidable(run, rule)
     )
 
 

@@ -2,6 +2,7 @@
 
 import re
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 from pytest_rvads.logic.rulebooks import PAPER, ROAD
@@ -9,6 +10,7 @@ from pytest_rvads.logic.rulebooks import PAPER, ROAD
 from .catalogue import CHEATS, INNOCENTS
 from .shown import SHOWN
 
+ROOT = Path(__file__).parents[2]
 EVERY = (*CHEATS, *INNOCENTS)
 
 
@@ -23,6 +25,16 @@ def test_every_entry_is_shown_by_one_test() -> None:
 def test_an_entry_is_where_it_belongs() -> None:
     innocent = {name for name, tests in SHOWN.items() if all(".test_innocent_" in test for test in tests)}
     assert innocent == {entry.name for entry in INNOCENTS}
+
+
+def test_the_page_of_the_documentation_has_every_row() -> None:
+    spec = spec_from_file_location("make_catalogue", ROOT / "tools" / "make_catalogue.py")
+    assert spec is not None
+    assert spec.loader is not None
+    tool = module_from_spec(spec)
+    spec.loader.exec_module(tool)
+    assert tool.PAGE.read_text(encoding="utf-8") == tool.page(), "run: python tools/make_catalogue.py"
+    assert all(f"| {entry.tries} | {entry.told} |" in tool.page() for entry in EVERY)
 
 
 def test_there_are_enough_of_them() -> None:
