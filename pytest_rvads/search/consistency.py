@@ -8,7 +8,7 @@ tell (speeds, standstill, a user's predicates) may be as it suits the rules.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -59,7 +59,8 @@ def decide(model: Model, rules: Iterable[Rule]) -> Answer:
         for values in [model.values(rule.tie)]
         for part in prepare(rule.formula, model.static).templates
     ]
-    parts = [_Part(group) for group in _together(watched)]
+    settled = _settled(watched)
+    parts = [_Part(group, settled) for group in _together(watched, settled)]
     return _search(model, parts)
 
 
@@ -112,12 +113,40 @@ def _path(
     return found[::-1]
 
 
-def _together(watched: Sequence[tuple[Template, Abstracted]]) -> Iterator[list[tuple[Template, Abstracted]]]:
+def _settled(watched: Sequence[tuple[Template, Abstracted]]) -> dict[f.Atom, bool]:
+    """Return the atoms of unknown value that suit every rule in one way, because they occur with one sign only."""
+    signs: dict[f.Atom, set[bool]] = {}
+    for part, values in watched:
+        for atom, sign in _signs(part.formula, True):
+            if values.open(atom) is not False:
+                signs.setdefault(atom, set()).add(sign)
+    return {atom: sign for atom, found in signs.items() if len(found) == 1 for sign in found}
+
+
+def _signs(formula: f.Formula, sign: bool) -> Iterator[tuple[f.Atom, bool]]:
+    match formula:
+        case f.Atom():
+            yield formula, sign
+        case f.Not(body):
+            yield from _signs(body, not sign)
+        case f.Implies(left, right):
+            yield from _signs(left, not sign)
+            yield from _signs(right, sign)
+        case f.Iff():
+            yield from ((atom, either) for atom in f.atoms(formula) for either in (True, False))
+        case _:
+            for child in f.children(formula):
+                yield from _signs(child, sign)
+
+
+def _together(
+    watched: Sequence[tuple[Template, Abstracted]], settled: Collection[f.Atom]
+) -> Iterator[list[tuple[Template, Abstracted]]]:
     """Yield instances that share an atom of unknown value together, all others alone."""
     groups: list[tuple[set[f.Atom], list[tuple[Template, Abstracted]]]] = []
     for entry in watched:
         part, values = entry
-        shared = {a for a in part.atoms if values.open(a) is True}
+        shared = {a for a in part.atoms if a not in settled and values.open(a) is True}
         members = [entry]
         rest = []
         for atoms, others in groups:
@@ -137,12 +166,12 @@ class _Part:
     State 0 is initial. Of every combination of unknown values that breaks no rule, one will do.
     """
 
-    def __init__(self, members: Sequence[tuple[Template, Abstracted]]) -> None:
+    def __init__(self, members: Sequence[tuple[Template, Abstracted]], settled: Mapping[f.Atom, bool]) -> None:
         machines = [_machine(part) for part, _ in members]
         self._delta = [machine.delta.tolist() for machine in machines]
         self._output = [machine.output.tolist() for machine in machines]
-        self._letters = _letters(members, machines, True)
-        self._last = _letters(members, machines, False)
+        self._letters = _letters(members, machines, settled, True)
+        self._last = _letters(members, machines, settled, False)
         start = frozenset({(0,) * len(machines)})
         self._sets = [start]
         self._numbers = {start: 0}
@@ -182,15 +211,19 @@ def _machine(part: Template) -> Machine:
     return synthesize(with_ending(renamed))
 
 
-def _letters(members: Sequence[tuple[Template, Abstracted]], machines: Sequence[Machine], alive: bool) -> Letters:
+def _letters(
+    members: Sequence[tuple[Template, Abstracted]], machines: Sequence[Machine], settled: Mapping[f.Atom, bool], alive: bool
+) -> Letters:
     """Return the letters that can be read in every configuration, shape ``(choices, machines, size)``.
 
     Args:
         members: the instances.
         machines: their monitors.
+        settled: what atoms of unknown value are best, where that is one value for all.
         alive: during a run; False for after its end.
     """
-    unknown = list(dict.fromkeys(a for part, values in members for a in part.atoms if values.open(a) is not False))
+    atoms = dict.fromkeys(a for part, values in members for a in part.atoms if values.open(a) is not False)
+    unknown = [a for a in atoms if a not in settled]
     if len(unknown) > MOST_OPEN:
         raise FormulaError(
             f"{len(unknown)} conditions whose values an abstract run does not tell hang together ({unknown[0]}, {unknown[1]}, "
@@ -198,7 +231,7 @@ def _letters(members: Sequence[tuple[Template, Abstracted]], machines: Sequence[
         )
     table = [
         [
-            _encode(*member, machine, dict(zip(unknown, choice, strict=True)), alive)
+            _encode(*member, machine, {**settled, **dict(zip(unknown, choice, strict=True))}, alive)
             for member, machine in zip(members, machines, strict=True)
         ]
         for choice in product((False, True), repeat=len(unknown))

@@ -10,6 +10,7 @@ from pytest_rvads.cli import main
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.rules import Rule, get_rule, rules_for
 from pytest_rvads.scenarios.classes import classes, members
+from pytest_rvads.search import consistency
 from pytest_rvads.search.abstraction import Model, weak_orders
 from pytest_rvads.search.consistency import core, decide
 from pytest_rvads.search.survey import survey
@@ -111,6 +112,27 @@ def test_all_scenarios_and_orders_of_an_x():
     assert {(c.arrivals, c.rules) for c in found.contradictions} == {((0.0, 0.0, 0.0, 0.0), ("p2",))}
     assert len(found.contradictions) == 81
     assert survey("light4", PAPER).contradictions == ()
+
+
+def test_a_whole_rulebook_is_decided():
+    """Many of its conditions are unknown to the abstraction; those that suit every rule in one way need not be tried."""
+    road = rules_for("road", rvads.find("stop4").control)
+    assert not decide(model("stop4", (1, 1, 3, 3), (0, 0, 0, 0)), road).possible
+    assert decide(model("stop4", (1, 1, 3, 3), (0, 0, 0, 60)), road).possible
+
+
+def test_what_suits_every_rule_in_one_way_changes_no_answer(monkeypatch):
+    suits = [get_rule(name) for name in ("full_stop", "right_first", "first_come", "keep_lane", "speed_limit")]
+    both = Rule("both", "forall a. G(a@j -> stopped(a)) & (F a@j)")  # needs a stop where full_stop only allows it
+    cases = [
+        (model("stop4", code, times), [*suits, *more])
+        for code in ((0, 2, 0, 2), (1, 2, 3, 0))
+        for times in ((0, 0, 0, 0), (0, 60, 0, 0))
+        for more in ([], [both])
+    ]
+    settled = [decide(*case).possible for case in cases]
+    monkeypatch.setattr(consistency, "_settled", lambda watched: {})
+    assert [decide(*case).possible for case in cases] == settled
 
 
 def test_members_of_a_class_are_alike_without_using_it():

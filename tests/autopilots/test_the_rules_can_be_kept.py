@@ -1,0 +1,129 @@
+"""The reference autopilot keeps every rule wherever anybody can: at every seat, beside empty entrances, among all traffic.
+
+Where it does not, the game of `search.consistency`, which knows neither autopilots nor runs, says that nobody could have.
+"""
+
+from collections.abc import Iterator
+from functools import cache, partial
+from itertools import product
+
+import numpy as np
+import pytest
+
+from pytest_rvads.autopilots import Reference
+from pytest_rvads.autopilots.traffic import POLICIES, TIE, traffic
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.rules import rules_for
+from pytest_rvads.maps.finder import find
+from pytest_rvads.maps.junction import JunctionControl
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.scenarios.grid import PAPER, configuration
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.search.abstraction import Model
+from pytest_rvads.search.consistency import core, decide
+from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.states import Zone
+
+JUNCTIONS = ("stop4", "light4", "stop3", "light3")
+DRIVERS = {"paper": Reference, "road": partial(Reference, tie=TIE)}
+"""The paper's rules count every tick, those of the road half a second."""
+TRAFFIC = (*POLICIES, "nobody")
+
+
+def scenarios(junction: str, policy: str) -> Iterator[Scenario]:
+    """Yield every occupancy and direction, with every seat; the configurations of the paper in turn.
+
+    Turned around, a scenario is the same but for the phase of the lights, so in an X two seats stand for four.
+    """
+    place = find(junction)
+    ways, lights = place.ways, place.control is JunctionControl.LIGHTS
+    letters = PAPER[place.control]
+    seats: tuple[int | None, ...] = tuple(range(ways if ways == 3 else 1 + lights))
+    codes = [code for code in product(range(ways), repeat=ways) if any(code)]
+    if policy == "nobody":
+        seats = (None,)
+    for k, (seat, code) in enumerate(product(seats, codes)):
+        if seat is None or code[seat]:
+            letter = letters[k % len(letters)]
+            point = configuration(letter, ways)
+            yield Scenario(
+                junction,
+                code,
+                distance=point.distances,
+                speed=point.speeds,
+                configuration=letter,
+                # Of the phases each in turn; with a subject its seat has both.
+                rotation=(k // len(letters)) % 2 if lights and seat is None else 0,
+                subject=seat,
+            )
+
+
+@cache
+def contradicting(
+    junction: str, entrances: tuple[tuple[int, int], ...], arrivals: tuple[float, ...], book: str
+) -> frozenset[str]:
+    """Return the rules of a book that no vehicles, going so and arriving then, can keep together; the game decides."""
+    place = find(junction)
+    code = [0] * place.ways
+    for entrance, exit in entrances:
+        code[entrance] = (exit - entrance) % place.ways
+    agents = Scenario(junction, code).agents()
+    model, rules = Model(place, agents, list(arrivals)), rules_for(book, place.control)
+    return frozenset() if decide(model, rules).possible else frozenset(rule.name for rule in core(model, rules))
+
+
+def lost(run: Run, junction: str, book: str) -> dict[str, str]:
+    """Return what is wrong: a rule that is not kept although it could be, or is said not to be keepable although it is."""
+    there = run.zone >= Zone.ENTRANCE
+    ticks = np.where(there.any(axis=0), there.argmax(axis=0), run.steps)
+    ways = tuple((agent.entrance, agent.exit) for agent in run.agents)
+    impossible = contradicting(junction, ways, tuple(float(tick) * run.dt for tick in ticks), book)
+    wrong, excused, provoked = {}, set(), set()
+    for rule in rules_for(book, run.junction.control):
+        verdict = check(run, rule)
+        if verdict.provoked:
+            provoked.add(rule.name)
+        elif verdict.unavoidable:
+            excused.add(rule.name)
+        elif verdict.status not in ("PASS", "NA"):
+            wrong[rule.name] = verdict.message
+    if not excused <= impossible:
+        wrong["game"] = f"can be kept: {', '.join(sorted(excused - impossible))}"
+    if impossible and not impossible & (excused | provoked):
+        wrong["game"] = f"can't be kept together: {', '.join(sorted(impossible))}"
+    return wrong
+
+
+def judge(cases: list[Scenario], junction: str, policy: str, book: str) -> dict[str, dict[str, str]]:
+    found = {}
+    for case in cases:
+        run = simulate(case, DRIVERS[book], traffic=None if case.subject is None else traffic(policy))
+        assert run.fault is None, run.fault
+        found[run.label] = lost(run, junction, book)
+    return {label: wrong for label, wrong in found.items() if wrong}
+
+
+@pytest.mark.parametrize("book", DRIVERS)
+@pytest.mark.parametrize("junction", JUNCTIONS)
+def test_a_sample_of_every_traffic(junction: str, book: str) -> None:
+    for k, policy in enumerate(TRAFFIC):
+        cases = list(scenarios(junction, policy))
+        assert judge(cases[7 * k + 5 :: len(cases) // 2], junction, policy, book) == {}, policy
+
+
+@pytest.mark.parametrize("book", DRIVERS)
+def test_four_that_arrive_at_once(book: str) -> None:
+    """What the game calls impossible occurs, and is told as unavoidable."""
+    case = Scenario("stop4", "1133", distance=20)
+    assert judge([case], "stop4", "nobody", book) == {}
+    name = {"paper": "p2", "road": "right_first"}[book]
+    assert contradicting("stop4", ((0, 1), (1, 2), (2, 1), (3, 2)), (5.0, 5.0, 5.0, 5.0), book) == {name}
+    assert check(simulate(case, DRIVERS[book]), name).unavoidable
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("book", DRIVERS)
+@pytest.mark.parametrize("policy", TRAFFIC)
+@pytest.mark.parametrize("junction", JUNCTIONS)
+def test_every_class_seat_and_occupancy(junction: str, policy: str, book: str) -> None:
+    assert judge(list(scenarios(junction, policy)), junction, policy, book) == {}
