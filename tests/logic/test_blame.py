@@ -72,6 +72,12 @@ def test_what_stands_there_for_long_has_been_seen(drive: Make) -> None:
         assert cause_of(run, run.collisions[0]).agents == (blamed,)
 
 
+@pytest.mark.parametrize(("tick", "reason"), [(50, "drove into a2, which stood"), (49, "are equally to blame")])
+def test_who_has_stood_for_half_a_second_stood(drive: Make, tick: int, reason: str) -> None:
+    run = drive("light4", {0: through(2), 2: (2, -20.0, [STAND])}, 100, CROSS, [(tick, "a0", "a2")])
+    assert cause_of(run, run.collisions[0]).reason == reason
+
+
 def test_who_reverses_into_somebody_behind_drove_into_one_that_stood(drive: Make) -> None:
     # On the same road: a1 stands behind a0, which backs into it. Seen from a1, a0 is ahead.
     run = drive("stop4", {0: (2, -20.0, [(0, -1.0)]), 1: (2, -20.0, [STAND])}, 300, None, [(250, "a0", "a1")])

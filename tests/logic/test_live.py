@@ -48,12 +48,18 @@ def traffic(drive: Make) -> dict[str, Run]:
         3: (2, -3.0, [(0, 1.0), (200, 0.0), (900, 5.0)]),
     }
     lights = {e: [(0, RED if e % 2 else GREEN), (400, GREEN if e % 2 else RED)] for e in range(4)}
-    waits = {0: (2, -0.5, [(0, 0.0), (1500, 8.0)]), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (400, 8.0)])}
     return {
-        "waits": drive("stop4", waits, 1600),
         "stop": drive("stop4", stop, 1000, collisions=[(310, "a0", "a2"), (650, "a3", "a1")]),
         "lights": drive("light4", stop, 1000, lights, [(310, "a0", "a2")]),
     }
+
+
+@pytest.fixture(scope="module")
+def waiting(drive: Make) -> list[Run]:
+    """Runs in which somebody waits in vain: for nobody, and after its light has turned green."""
+    vain = {0: (2, -0.5, [(0, 0.0), (1300, 8.0)]), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (400, 8.0)])}
+    late = {0: (2, -0.5, [(0, 0.0)])}
+    return [drive("stop4", vain, 1400), drive("light4", late, 1300, {0: [(0, RED), (200, GREEN)]})]
 
 
 DRIVES = (
@@ -73,9 +79,11 @@ RULES = [r for book in ("paper", "variants", "road") for r in rulebook(book)]
 
 
 @pytest.mark.parametrize("rule", RULES, ids=[r.name for r in RULES])
-def test_step_by_step_says_what_the_whole_run_says(traffic: dict[str, Run], simulated: list[Run], rule: Rule) -> None:
+def test_step_by_step_says_what_the_whole_run_says(
+    traffic: dict[str, Run], waiting: list[Run], simulated: list[Run], rule: Rule
+) -> None:
     carried = any(f"{name}(" in rule.text for name in FOLLOWERS)
-    for run in (*traffic.values(), *(simulated if carried else simulated[1:2])):
+    for run in (*traffic.values(), *((*waiting, *simulated) if carried else simulated[1:2])):
         if rule.about not in (None, run.junction.control):
             continue
         told, whole = follow(run, rule), check(run, rule)
@@ -87,8 +95,8 @@ def test_step_by_step_says_what_the_whole_run_says(traffic: dict[str, Run], simu
             assert not broken
 
 
-def test_much_goes_wrong_in_these_runs(traffic: dict[str, Run], simulated: list[Run]) -> None:
-    runs = (*traffic.values(), *simulated)
+def test_much_goes_wrong_in_these_runs(traffic: dict[str, Run], waiting: list[Run], simulated: list[Run]) -> None:
+    runs = (*traffic.values(), *waiting, *simulated)
     failed = {r.name for r in RULES for run in runs if check(run, r).status is Status.FAIL}
     assert failed >= {r.name for r in RULES} - {"p2", "right_first", "p5", "p6", "p6g", "on_route"}
 

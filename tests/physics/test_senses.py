@@ -124,12 +124,14 @@ def test_who_stands_behind_a_body_is_hidden(between: VehicleState, blocked: bool
     me, other = state("me", 0.0, 0.0), state("a", 20.0, 0.0)
     assert hidden(me, other, (me, other, between)) == blocked
     assert not hidden(me, other, (me, other))
-    across = state("a", 20.0, 0.0, math.pi / 2)
-    assert not hidden(me, replace_rear(across), (state("b", 12.0, 0.0),)), "its rear stands out"
 
 
-def replace_rear(other: VehicleState) -> VehicleState:
-    return other._replace(y=other.y + 8.0, length=12.0)
+@pytest.mark.parametrize("front", [0.0, 6.0, 12.0])
+def test_of_a_long_vehicle_whatever_part_stands_out_is_seen(front: float) -> None:
+    """A body 12 m long across the view, of which another one hides the front, the centre or the rear."""
+    across = state("a", 20.0, front, math.pi / 2)._replace(length=12.0)
+    assert not hidden(state("me", 0.0, 0.0), across, (state("b", 12.0, 0.0),))
+    assert hidden(state("me", 0.0, 0.0), across, tuple(state(f"b{y}", 12.0, 1.9 * y) for y in range(-4, 5)))
 
 
 def test_occlusion_hides_who_is_behind_somebody() -> None:

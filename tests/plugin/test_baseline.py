@@ -50,6 +50,7 @@ def test_new_failures_fail_and_old_ones_need_not(tests: pytest.Pytester) -> None
     same.assert_outcomes(failed=1, passed=1, skipped=2)
     assert same.ret == 0
     same.stdout.fnmatch_lines(["against old.json: 4 UNCHANGED", "rvads: 1 item failed as in the baseline, which *=new lets pass"])
+    assert session(tests, "True", "--rvads-baseline=old.json", "--rvads-fail-on=eroded").ret == pytest.ExitCode.TESTS_FAILED
     worse = session(tests, "True", *against, "--rvads-report=now.json")
     assert worse.ret == pytest.ExitCode.TESTS_FAILED
     worse.stdout.fnmatch_lines(

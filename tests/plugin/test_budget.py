@@ -91,6 +91,14 @@ def test_failures_run_first_the_next_time(pytester: pytest.Pytester) -> None:
     assert pytester.runpytest("--rvads-time-budget=600", "-p", "no:cacheprovider").parseoutcomes() == first.parseoutcomes()
 
 
+def test_what_ran_before_comes_last(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_it=TESTS.replace('grid="B"', 'grid="BC"'))
+    pytester.runpytest("--rvads-time-budget=600", "-k", "class01 and cfgB").assert_outcomes(passed=1, deselected=6)
+    second = pytester.runpytest("--rvads-time-budget=600", "-v", "-k", "class01")
+    ran = [line.partition("-cfg")[2][:1] for line in second.outlines if line.startswith("test_it.py::")]
+    assert ran == ["C", "B"]
+
+
 def test_a_budget_of_words_is_refused(pytester: pytest.Pytester) -> None:
     result = pytester.runpytest("--rvads-time-budget=soon")
     assert result.ret == pytest.ExitCode.USAGE_ERROR

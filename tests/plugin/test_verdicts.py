@@ -55,6 +55,25 @@ def test_pass_fail_and_na(files: pytest.Pytester) -> None:
     result.stdout.no_fnmatch_line("*judging.py*")
 
 
+@pytest.mark.parametrize(("option", "failed"), [((), 0), (("--rvads-unavoidable=fail",), 1)])
+def test_what_nobody_could_have_avoided_passes_unless_asked(files: pytest.Pytester, option: tuple[str, ...], failed: int) -> None:
+    """Four arrive at once at an all-way stop: whoever goes first breaks the rule of the right."""
+    files.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=24, grid="C", rules=("p2", "p1"))
+        def test_reference(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    result = files.runpytest(*option)
+    result.assert_outcomes(passed=2 - failed, failed=failed)
+    assert result.ret == (pytest.ExitCode.TESTS_FAILED if failed else pytest.ExitCode.OK)
+    title = "causes of failures" if failed else "unavoidable: nobody could have kept the rule"
+    result.stdout.fnmatch_lines(["*unavoidable*", title, "*1 x p2: *"])
+
+
 def test_the_failure_of_a_deliberate_probe_says_so(pytester: pytest.Pytester) -> None:
     pytester.makeconftest(CONFTEST)
     pytester.makepyfile(

@@ -70,6 +70,20 @@ def test_a_margin_that_fell_is_eroded() -> None:
     assert changes([before], [record("t", "FAIL", margin=1.0, pet=-1.0)]).count("NEW") == 1, "worse than eroded"
 
 
+@pytest.mark.parametrize(
+    ("before", "now", "kind", "style"),
+    [
+        (record("t", "PASS"), record("t", "FAIL"), "NEW", "1;31"),
+        (record("t", "FAIL"), record("t", "PASS"), "FIXED", "32"),
+        (record("t", "PASS"), record("t", "NA"), "LOST", "33"),
+        (record("t", "PASS", margin=-2.0), record("t", "PASS", margin=-1.0), "ERODED", "33"),
+    ],
+)
+def test_the_terminal_colours_what_changed(before: Any, now: Any, kind: str, style: str) -> None:
+    report = with_baseline(Report((now,), {4: (24, 81)}), changes([before], [now]))
+    assert f"\x1b[{style}m  {kind}" in summary(report, colour=True, width=100, unicode=True)
+
+
 def test_what_the_session_has_no_record_of() -> None:
     old = [record("a", "PASS"), record("b", "NA")]
     assert changes(old, []).count("OUTSIDE") == 2

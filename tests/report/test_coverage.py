@@ -110,3 +110,5 @@ def test_the_merged_exit_status_is_that_of_one_session() -> None:
     assert merge([("a", good), ("b", replace(bad, exitstatus=2, notes=("stopped",)))]).exitstatus == 2
     assert merge([("a", good), ("b", replace(bad, exitstatus=2, notes=("stopped",)))]).notes == ("b: stopped",)
     assert merge([("a", nothing)]).exitstatus == 5
+    none = replace(nothing, exitstatus=5)
+    assert [merge([("a", none), ("b", other)]).exitstatus for other in (none, good, bad)] == [5, 0, 1]

@@ -58,6 +58,13 @@ def test_the_matrix_reads_like_a_table_of_the_paper() -> None:
     assert matrix.rows == (("01, 03", ("pass", "NA")), ("02", ("1/2 fail", "xfail I3")), ("04", ("OPEN", "FAIL")))
 
 
+@pytest.mark.parametrize("status", ["ERROR", "FLAKY", "FAIL", "NOT JUDGED", "OPEN"])
+def test_a_cell_says_what_went_wrong_in_a_part_of_its_rows(status: str) -> None:
+    rows = [record(1, "C", "p1", "PASS"), record(1, "C", "p1", "NA"), record(1, "C", "p1", "FAIL") | {"status": status}]
+    assert matrices(rows)[0].rows == (("01", (f"1/3 {status.lower()}",)),)
+    assert matrices(rows[:2])[0].rows == (("01", ("1/2 pass, 1/2 NA",)),)
+
+
 def test_causes_group_unexpected_failures() -> None:
     assert [(c.rule, c.text, c.count) for c in causes(RECORDS)] == [("p1, p2", "waits", 2), ("p1", "both in", 1)]
     many = [*RECORDS, record(5, "C", "p1", "OPEN", cause="waits")]
@@ -182,7 +189,9 @@ def test_the_terminal_summary_is_plain_where_the_terminal_is() -> None:
     assert "\x1b" not in text
     assert text.isascii()
     assert "1/2 fail" in text
-    assert "\x1b[" in summary(REPORT, colour=True, width=100, unicode=True)
+    coloured = summary(REPORT, colour=True, width=100, unicode=True)
+    for style, word in (("32", "pass"), ("1;31", "FAIL"), ("33", "OPEN"), ("2", "NA")):
+        assert f"\x1b[{style}m{word}" in coloured
 
 
 def long_session(rows: int) -> Report:

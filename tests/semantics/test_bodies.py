@@ -83,6 +83,12 @@ def test_two_recorded_bodies_in_one_place_collide(drive: Make) -> None:
         contacts(replace(apart, facts=Facts()))
 
 
+@pytest.mark.parametrize(("tick", "hit"), [(0, 0), (30, 30), (49, 49), (50, 49)])
+def test_what_was_recorded_counts_in_its_state(drive: Make, tick: int, hit: int) -> None:
+    run = drive("stop4", {0: (2, -30.0, [(0, 0.0)]), 2: (2, -30.0, [(0, 0.0)])}, 50, None, [(tick, "a0", "a2")])
+    assert np.flatnonzero(collide(run, 0, 1)).tolist() == [hit], "the last step ends in the last state"
+
+
 def test_who_is_gone_has_no_body(drive: Make) -> None:
     run = drive("stop4", {0: (2, -30.0, [(0, 0.0)]), 2: (2, -30.0, [(0, 0.0)])}, 10)
     pose = run.need("pose").copy()

@@ -115,11 +115,21 @@ def test_a_body_near_ahead_in_the_lane_is_a_reason(drive: Make, gap: float, spee
 def queue(drive: Make, gap: float, speed: float = 0.0) -> Run:
     """a0 stands 40 m before the line, another one's rear `gap` ahead of it."""
     one = drive("light4", {0: (2, -40.0, [(0, 0.0)])}, 3, CROSS)
-    two = drive("light4", {0: (2, -40.0 + 4.6 + gap, [(0, speed)])}, 3, CROSS)
+    return together(one, drive("light4", {0: (2, -40.0 + 4.6 + gap, [(0, speed)])}, 3, CROSS))
+
+
+def together(one: Run, two: Run) -> Run:
     both = {name: np.concatenate((one.need(name), two.need(name)), axis=1) for name in ("station", "speed", "pose")}
     facts = replace(one.facts, sizes=((4.6, 1.86),) * 2)
     agents = (*one.agents, replace(two.agents[0], name="b0"))
     return replace(one, agents=agents, zone=np.concatenate((one.zone, two.zone), axis=1), facts=facts, **both)
+
+
+@pytest.mark.parametrize(("exits", "waits"), [((2, 2), True), ((2, 1), False)])
+def test_in_the_junction_only_who_goes_the_same_way_is_ahead(drive: Make, exits: tuple[int, int], waits: bool) -> None:
+    """From one entrance: a0 stands 2 m inside, the rear of another one 3 m ahead."""
+    one, two = (drive("light4", {0: (exit, station, [(0, 0.0)])}, 3, CROSS) for exit, station in zip(exits, (2.0, 9.6), strict=True))
+    assert may_go(together(one, two), 0).all() == (not waits)
 
 
 def test_an_exit_road_without_room_is_a_reason(drive: Make) -> None:
@@ -253,6 +263,10 @@ def test_behind_a_queue_it_does(drive: Make) -> None:
     run = drive("light4", {0: (2, ways[0, 2].length - 3.0, [(0, 0.0)]), 1: (1, ways[1, 2].length + 6.0, [(0, 0.0)])}, 400, CROSS)
     assert not may_go(run, 0).any(), "it can't get on"
     assert blocks(run, 0).any()
+    for gap, waits in ((5.9, True), (6.1, False)):
+        out = ways[1, 2].length - 3.0 + gap + 4.6
+        near = drive("light4", {0: (2, ways[0, 2].length - 3.0, [(0, 0.0)]), 1: (1, out, [(0, 0.0)])}, 3, CROSS)
+        assert may_go(near, 0).any() != waits, "six metres are room enough"
 
 
 def test_unless_the_other_one_came_in_afterwards(drive: Make) -> None:

@@ -127,6 +127,8 @@ def test_vehicle_parameters_are_checked(name: str, value: object) -> None:
 def test_vehicles_that_do_not_fit_together() -> None:
     with pytest.raises(ScenarioError, match="does not fit into a body"):
         Vehicle(length=2.0)
+    with pytest.raises(ScenarioError, match="does not fit into a body"):
+        Vehicle(length=Vehicle().wheelbase)
     with pytest.raises(ScenarioError, match="aggression 1, 2 and 3"):
         Vehicle(brake=(4.0, 6.0))  # type: ignore[arg-type]
 

@@ -1,0 +1,97 @@
+"""What drives: how it is named, and that whoever reads a result is told."""
+
+import csv
+import json
+import re
+import xml.etree.ElementTree as ET
+
+import pytest
+
+STACK = """
+    import pytest_rvads as rvads
+
+    class Racer(rvads.Follower):
+        def target_speed(self, seen):
+            return 8.0
+
+    class Makers:
+        racer = Racer
+
+    PLAN = [8.0]
+"""
+TESTS = """
+    import pytest_rvads as rvads
+
+    @rvads.scenario("stop4", classes=7, grid="B", rules="p1", duration=5)
+    def test_rules(run, rule, monitor):
+        monitor.check(rule)
+"""
+NAMED = ("--rvads-autopilot=stack:Racer",)
+
+
+@pytest.fixture
+def tests(pytester: pytest.Pytester) -> pytest.Pytester:
+    pytester.makepyfile(stack=STACK, test_it=TESTS)
+    return pytester
+
+
+def test_every_result_says_what_drove(tests: pytest.Pytester) -> None:
+    files = ("out.json", "out.html", "out.md", "out.csv")
+    result = tests.runpytest(*NAMED, "--junitxml=out.xml", *(f"--rvads-report={name}" for name in files))
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["rvads: driven by --rvads-autopilot=stack:Racer", "driven by stack.Racer: 1 run"])
+    text = {name: (tests.path / name).read_text(encoding="utf-8") for name in files}
+    (record,) = json.loads(text["out.json"])["records"]
+    assert record["driver"] == "stack.Racer"
+    assert all("driven by stack.Racer: 1 run" in text[name] for name in ("out.html", "out.md"))
+    (row,) = csv.DictReader(text["out.csv"].splitlines())
+    assert row["driver"] == "stack.Racer"
+    properties = {p.get("name"): p.get("value") for p in ET.parse(tests.path / "out.xml").iter("property")}
+    assert properties["driver"] == "stack.Racer"
+    (replay,) = (p for p in (tests.path / ".rvads").rglob("*.html") if p.name != "index.html")
+    assert "stack.Racer" in replay.read_text(encoding="utf-8")
+    assert "stack.Racer" in (tests.path / ".rvads" / "index.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "driver"),
+    [
+        ("stack:Makers.racer", "stack.Racer"),
+        ("reference", "pytest_rvads.autopilots.reference.Reference"),
+        ("late_yielder", "pytest_rvads.autopilots.policies.LateYielder"),
+    ],
+)
+def test_an_option_names_what_drives(tests: pytest.Pytester, name: str, driver: str) -> None:
+    tests.makeconftest("import pytest\n\n@pytest.fixture\ndef rvads_autopilot():\n    return 'not asked'")
+    result = tests.runpytest(f"--rvads-autopilot={name}")
+    assert re.findall(r"driven by (\S+): 1 run", result.stdout.str()) == [driver]
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("missing:Racer", "*rvads_autopilot must name an autopilot as module:name, got 'missing:Racer': No module named 'missing'*"),
+        ("stack:Runner", "*rvads_autopilot must name an autopilot as module:name, got 'stack:Runner': *no attribute 'Runner'*"),
+        ("stack:PLAN", "*rvads_autopilot must name a class or something callable, 'stack:PLAN' is [[]8.0[]]*"),
+        ("referenze", "*unknown autopilot 'referenze'*"),
+    ],
+)
+def test_a_name_that_leads_nowhere_is_an_error(tests: pytest.Pytester, name: str, says: str) -> None:
+    result = tests.runpytest(f"--rvads-autopilot={name}")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines([says])
+
+
+def test_of_an_option_and_a_command_one_is_too_many(tests: pytest.Pytester) -> None:
+    result = tests.runpytest(*NAMED, "--rvads-sut=./stack")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines(["*rvads_sut and rvads_autopilot both say what drives, got *"])
+
+
+def test_what_nobody_chose_is_not_green(tests: pytest.Pytester) -> None:
+    tests.makepyfile(test_it=TESTS.replace("duration=5", "duration=40"))
+    result = tests.runpytest()
+    result.assert_outcomes(passed=1)
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    result.stdout.fnmatch_lines(["rvads: nothing says what drives in 1 item, so the bundled reference autopilot did, *"])
+    assert tests.runpytest("--rvads-autopilot=reference").ret == pytest.ExitCode.OK
