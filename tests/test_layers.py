@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+import pytest_rvads
+
 ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "pytest_rvads"
+PACKAGE = Path(pytest_rvads.__file__).parent
 
 
 def test_data_flows_one_way() -> None:

@@ -62,8 +62,7 @@ class Light:
         if other.zone is not APPROACH and other.zone is not ENTRANCE:
             return False
         me, junction = seen.me, seen.junction
-        far = Turn.RIGHT if junction.left_hand else Turn.LEFT
-        if me.turn is far and other.turn is not far and (me.entrance, other.entrance) in junction.opposite:
+        if me.turn is junction.far and other.turn is not junction.far and (me.entrance, other.entrance) in junction.opposite:
             return True
         return colour is Colour.RED and me.turn is Turn.RIGHT and (me.entrance, other.entrance) in junction.right_of
 

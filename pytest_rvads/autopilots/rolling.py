@@ -9,7 +9,6 @@ from pytest_rvads.autopilots.light import Light
 from pytest_rvads.autopilots.reference import Gate, Reference
 from pytest_rvads.autopilots.stop_sign import PATIENCE, PATIENCE_STEP
 from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.maps.segment import Turn
 from pytest_rvads.semantics.itinerary import ENTRANCE_ZONE
 from pytest_rvads.semantics.states import Colour, Observation, Zone
 
@@ -22,12 +21,12 @@ NEAR = 5.0
 
 
 class RollingStop(Reference):
-    """Takes stop signs for yield signs, and turns right on red without looking.
+    """Takes stop signs for yield signs, and turns on red without looking.
 
     Two things are wrong with it. At a stop sign it does not stop: it slows down, lets pass who is in the junction
     and who stands to its right, and rolls on; who came first does not matter to it, and two that face each other enter
-    together. At a red light it rolls round the corner to the right without regard for who comes from the left, as long
-    as nobody is in its way already. Everything else it does like the reference autopilot.
+    together. At a red light it rolls round the corner to the near side, the right where traffic keeps right, without
+    regard for who has green, as long as nobody is in its way already. Everything else it does like the reference autopilot.
     """
 
     def make_gate(self, seen: Observation) -> Gate:
@@ -64,7 +63,7 @@ class _Yield:
 
 
 class _RightOnRed(Light):
-    """Obeys the light, except that red does not hold a right turn."""
+    """Obeys the light, except that red does not hold a turn to the near side."""
 
     def allows(self, seen: Observation) -> bool:
         if not _turns_on_red(seen):
@@ -74,4 +73,4 @@ class _RightOnRed(Light):
 
 
 def _turns_on_red(seen: Observation) -> bool:
-    return seen.me.turn is Turn.RIGHT and seen.lights[seen.me.entrance] is Colour.RED
+    return seen.me.turn is seen.junction.near and seen.lights[seen.me.entrance] is Colour.RED

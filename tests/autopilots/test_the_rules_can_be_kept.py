@@ -108,7 +108,7 @@ def judge(cases: list[Scenario], junction: str, policy: str, book: str) -> dict[
 def test_a_sample_of_every_traffic(junction: str, book: str) -> None:
     for k, policy in enumerate(TRAFFIC):
         cases = list(scenarios(junction, policy))
-        assert judge(cases[7 * k + 5 :: len(cases) // 2], junction, policy, book) == {}, policy
+        assert judge([cases[(37 * k + 5) % len(cases)]], junction, policy, book) == {}, policy
 
 
 @pytest.mark.parametrize("book", DRIVERS)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import pytest_rvads
 from pytest_rvads.experiment.draws import crossing_wait, draw_range
 from pytest_rvads.experiment.paper import compute, nested
 from pytest_rvads.experiment.published import FITTED, Key, agreement, keys, null_models, published
@@ -104,7 +105,7 @@ def test_verdicts_are_the_same_in_other_processes(verdicts: dict[Key, str]) -> N
 
 @pytest.mark.slow
 def test_halving_the_step_changes_no_verdict(verdicts: dict[Key, str], tmp_path: Path) -> None:
-    package = Path(__file__).parents[2] / "pytest_rvads"
+    package = Path(pytest_rvads.__file__).parent
     shutil.copytree(package, tmp_path / "pytest_rvads", ignore=shutil.ignore_patterns("__pycache__"))
     run = tmp_path / "pytest_rvads" / "semantics" / "run.py"
     source = run.read_text()

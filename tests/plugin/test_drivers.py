@@ -70,7 +70,10 @@ def test_an_option_names_what_drives(tests: pytest.Pytester, name: str, driver: 
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("missing:Racer", "*rvads_autopilot must name an autopilot as module:name, got 'missing:Racer': No module named 'missing'*"),
+        (
+            "missing:Racer",
+            "*rvads_autopilot must name an autopilot as module:name, got *missing:Racer*: No module named *missing*",
+        ),
         ("stack:Runner", "*rvads_autopilot must name an autopilot as module:name, got 'stack:Runner': *no attribute 'Runner'*"),
         ("stack:PLAN", "*rvads_autopilot must name a class or something callable, 'stack:PLAN' is [[]8.0[]]*"),
         ("referenze", "*unknown autopilot 'referenze'*"),

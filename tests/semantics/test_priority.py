@@ -39,7 +39,8 @@ def meeting(drive: Make, left: Any, oncoming: Any, steps: int = 600, lights: Any
 
 
 @pytest.mark.parametrize(
-    ("speed", "ahead", "is_due"), [(8.0, 31.9, True), (8.0, 32.1, False), (2.0, 7.9, True), (2.0, 8.1, False), (0.0, 0.1, False), (0.2, 0.9, False)]
+    ("speed", "ahead", "is_due"),
+    [(8.0, 31.9, True), (8.0, 32.1, False), (2.0, 7.9, True), (2.0, 8.1, False), (0.0, 0.1, False), (0.2, 0.9, False)],
 )
 def test_who_is_four_seconds_away_is_due(drive: Make, speed: float, ahead: float, is_due: bool) -> None:
     assert DUE == 4.0

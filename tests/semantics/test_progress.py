@@ -128,7 +128,9 @@ def together(one: Run, two: Run) -> Run:
 @pytest.mark.parametrize(("exits", "waits"), [((2, 2), True), ((2, 1), False)])
 def test_in_the_junction_only_who_goes_the_same_way_is_ahead(drive: Make, exits: tuple[int, int], waits: bool) -> None:
     """From one entrance: a0 stands 2 m inside, the rear of another one 3 m ahead."""
-    one, two = (drive("light4", {0: (exit, station, [(0, 0.0)])}, 3, CROSS) for exit, station in zip(exits, (2.0, 9.6), strict=True))
+    one, two = (
+        drive("light4", {0: (exit, station, [(0, 0.0)])}, 3, CROSS) for exit, station in zip(exits, (2.0, 9.6), strict=True)
+    )
     assert may_go(together(one, two), 0).all() == (not waits)
 
 

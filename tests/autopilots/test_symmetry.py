@@ -1,0 +1,23 @@
+"""No policy of the traffic goes by numbers: turned around or in a mirror, where traffic keeps left, it is judged alike."""
+
+import pytest
+
+from pytest_rvads.autopilots.traffic import POLICIES, traffic
+from pytest_rvads.scenarios.grid import configuration
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.search.metamorphic import compare
+
+POINTS = {"light4": ("2332", "I", ("rotation", "mirror")), "stop4": ("1230", "E", ("rotation",))}
+
+
+@pytest.mark.parametrize("junction", POINTS)
+@pytest.mark.parametrize("policy", sorted(set(POLICIES) - {"lgsvl"}))
+def test_a_policy_is_symmetric(policy: str, junction: str) -> None:
+    """All but the paper's stack, which is documented to go by the order of creation."""
+    code, letter, relations = POINTS[junction]
+    point = configuration(letter, 4)
+    start = Scenario(junction, code, distance=point.distances, speed=point.speeds)
+    found = compare(start, traffic(policy), ("paper", "road"), relations=relations)
+    assert found.differences == ()
+    assert len(found.compared) >= len(relations)
+    assert found.triggered
