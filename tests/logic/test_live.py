@@ -63,9 +63,9 @@ def waiting(drive: Make) -> list[Run]:
 
 
 DRIVES = (
-    (Scenario("stop4", "2332", distance=(8, 12, 9, 14), speed=4, duration=12), RedLightRunner),
-    (Scenario("light4", "3122", distance=(12, 0.3, 14, 8), speed=(6, 0, 6, 6), duration=12), RedLightRunner),
-    (Scenario("light4", "3231", distance=(12, 15, 10, 5), speed=6, duration=12), RollingStop),
+    (Scenario("stop4", "2332", distance=(8, 12, 9, 14), speed=4, duration=7), RedLightRunner),
+    (Scenario("light4", "3122", distance=(12, 0.3, 14, 8), speed=(6, 0, 6, 6), duration=7), RedLightRunner),
+    (Scenario("light4", "3231", distance=(12, 15, 10, 5), speed=6, duration=7), RollingStop),
 )
 
 
