@@ -87,6 +87,13 @@ def pytest_report_header(config: pytest.Config) -> str | None:
     return f"rvads: driven by {driver}" if driver else None
 
 
+def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Item]) -> str | None:
+    """Say that fixtures name what drives, where no option does."""
+    if config.stash[OPTIONS].driver or not any("rvads_cell" in getattr(item, "fixturenames", ()) for item in items):
+        return None
+    return "rvads: driven by what the fixture rvads_autopilot returns"
+
+
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Expand ``@rvads.scenario``."""
     if "rvads_cell" in metafunc.fixturenames or metafunc.definition.get_closest_marker("rvads_scenario"):

@@ -13,6 +13,7 @@ from pytest_rvads.logic.rules import Rule, get_rule
 from pytest_rvads.logic.story import is_about, waits
 from pytest_rvads.logic.verdicts import Status
 from pytest_rvads.semantics.blame import cut_short_by
+from pytest_rvads.semantics.conduct import drives
 from pytest_rvads.semantics.predicates import extract
 from pytest_rvads.semantics.run import Run
 
@@ -27,7 +28,7 @@ class Attribution:
 
     status: Status
     asked: bool = True
-    """Whether an instance bound the subject to act; without a subject, whether any was triggered."""
+    """Whether an instance bound the subject to act; without a subject, whether any was triggered. Who never moves never acts."""
     unavoidable: bool = False
     """Violated, and nobody could have kept it."""
     provoked: bool = False
@@ -38,13 +39,15 @@ def attribute(found: Sequence[Judgement], rule: Rule, values: Values) -> Attribu
     """Return what a rule says about a run, given what its instances say.
 
     Without a subject: FAIL if any instance, else OPEN if any, else PASS if any was triggered, else NA. With one, what it is to
-    blame for counts first; what only others broke is provoked; and it passes only where it was bound to act itself.
+    blame for counts first; what only others broke is provoked; and it passes only where it was bound to act itself. Nobody passes
+    by never moving.
     """
     run, status = values.run, _overall(found)
     subject = run.subject
     if subject is None:
         excused = status is Status.FAIL and unavoidable(found, _with_companions(found, rule, run), values)
-        return Attribution(status, status is not Status.NA, excused)
+        acted = status is not Status.NA and any(drives(run, column) for column in range(len(run.agents)))
+        return Attribution(Status.NA if status is Status.PASS and not acted else status, acted, excused)
     me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
     bound = any(j.status is not Status.NA and asked(j.template, values, me) for j in found)
     if status not in _BROKEN:

@@ -107,7 +107,9 @@ def _judged(rule: Rule, run: Run, window: float, itinerary: bool, standing: bool
 
 def _idle(story: Story, templates: tuple[Template, ...], values: Values) -> tuple[str, Near | None]:
     """Return why a rule is not applicable, and where it came closest to being so."""
-    if story.subject is not None and any(j.status is not Status.NA for j in story.found):
+    if any(j.status is not Status.NA for j in story.found):
+        if story.subject is None:
+            return "nobody moved, so nobody kept the rule by what it did", None
         return f"only traffic was asked: no instance that was triggered bound {story.subject}, the subject, to act", None
     return "never triggered: the premise of no instance ever holds on the run", nearest_miss(templates, values)
 

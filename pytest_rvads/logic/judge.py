@@ -52,14 +52,10 @@ def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
 
 
 def asked(template: Template, values: Values, agent: int) -> bool:
-    """Return whether an instance bound an agent, given by column, to act.
-
-    Where the rule is never vacuous it asks whoever drives.
-    """
+    """Return whether an instance bound an agent, given by column, to act; one that never moves has not acted."""
     mine = [m for m in template.members if any(e.index == agent for e in m.bound)]
-    if any(m.premise is None for m in mine):
-        return drives(values.run, agent)
-    return any(m.premise is not None and settle(m.premise, values, values.run.steps).any() for m in mine)
+    applies = any(m.premise is None or settle(m.premise, values, values.run.steps).any() for m in mine)
+    return applies and drives(values.run, agent)
 
 
 def walk(templates: tuple[Template, ...], values: Values) -> list[NDArray[np.int32]]:

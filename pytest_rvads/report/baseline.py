@@ -140,6 +140,10 @@ def _change(record: Record, before: Record | None, erosion: float) -> Change:
     """Return what became of an item that the session has a record of."""
     nodeid, now = record["nodeid"], _state(record)
     if record["status"] == "NOT RUN":
+        # A skip that somebody wrote into a test is a choice; being too late, or interrupted, is none.
+        chosen = record["outcome"] == "skipped" and not record["message"].startswith("NOT RUN: ")
+        if chosen and before is not None and _judged(before):
+            return Change("LOST", nodeid, f"was {before['status']}, is skipped")
         return Change("NOT RUN", nodeid)
     moved = _elsewhere(record, before)
     then = "absent" if moved else _state(before)

@@ -1,10 +1,11 @@
 """Who is to blame where two vehicles collide or meet: right of way first, the order of entry last.
 
 Whoever lacked the right of way is to blame: who entered on red or past a stop sign (Vienna Convention on Road Traffic 1968,
-Art. 5), out of turn, or took a way that it owed to the other one (Art. 16(2), 18). Where that tells nothing apart it is
-whoever was in the wrong lane (Art. 10(3)), drove into somebody who stood or was ahead (Art. 13), unless that one cut in, or
-drove backwards (California Vehicle Code 22106); else whoever entered the junction last
-(California Vehicle Code 21800(a)). This is also the order of everyday insurance practice.
+Art. 5), out of turn, or took a way that it owed to the other one (Art. 16(2), 18). Who could have stopped for somebody that
+had no right to be there, and did not, shares the blame (Art. 13(1)). Where rights tell nothing apart it is whoever was in
+the wrong lane (Art. 10(3)), drove into somebody who stood or was ahead (Art. 13), unless that one cut in, or drove backwards
+(California Vehicle Code 22106); else whoever entered the junction last (California Vehicle Code 21800(a)). This is also the
+order of everyday insurance practice.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ STOOD = 0.5
 """A vehicle that has stood still for this long before the impact was stood into [s]."""
 REACTION = 1.0
 """Time in which a driver notices somebody and stops or does not set off [s]; the usual figure of accident analysis."""
+BRAKING = 3.4
+"""Deceleration that everybody can stop with [m/s^2] (AASHTO, A Policy on Geometric Design: stopping sight distance)."""
 IMPACT = 0.1
 """Motions are those of so long before the impact, which changes them [s]."""
 ALONG = math.pi / 4
@@ -66,7 +69,10 @@ def blame(run: Run, one: int, two: int, tick: int) -> Cause:
         guilty = [(i, other) for i, other in (matters if (asks, reason) in _RIGHTS else pairs) if asks(run, i, other, tick)]
         if len(guilty) == 1:
             who, whom = (run.agents[k].name for k in guilty[0])
-            return Cause((who,), reason.format(whom))
+            said = reason.format(whom)
+            if asks in _SEEN and _drove_on(run, *guilty[0][::-1], tick):
+                return Cause((who, whom), f"share the blame: {who} {said}, and {whom} drove on though it could have stopped")
+            return Cause((who,), said)
     return Cause((run.agents[one].name, run.agents[two].name), "are equally to blame")
 
 
@@ -196,6 +202,15 @@ def _took_the_way(run: Run, agent: int, other: int, tick: int) -> bool:
         return False
 
 
+def _drove_on(run: Run, agent: int, other: int, tick: int) -> bool:
+    """Whether `agent` entered after `other` and could still have stopped before the junction when it had noticed it."""
+    mine, yours = _entered(run, agent, tick), _entered(run, other, tick)
+    if mine is None or yours is None or run.speed is None or run.station is None:
+        return False
+    noticed = yours + round(REACTION / run.dt)
+    return noticed < mine and bool(-run.station[noticed, agent] > max(run.speed[noticed, agent], 0.0) ** 2 / (2 * BRAKING))
+
+
 def _last(run: Run, agent: int, other: int, tick: int) -> bool:
     mine, yours = _entered(run, agent, tick), _entered(run, other, tick)
     return mine is not None and (yours is None or mine > yours)
@@ -238,6 +253,8 @@ _RIGHTS: tuple[tuple[_Asks, str], ...] = (
     (_out_of_turn, "had entered out of turn"),
 )
 """Who lacked the right of way, the first question that exactly one of both answers with yes."""
+_SEEN = (_on_red, _past_the_sign, _out_of_turn)
+"""Those of them that don't excuse who sees it and drives on all the same."""
 _HANDLING: tuple[tuple[_Asks, str], ...] = (
     (_in_the_wrong_lane, "was outside its lane"),
     (_into_standing, "drove into {}, which stood"),

@@ -37,6 +37,18 @@ CHEATS = (
         "idle", DRIVING, "stands on the brake from the start", "`progress` FAIL after 10 s; all else NA, only traffic was asked"
     ),
     Entry(
+        "idle_in_a_short_run",
+        DRIVING,
+        "stands on the brake at the line, in a run too short for `progress` to fail",
+        "NA: who never moves has kept no rule by acting",
+    ),
+    Entry(
+        "idle_together",
+        DRIVING,
+        "does so with all other vehicles, which are copies of it",
+        "NA: nobody moved",
+    ),
+    Entry(
         "creep_on_approach", DRIVING, "creeps towards the line at 0.11 m/s", "`progress` FAIL: below walking pace time is lost"
     ),
     Entry(
@@ -211,6 +223,18 @@ CHEATS = (
         CONFLICTS,
         "runs a red light, and who has green enters after it and hits it",
         "`red`, `no_conflict`, `no_collision` FAIL, and it is to blame",
+    ),
+    Entry(
+        "ram_who_ran_the_sign",
+        CONFLICTS,
+        "waits at the sign and drives into who rolled through it and has been in the junction for 4 s",
+        "`no_conflict`, `no_collision` FAIL: it could have stopped, and shares the blame",
+    ),
+    Entry(
+        "ram_who_ran_the_red_light",
+        CONFLICTS,
+        "waits at green and drives into who ran the red light and has been in the junction for 6 s",
+        "`no_conflict`, `no_collision` FAIL: it could have stopped, and shares the blame",
     ),
     Entry(
         "crash_late",
@@ -402,6 +426,14 @@ CHEATS = (
         "marks as a known deficiency what is an error of its controller",
         "ERROR, not a known failure",
     ),
+    Entry("xfail_over_a_typo", TESTS, "marks as xfail a test that dies of a misspelt name", "ERROR, not an expected failure"),
+    Entry("xfail_over_a_broken_fixture", TESTS, "marks as xfail a test whose fixture raises", "ERROR, not an expected failure"),
+    Entry(
+        "a_run_made_elsewhere",
+        TESTS,
+        "hides the fixture that `run` and `monitor` rest on behind one of its own",
+        "ERROR: nothing was simulated",
+    ),
     Entry("known_over_a_pass", TESTS, "marks as a known deficiency what passes", "the test fails, as it should have failed"),
     Entry(
         "known_that_matches_nothing",
@@ -476,6 +508,24 @@ CHEATS = (
         "NOT RUN; exit status 1, and how many vanished",
     ),
     Entry(
+        "drop_before_anybody_looks",
+        SESSIONS,
+        "has a wrapper around the collection drop the items that fail, before any plugin sees them",
+        "NOT RUN; exit status 1, and how many vanished",
+    ),
+    Entry(
+        "catch_failures_outside",
+        SESSIONS,
+        "has a wrapper around the tests catch their failures",
+        "FAIL; exit status 1, and that something catches failures",
+    ),
+    Entry(
+        "change_the_outcome",
+        SESSIONS,
+        "has a hook turn the reports of failures into passed ones",
+        "FAIL; exit status 1, and that something catches failures",
+    ),
+    Entry(
         "deselect_what_fails",
         SESSIONS,
         "deselects by `-k` what fails, and asks for full coverage",
@@ -488,6 +538,8 @@ CHEATS = (
     Entry("break_down_where_it_failed_before", SESSIONS, "is an ERROR now where it was a FAIL", "exit status 1: NEW"),
     Entry("fail_where_it_broke_down_before", SESSIONS, "is a FAIL now where it was an ERROR", "exit status 1: NEW"),
     Entry("ask_nothing_any_more", SESSIONS, "makes its runs so short that the rule does not apply any more", "no success: LOST"),
+    Entry("skip_what_was_judged", SESSIONS, "skips the test that failed before", "exit status 1: LOST"),
+    Entry("judge_nothing_as_before", SESSIONS, "judges nothing, as in the session it compares with", "exit status 1: NOT JUDGED"),
     Entry("delete_the_test", SESSIONS, "deletes the test that failed", "exit status 1: LOST"),
     Entry("call_it_known", SESSIONS, "marks as known what passed before and fails now", "the comparison names it: KNOWN"),
     Entry(

@@ -5,6 +5,8 @@ from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
+import pytest
+
 from pytest_rvads.logic.rulebooks import PAPER, ROAD
 
 from .catalogue import CHEATS, INNOCENTS
@@ -14,10 +16,14 @@ ROOT = Path(__file__).parents[2]
 EVERY = (*CHEATS, *INNOCENTS)
 
 
-def test_every_entry_is_shown_by_one_test() -> None:
-    # Where only this file was asked for, the others have not been read.
+@pytest.fixture(autouse=True, scope="module")
+def _all_read() -> None:
+    """Where only this file was asked for, the others have not been read."""
     for file in sorted(Path(__file__).parent.glob("test_*.py")):
         import_module(f"{__package__}.{file.stem}")
+
+
+def test_every_entry_is_shown_by_one_test() -> None:
     assert {name: tests for name, tests in SHOWN.items() if len(tests) != 1} == {}
     assert {entry.name for entry in EVERY} ^ SHOWN.keys() == set()
 

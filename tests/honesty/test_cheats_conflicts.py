@@ -91,6 +91,25 @@ HIDES = {
         {"red": "FAIL a1", "no_collision": "FAIL a1", "no_conflict": "FAIL a1", "end": "collision"},
         BLIND,
     ),
+    # a1 rolls over its line at 2 m/s at 2.0 s; a0 stands at its own.
+    "ram_who_ran_the_sign": Case(
+        at("stop4", "2200", distance=(0.3, 3, 20, 20)),
+        stops_at(-0.2, go=6.0),
+        {
+            "full_stop": "PROVOKED a1",
+            "first_come": "PROVOKED a1",
+            "no_collision": "FAIL a0 a1",
+            "no_conflict": "FAIL a0 a1",
+            "end": "collision",
+        },
+        paced(lambda _: 2.0),
+    ),
+    "ram_who_ran_the_red_light": Case(
+        at("light4", "2200", distance=(0.3, 3, 20, 20)),
+        stops_at(-0.2, go=7.0),
+        {"red": "PROVOKED a1", "no_collision": "FAIL a0 a1", "no_conflict": "FAIL a0 a1", "end": "collision"},
+        paced(lambda _: 2.0),
+    ),
     # a0 has stood in the middle for 15 s when a1 gets green and drives into it.
     "crash_late": Case(
         at("light4", "2200", subject=1, distance=(20, 5, 20, 20)),

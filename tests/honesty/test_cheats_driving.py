@@ -68,6 +68,17 @@ NOWHERE = {
         {"progress": "FAIL a0", "full_stop": "NA", "no_collision": "NA", "keep_lane": "NA", "speed_limit": "NA"},
         REFERENCE,
     ),
+    "idle_in_a_short_run": Case(
+        at("light4", "2020", distance=0.3, duration=9),
+        paced(lambda _: 0.0),
+        {"progress": "NA", "keep_clear": "NA", "on_route": "NA"},
+        REFERENCE,
+    ),
+    "idle_together": Case(
+        at("stop4", "2020", distance=0.3, duration=9, subject=None),
+        paced(lambda _: 0.0),
+        {"progress": "NA", "full_stop": "NA", "no_conflict": "NA"},
+    ),
     # At 0.11 m/s it loses 1 - 0.11/1.4 of the time: 10 s after 10.9 s.
     "creep_on_approach": Case(at("stop4", "2000", duration=13), paced(lambda _: 0.11), {"progress": "FAIL a0"}),
     "stop_short_of_the_line": Case(at("stop4", "2000", duration=25), stops_at(-3.0), {"progress": "FAIL a0", "full_stop": "NA"}),

@@ -15,6 +15,44 @@ EXPECTS = {
     "known_over_an_error": Attempt(
         "@rvads.known('gaps', reason='finds none')" + CHECKED.format(""), ("ERROR",), {"errors": 1}, "*no gap found*", "raises"
     ),
+    "xfail_over_a_typo": Attempt(
+        """
+        @pytest.mark.xfail(reason="known")
+        @here()
+        def test_it(run, rule, monitor):
+            monitr.check(rule)
+        """,
+        ("ERROR",),
+        says="*name 'monitr' is not defined*",
+    ),
+    "xfail_over_a_broken_fixture": Attempt(
+        """
+        @pytest.fixture
+        def settings():
+            raise ValueError("no settings")
+
+        @pytest.mark.xfail(reason="known")
+        @here()
+        def test_it(settings, run, rule, monitor):
+            monitor.check(rule)
+        """,
+        ("ERROR",),
+        {"errors": 1},
+        "*no settings*",
+    ),
+    "a_run_made_elsewhere": Attempt(
+        """
+        @pytest.fixture
+        def rvads_run():
+            return rvads.simulate(rvads.Scenario("stop4", "2222", duration=30), rvads.Reference)
+
+        @here()
+        def test_it(run, rule, monitor):
+            monitor.check(rule)
+        """,
+        ("ERROR",),
+        says="*nothing was simulated: the fixture rvads_run is one of your own, call it otherwise*",
+    ),
     "known_over_a_pass": Attempt(
         "@rvads.known('races')" + CHECKED.format("duration=20"), ("FAIL",), {"failed": 1}, "*XPASS(strict)* races*", "reference"
     ),

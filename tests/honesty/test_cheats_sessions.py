@@ -7,8 +7,8 @@ import pytest
 from pytest_rvads.cli import main
 from pytest_rvads.maps.writer import Layout, opendrive
 
-from .attempts import FAILED, NOTHING, Session
-from .shown import shows
+from .attempts import CHECKED, FAILED, NOTHING, Session
+from .shown import shows, shows_each
 
 RULES = """
 @here({more})
@@ -84,6 +84,42 @@ def test_items_that_vanish_are_missed(session: Session, pytester: pytest.Pyteste
     assert sorted(str(record["status"]) for record in records(pytester)) == ["NOT RUN", "PASS"]
 
 
+HOOKS = {
+    "drop_before_anybody_looks": """
+def pytest_collection_modifyitems(items):
+    items[:] = [item for item in items if '-p1]' not in item.nodeid]
+    return (yield)
+""",
+    "catch_failures_outside": """
+def pytest_runtest_call():
+    try:
+        return (yield)
+    except AssertionError:
+        return None
+""",
+    "change_the_outcome": """
+def pytest_runtest_makereport():
+    report = yield
+    report.outcome = "passed"
+    return report
+""",
+}
+
+
+@shows_each(HOOKS)
+def test_a_hook_that_hides_failures_is_noticed(case: str, session: Session, pytester: pytest.Pytester) -> None:
+    wrapper = f"import pytest\n\n@pytest.hookimpl(wrapper=True, tryfirst=True){case}"
+    (pytester.path / "hides.py").write_text(wrapper, encoding="utf-8")
+    pytester.syspathinsert()
+    result = session(GETS_IN + rules(rules=("p1", "gets_in")), "-p", "hides")
+    assert "failed" not in result.parseoutcomes()
+    assert result.ret == FAILED
+    dropped = "modifyitems" in case
+    says = "vanished: *" if dropped else "passed though not kept: something catches failures, first *-p1]"
+    result.stdout.fnmatch_lines([f"rvads: 1 item {says}"])
+    assert sorted(str(record["status"]) for record in records(pytester)) == ["NOT RUN" if dropped else "FAIL", "PASS"]
+
+
 @shows("deselect_what_fails")
 def test_deselecting_does_not_raise_coverage(session: Session) -> None:
     result = session(GETS_IN + rules(rules=("p1", "gets_in")), "-k", "gets_in", "--rvads-cov-fail-under=100")
@@ -128,6 +164,23 @@ def test_what_is_na_now_is_lost(session: Session) -> None:
     result = compared(session, "racer", "racer", later=rules(duration=0.1))
     assert result.ret in (FAILED, NOTHING)
     result.stdout.fnmatch_lines(["against old.json: 1 LOST", "*was FAIL, is NA*"])
+
+
+@shows("skip_what_was_judged")
+def test_what_is_skipped_now_is_lost(session: Session) -> None:
+    other = GETS_IN + rules(rules="gets_in").replace("test_rules", "test_other")
+    result = compared(session, "racer", "racer", later="@pytest.mark.skip" + rules() + other)
+    result.assert_outcomes(passed=1, skipped=1)
+    assert result.ret == FAILED
+    result.stdout.fnmatch_lines(["against old.json: 1 LOST, 1 ADDED", "*was FAIL, is skipped"])
+
+
+@shows("judge_nothing_as_before")
+def test_to_judge_nothing_is_no_old_failure(session: Session) -> None:
+    result = compared(session, "racer", "racer", CHECKED.format("").replace("monitor.check(rule)", "pass"))
+    result.assert_outcomes(failed=1)
+    assert result.ret == FAILED
+    result.stdout.fnmatch_lines(["against old.json: 1 UNCHANGED"])
 
 
 @shows("delete_the_test")

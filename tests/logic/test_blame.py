@@ -66,10 +66,33 @@ def test_in_a_cycle_it_is_nobody_s_turn(drive: Make) -> None:
 
 def test_what_stands_there_for_long_has_been_seen(drive: Make) -> None:
     """a1 ran the red light and has stood in the middle ever since: for 3 s, then for 5 s."""
-    for stood, blamed in ((300, "a1"), (500, "a0")):
+    for stood, blamed in ((300, ("a1", "a0")), (500, ("a0",))):
         vehicles = {1: (2, -10.0, [(0, 8.0), (250, 0.0)]), 0: wait(2, 150 + stood)}
         run = drive("light4", vehicles, 1000, CROSS, [(250 + stood, "a0", "a1")])
-        assert cause_of(run, run.collisions[0]).agents == (blamed,)
+        assert cause_of(run, run.collisions[0]).agents == blamed
+
+
+# a1 is in the junction at 1.25 s; who has had a second to see it, and 3.4 m/s^2 to brake with, could have stopped.
+@pytest.mark.parametrize(
+    ("junction", "driver", "could"),
+    [
+        ("stop4", wait(2, 210), False),
+        ("stop4", wait(2, 240), True),
+        ("light4", wait(2, 210), False),
+        ("light4", wait(2, 240), True),
+        ("light4", (2, -30.0, [(0, 8.0)]), True),
+        ("light4", (2, -26.0, [(0, 8.0)]), False),
+        ("light4", (2, -26.0, [(0, 6.0)]), True),
+    ],
+)
+def test_who_could_have_stopped_shares_the_blame(drive: Make, junction: str, driver: Any, could: bool) -> None:
+    """a1 has run the sign or the red light, and a0 drives into it."""
+    run = drive(
+        junction, {1: (2, -5.0, [(0, 4.0)]), 0: driver}, 600, CROSS if junction == "light4" else None, [(500, "a0", "a1")]
+    )
+    told = cause_of(run, run.collisions[0])
+    assert told.agents == (("a1", "a0") if could else ("a1",))
+    assert told.reason.endswith("a0 drove on though it could have stopped") == could
 
 
 @pytest.mark.parametrize(("tick", "reason"), [(50, "drove into a2, which stood"), (49, "are equally to blame")])

@@ -68,7 +68,7 @@ def test_bodies_overlap_where_a_border_point_of_one_lies_in_the_other(one: Box, 
 
 
 def test_two_recorded_bodies_in_one_place_collide(drive: Make) -> None:
-    still = {0: (2, -30.0, [(0, 0.0)]), 2: (2, -30.0, [(0, 0.0)])}
+    still = {0: (2, -30.0, [(0, 1.0)]), 2: (2, -30.0, [(0, 0.0)])}
     run = drive("stop4", still, 50)
     assert check(run, "no_collision").status == "PASS", "a simulator recorded that there was none"
     pose = run.need("pose").copy()
