@@ -56,10 +56,11 @@ def traffic(drive: Make) -> dict[str, Run]:
 
 @pytest.fixture(scope="module")
 def waiting(drive: Make) -> list[Run]:
-    """Runs in which somebody waits in vain: for nobody, and after its light has turned green."""
+    """Runs in which somebody waits in vain: for nobody, and after its light has turned green; and one in which nobody does."""
     vain = {0: (2, -0.5, [(0, 0.0), (1300, 8.0)]), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (400, 8.0)])}
-    late = {0: (2, -0.5, [(0, 0.0)])}
-    return [drive("stop4", vain, 1400), drive("light4", late, 1300, {0: [(0, RED), (200, GREEN)]})]
+    late, comes = {0: (2, -0.5, [(0, 0.0)])}, {0: (2, -90.0, [(0, 8.0)])}
+    lights = {0: [(0, RED), (200, GREEN)]}
+    return [drive("stop4", vain, 1400), drive("light4", late, 1300, lights), drive("light4", comes, 1100, lights)]
 
 
 DRIVES = (

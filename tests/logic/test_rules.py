@@ -234,7 +234,7 @@ def test_every_step_of_the_pipeline_prints(make: Make) -> None:
         "[a=a1, j.en=j.en1] G(a1@j.en1 -> F a1@j)",
         "(6 more are true by what is static)",
     ]
-    assert "a1: 1 -> 2 (right)" in str(static)
+    assert str(static).endswith("; a0: 0 -> 2 (straight), a1: 1 -> 2 (right)")
     assert "1 right-of 0" in str(static)
     assert "stop signs at [0, 1, 2, 3]" in str(static)
 

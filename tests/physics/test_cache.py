@@ -113,6 +113,17 @@ def test_other_code_and_other_versions_are_other_keys(where: Path, monkeypatch: 
     assert len(list(where.iterdir())) == 3
 
 
+def test_the_code_is_told_by_a_checksum_of_every_module(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found = []
+    for text in ("x = 1", "x = 2"):
+        (tmp_path / "package" / "room").mkdir(parents=True, exist_ok=True)
+        (tmp_path / "package" / "module.py").write_text(text)
+        monkeypatch.setattr(cache, "__file__", str(tmp_path / "package" / "room" / "cache.py"))
+        found.append(cache._code.__wrapped__())
+    assert all(len(checksum) == 64 for checksum in found)
+    assert found[0] != found[1]
+
+
 def _many(place: str) -> list[float | None]:
     os.environ[cache.VARIABLE] = place
     return [cache.cached({"a": k % 5}, Counter(float(k % 5))) for k in range(200)]

@@ -178,6 +178,7 @@ def test_a_traffic_system_that_forgets_somebody_is_a_fault() -> None:
 
     run = simulate(SCENARIO, Forgetful)
     assert "returned 0 autopilots, expected one for each of 4 agents" in run.fault.reason
+    assert run.fault.agent == "a0"
 
 
 def test_the_subject_gets_the_autopilot_and_the_others_the_traffic() -> None:

@@ -50,6 +50,13 @@ def test_poses_are_those_of_the_front_bumper(cruiser) -> None:
         assert (x, y) == pytest.approx(tuple(run.pose[k, 0, :2]), abs=0.01)
 
 
+def test_the_last_state_repeats_the_controls_before_it() -> None:
+    run = simulate(Scenario("stop4", "2200", distance=(20, 10, 0, 0), speed=8, duration=3), Reference)
+    assert (run.controls[-1] == run.controls[-2]).all()
+    assert (run.controls[-1] != run.controls[0]).any()
+    assert (run.controls[-1, 0] != run.controls[-1, 1]).any()
+
+
 def test_speed_is_the_change_of_place(cruiser) -> None:
     run = simulate(Scenario("stop4", "2000", distance=20, speed=6), cruiser)
     assert np.diff(run.station[:, 0]) == pytest.approx(run.speed[1:, 0] * DT, abs=1e-9)

@@ -56,6 +56,14 @@ def test_a_rear_end_hit_is_seen_when_it_happens_and_keeps_momentum() -> None:
     assert one.vx + two.vx == pytest.approx(10.0, rel=1e-6)
 
 
+def test_of_four_bodies_those_that_touch_are_named() -> None:
+    world = BulletWorld(CAR, [at(0, 0), at(0, 50), at(0, 100), at(1.0, 51.0)])
+    world.step([0.0] * 12)
+    touched = world.contacts()
+    world.close()
+    assert touched == [(1, 3)]
+
+
 def test_the_body_reaches_from_the_front_bumper_backwards() -> None:
     reach = CAR.gravity_offset
     for gap, expected in ((0.01, []), (-0.01, [(0, 1)])):

@@ -4,7 +4,12 @@ import json
 
 import pytest
 
+from pytest_rvads.autopilots import Reference
 from pytest_rvads.cli import main
+from pytest_rvads.fixtures.comparing import explain
+from pytest_rvads.logic.check import check
+from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.scenarios.scenario import Scenario
 
 CONFTEST = """
     import pytest
@@ -215,3 +220,13 @@ def test_comparing_runs_and_verdicts(pytester: pytest.Pytester) -> None:
             "E         p4 NA: *",
         ]
     )
+
+
+def test_only_two_runs_or_two_verdicts_are_compared_in_words() -> None:
+    run = simulate(Scenario("stop4", "1133", distance=0.3, duration=0.1), Reference)
+    verdict = check(run, "p4")
+    assert explain("==", verdict, check(run, "p3")) is not None
+    assert explain("==", run, run) is not None
+    for pair in ((verdict, "NA"), ("NA", verdict), (run, 3), (3, run), (run, verdict), (1, 2)):
+        assert explain("==", *pair) is None
+    assert explain("<", verdict, verdict) is None

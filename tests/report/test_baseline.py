@@ -84,6 +84,10 @@ def test_the_terminal_colours_what_changed(before: Any, now: Any, kind: str, sty
     assert f"\x1b[{style}m  {kind}" in summary(report, colour=True, width=100, unicode=True)
 
 
+def test_where_there_is_nothing_to_compare_it_says_so() -> None:
+    assert changes([], []).headline == "against old.json: nothing to compare"
+
+
 def test_what_the_session_has_no_record_of() -> None:
     old = [record("a", "PASS"), record("b", "NA")]
     assert changes(old, []).count("OUTSIDE") == 2

@@ -11,7 +11,7 @@ from pytest_rvads.report.document import Report, cell_of
 from pytest_rvads.report.files import load, markdown, save
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import coverage, matrices
-from pytest_rvads.report.record import cell_record, conclude, properties
+from pytest_rvads.report.record import SEVERITY, cell_record, conclude, properties
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.triage import causes
 
@@ -141,7 +141,10 @@ def test_a_report_is_read_back(tmp_path: Path) -> None:
     assert (tmp_path / "r.md").read_text(encoding="utf-8") == markdown(REPORT)
 
 
-@pytest.mark.parametrize("content", ["", "[]", "{}", json.dumps({"format": "rvads-report", "version": 99, "records": []})])
+OLDER, OTHER = ({"format": name, "version": n, "records": []} for name, n in (("rvads-report", 2), ("other-report", 3)))
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", json.dumps(OLDER), json.dumps(OTHER)])
 def test_other_files_are_refused(tmp_path: Path, content: str) -> None:
     path = tmp_path / "r.json"
     path.write_text(content, encoding="utf-8")
@@ -159,6 +162,9 @@ def test_unknown_endings_and_missing_files_are_refused(tmp_path: Path) -> None:
 def test_markdown_keeps_its_tables_whole() -> None:
     text = markdown(Report((record(1, "C", "p1", "FAIL", cause="a | b\nc"),), TOTALS))
     assert "a \\| b c" in text
+    lines = text.splitlines()
+    heads = [k for k, line in enumerate(lines) if line.startswith("| class |")]
+    assert [lines[k + 1] for k in heads] == ["|---|---|"], "a column of classes and one of a rule"
 
 
 def measured(cls: int, **vehicle: float | None) -> Any:
@@ -216,6 +222,27 @@ def test_a_long_table_is_cut_but_for_its_failures() -> None:
     whole = summary(report, colour=False, width=200, unicode=False, full=True)
     assert len([line for line in whole.splitlines() if line.strip()[:3].isdigit()]) == 60
     assert "more rows" not in whole
+
+
+def test_a_long_list_of_causes_is_cut() -> None:
+    report = Report(tuple(record(n, "C", "p1", "FAIL", cause=f"cause {'x' * n}") for n in range(1, 15)), {4: (24, 81)})
+    text, whole = (summary(report, colour=False, width=200, unicode=False, full=full) for full in (False, True))
+    assert (text.count("1 x p1: cause"), whole.count("1 x p1: cause")) == (10, 14)
+
+
+def test_a_long_label_of_a_configuration_has_a_number() -> None:
+    label = "d20.00_20.00_20.00_20.00v08.00_08.00_08.00_08.00"
+    text = summary(Report((record(1, label, "p1", "PASS"),), {4: (24, 81)}), colour=False, width=200, unicode=False)
+    assert text.count(label) == 1
+    assert " #1 " in text
+    assert f" #1 = {label}" in text
+
+
+def test_every_status_has_a_word() -> None:
+    records = [record(n, "C", "p1", "FAIL") | {"status": status} for n, status in enumerate(SEVERITY, start=1)]
+    (line,) = coverage(records, {4: (24, 81)})
+    words = "1 pass, 1 fail, 1 open, 1 unavoidable, 1 provoked by traffic, 1 NA, 1 error, 1 flaky, 1 not judged, 1 not run"
+    assert f"{len(SEVERITY)} verdicts: {words}" in line
 
 
 def test_slow_runs_are_told_where_they_matter() -> None:

@@ -132,6 +132,16 @@ def test_many_rules_are_counted() -> None:
     assert cause.rule == "p0, p1, p2 and 2 more"
 
 
+def test_one_fault_is_one_cause_whatever_rules_would_have_judged_it() -> None:
+    found = []
+    for run, rule in (("one", "p1"), ("one", "p2"), ("two", "p3")):
+        record = failed(run, rule, "", None)
+        conclude(record, [], "call", "failed", text="ValueError: no gap", asserted=False)
+        found.append(record | {"hash": None})
+    (cause,) = causes(found)
+    assert (cause.count, cause.text) == (3, "ValueError: no gap")
+
+
 def test_messages_are_alike_up_to_their_numbers() -> None:
     def crash(run: str, text: str) -> dict[str, Any]:
         record = failed(run, "p1", "", None)

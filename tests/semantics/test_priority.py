@@ -127,7 +127,8 @@ def test_under_a_second_behind_is_too_near(drive: Make, gap: float, taken: bool)
     if taken:
         arrives = np.flatnonzero(run.need("station")[:, 1] >= common().yours.start)[0]
         assert hits.tolist() == [arrives], "when the other one comes to the place"
-        assert owes(run, 0, 1)[hits[0]]
+        takes = np.flatnonzero(run.need("station")[:, 0] >= common().mine.start)[0]
+        assert owes(run, 0, 1)[takes : hits[0] + 1].all(), "from where the ways meet until the other one is there"
 
 
 def test_letting_it_pass_first_obstructs_nobody(drive: Make) -> None:

@@ -164,6 +164,12 @@ def test_who_comes_from_the_right_at_about_the_same_time_comes_first(drive: Make
         assert (bool(one), bool(two)) == (first == 1, first == 0)
 
 
+@pytest.mark.parametrize(("delay", "right_first"), [(0, True), (49, True), (50, True), (51, False)])
+def test_half_a_second_is_about_the_same_time(make: Make, delay: int, right_first: bool) -> None:
+    run = make("stop4", {0: (2, 10, None, None), 1: (2, 10 + delay, None, None)}, 100)
+    assert (comes_first(run, 0, 1)[-1], comes_first(run, 1, 0)[-1]) == (right_first, not right_first)
+
+
 def test_a_due_oncoming_vehicle_is_a_reason_for_a_left_turn(drive: Make) -> None:
     common = stretches(find("light4"))
     assert common is not None

@@ -182,6 +182,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     (broken("graph", "edges", 5, "target", value="x0"), "exit 'x1' must be reached from all entrances but one"),
     (broken("right_of", value=[["n1", "nope"]]), "'right_of' must hold pairs of entrances"),
     (broken(*RUN, "ticks", value=0), "run 'hand_r=1': a run must have at least one tick and at most 10,000,000, got 0"),
+    (broken(*RUN, "name", value=3), "'name' must be a text, got int"),
     (broken(*RUN, "ticks", value="many"), "'ticks' must be a number, got str"),
     (broken(*RUN, "dt", value=0), "'dt' must be positive, got 0"),
     (broken(*RUN, "dt", value=float("nan")), "'dt' must be a finite number, got nan"),

@@ -223,6 +223,14 @@ def test_colours_in_order_are_fine() -> None:
 def test_a_damaged_run_is_not_judged_as_if_it_were_fine() -> None:
     verdict = check(changed("speed", (7, 0), np.nan), "p1")
     assert (verdict.status, verdict.reason) == ("ERROR", "speed of a0 at 0.07 s is not a finite number")
+    for array, place, value, says in (
+        ("zone", (7, 0), 9, "the run has a zone that is none of approach, "),
+        ("lights", (7, 0), 9, "the run has a colour that is none of "),
+        ("station", (7, 0), np.inf, "station of a0 at 0.07 s is not a finite number"),
+    ):
+        assert check(changed(array, place, value), "p1").reason.startswith(says)
+    for sizes in ((), ((4.6, 0.0),), ((4.6, 1.86), (4.6, 1.86))):
+        assert check(replace(straight(), facts=Facts(sizes=sizes)), "p1").reason.startswith("sizes must be 1 positive lengths")
     for broken in (changed("zone", (7, 0), 9), replace(straight(), speed=np.zeros((5, 1))), replace(straight(), dt=np.nan)):
         assert check(broken, "p1").status == "ERROR"
 
@@ -244,6 +252,8 @@ def test_two_runs_between_equal_states_agree() -> None:
     station[10] -= 1.0
     (finding,) = agree(one, replace(detour, station=station))
     assert finding.kind == "distance"
+    on = moving({(0, 2): (-5.0, [8.0] * 500)})
+    assert agree(one, on) == (), "what comes after the equal state is no matter"
 
 
 # Key performance indicators
