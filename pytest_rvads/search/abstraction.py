@@ -47,12 +47,14 @@ class Model:
         junction: where.
         agents: who, and which way.
         arrivals: when each comes to its entrance [s]; only the differences matter.
+        stop: how long it takes at least from there into the junction [s]: whoever arrives sooner after somebody finds it there.
     """
 
-    def __init__(self, junction: Junction, agents: tuple[Agent, ...], arrivals: Sequence[float]) -> None:
+    def __init__(self, junction: Junction, agents: tuple[Agent, ...], arrivals: Sequence[float], stop: float = 0.0) -> None:
         self.junction = junction
         self.agents = agents
         self.arrivals = tuple(arrivals)
+        self._stop = stop
         zone, lights = _table(len(agents), junction)
         self.run = Run("abstraction", junction, agents, zone, lights)
         """Every configuration twice: at the start of a run, where waiting times are 0, and later."""
@@ -93,6 +95,9 @@ class Model:
         found = _advances(places, len(self.agents))
         coming = [time for i, time in enumerate(self.arrivals) if _place(places, i) == Zone.APPROACH]
         if coming:
+            here = (i for i in range(len(self.agents)) if _place(places, i) == Zone.ENTRANCE)
+            stopping = [i for i in here if min(coming) - self.arrivals[i] < self._stop]
+            found = [moved for moved in found if all(_place(moved, i) == Zone.ENTRANCE for i in stopping)]
             step = sum(
                 _PLACES**i for i, time in enumerate(self.arrivals) if time == min(coming) and _place(places, i) == Zone.APPROACH
             )

@@ -21,7 +21,7 @@ from pytest_rvads.scenarios.grid import PAPER, configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model
 from pytest_rvads.search.consistency import core, decide
-from pytest_rvads.semantics.run import Run
+from pytest_rvads.semantics.run import DT, Run
 from pytest_rvads.semantics.states import Zone
 
 JUNCTIONS = ("stop4", "light4", "stop3", "light3")
@@ -68,7 +68,9 @@ def contradicting(
     for entrance, exit in entrances:
         code[entrance] = (exit - entrance) % place.ways
     agents = Scenario(junction, code).agents()
-    model, rules = Model(place, agents, list(arrivals)), rules_for(book, place.control)
+    # To stop in the metre before the line takes half a second, with the strongest brakes (8 m/s^2). The window includes its end.
+    model = Model(place, agents, arrivals, stop=TIE + DT / 2 if book == "road" else 0.0)
+    rules = rules_for(book, place.control)
     return frozenset() if decide(model, rules).possible else frozenset(rule.name for rule in core(model, rules))
 
 

@@ -198,3 +198,13 @@ def test_command_line_misused(arguments, says, capsys):
     out, err = capsys.readouterr()
     assert says in err
     assert not out
+
+
+def test_whoever_has_to_stop_is_still_there_when_the_next_one_comes() -> None:
+    """Four that come within half a second: only who could get in before the others came would not have to wait for anybody."""
+    place, agents = rvads.find("stop4"), rvads.Scenario("stop4", "2222").agents()
+    rules = rules_for("road", place.control)
+    arrivals = (0.0, 0.3, 0.3, 0.3)
+    assert decide(Model(place, agents, arrivals), rules).possible
+    assert not decide(Model(place, agents, arrivals, stop=0.5), rules).possible
+    assert decide(Model(place, agents, (0.0, 0.6, 0.6, 0.6), stop=0.5), rules).possible
