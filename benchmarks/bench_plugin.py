@@ -28,14 +28,17 @@ import pytest
 def test_bare(cell): ...
 """
 CHEAP = """
+from types import SimpleNamespace
+
 import pytest
 import pytest_rvads as rvads
-from pytest_rvads.fixtures.running import RunCache
+from pytest_rvads.fixtures.running import Simulated
 
 @pytest.fixture(scope="session")
 def rvads_runs():
-    one = rvads.simulate(rvads.Scenario("stop4", "1133", distance=0.3, duration=1.0), rvads.Reference)
-    return RunCache(lambda *args, **kwargs: one)
+    start = rvads.Scenario("stop4", "1133", distance=0.3, duration=1.0)
+    one = Simulated(lambda: rvads.simulate(start, rvads.Reference))
+    return SimpleNamespace(get=lambda *args: one)
 
 here = rvads.scenario("stop4", cover="scenario", distances=[1.0, 2.0], rules="p4")
 

@@ -9,7 +9,7 @@ from pytest_rvads.logic.cycle import unavoidable
 from pytest_rvads.logic.evaluate import Values
 from pytest_rvads.logic.judge import Judgement, asked, judge
 from pytest_rvads.logic.prepare import Template, prepare
-from pytest_rvads.logic.rules import Rule, get_rule
+from pytest_rvads.logic.rules import Rule, get_rule, rules_for
 from pytest_rvads.logic.story import is_about, waits
 from pytest_rvads.logic.verdicts import Status
 from pytest_rvads.semantics.blame import cut_short_by
@@ -85,8 +85,9 @@ def _excused(found: Sequence[Judgement], rule: Rule, run: Run, subject: str) -> 
 
 
 def _held(rule: Rule, run: Run, subject: str) -> bool:
-    """Return whether a companion of `rule` still makes the subject wait: then it keeps others waiting with good reason."""
+    """Return whether another rule of its book still makes the subject wait: then it keeps others waiting with good reason."""
     static = extract(run)
-    rules = map(get_rule, rule.companions)
+    books = (rules_for(book, run.junction.control) for book in ("paper", "road"))
+    rules = {*map(get_rule, rule.companions), *(r for book in books if rule in book for r in book)}
     judged = (judge(prepare(r.formula, static, r.bound).templates, Values(run, r.tie)) for r in rules)
     return any(waits(j, subject) for found in judged for j in found)

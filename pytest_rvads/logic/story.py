@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
+from pytest_rvads.errors import RunError
 from pytest_rvads.logic import formula as f
 from pytest_rvads.logic.cycle import Cycle
 from pytest_rvads.logic.evaluate import Values
@@ -17,6 +18,8 @@ from pytest_rvads.logic.sorts import Sort
 from pytest_rvads.logic.verdicts import Status
 from pytest_rvads.semantics.blame import Cause, blame, cause_of, stuck, surprised
 from pytest_rvads.semantics.bodies import contacts
+from pytest_rvads.semantics.priority import may_owe
+from pytest_rvads.semantics.progress import lost_time, part
 from pytest_rvads.semantics.run import Run
 
 __all__ = ["Story", "bound_names", "cause_between", "happened", "is_about", "responsible", "waits"]
@@ -102,7 +105,8 @@ def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
 def is_about(j: Judgement, run: Run, subject: str) -> bool:
     """Return whether `subject` is to blame for what is violated or open.
 
-    It is not where it met somebody in the junction who had to wait and left it no time to react. An obligation that is still
+    It is not where it met somebody in the junction who had to wait and left it no time to react, nor where it went before
+    somebody who could have gone for `SET_OFF` and did not. An obligation that is still
     open is kept by whoever waits; what keeps it open is the vehicle that is waited for, if any, or one that stands in
     everybody's way.
     """
@@ -111,16 +115,30 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
         meets = j.template.shape.kind is Kind.STATE and cause_between(j, run) is None
         others = [e.index for e in agents_of(j.template.formula) if e.index != me] if meets else []
         excused = len(others) == 1 and surprised(run, me, others[0], j.failed)
-        return not excused and any(e.index == me for e in responsible(j, run))
+        return not (excused or _forfeited(j, run)) and any(e.index == me for e in responsible(j, run))
     if j.status is not Status.OPEN:
         return False
-    waiting = _waiting(j)
-    goes = j.template.shape.goes
-    awaited = [e.index for e in agents_of(goes) if e not in waiting] if goes is not None else []
-    if awaited:
+    if awaited := _awaited(j):
         owed = run.steps - 1 - (j.trigger or 0)
         return me in awaited and owed * run.dt >= SET_OFF
-    return any(e.index == me for e in waiting) and not any(stuck(run, k) for k in range(len(run.agents)) if k != me)
+    return any(e.index == me for e in _waiting(j)) and not any(stuck(run, k) for k in range(len(run.agents)) if k != me)
+
+
+def _forfeited(j: Judgement, run: Run) -> bool:
+    """Return whether who was to go first had not for so long that nobody has to wait any more; or it waited for such a one."""
+    awaited, agents = _awaited(j), range(len(run.agents))
+    try:
+        late = {k for k in agents if _lost(run, k, j.failed) >= SET_OFF}
+        return bool(awaited) and all(k in late or any(may_owe(run, k, other) for other in late) for k in awaited)
+    except RunError:
+        return False
+
+
+def _lost(run: Run, agent: int, tick: int | None) -> float:
+    """Return how long the agent could have got on, in its present part of the way, and did not [s]."""
+    until = run.steps - 1 if tick is None else tick
+    here = part(run, agent)[: until + 1]
+    return float(lost_time(run)[: until + 1, agent][here == here[-1]].sum())
 
 
 def waits(j: Judgement, subject: str) -> bool:
@@ -146,6 +164,12 @@ def cause_between(j: Judgement, run: Run) -> Cause | None:
 def _waiting(j: Judgement) -> tuple[f.Element, ...]:
     waits = j.template.shape.waits
     return agents_of(waits if waits is not None else j.template.shape.obligation)
+
+
+def _awaited(j: Judgement) -> list[int]:
+    """Return the columns of those that are to go first."""
+    goes, waiting = j.template.shape.goes, _waiting(j)
+    return [e.index for e in agents_of(goes) if e not in waiting] if goes is not None else []
 
 
 def happened(j: Judgement, name: Naming = element_name) -> str:

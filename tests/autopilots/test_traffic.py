@@ -166,3 +166,5 @@ def test_reference_goes_on_green_when_the_one_it_let_in_on_red_never_moves() -> 
     entry = run.entry(1)
     assert entry is not None
     assert 20.0 <= entry < 26.0, "its light is green from 20 s on"
+    verdict = check(run, "p5")
+    assert (verdict.status, verdict.provoked) == ("FAIL", True), "the other one could have gone for five seconds"
