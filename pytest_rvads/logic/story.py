@@ -126,9 +126,10 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
 
 def _forfeited(j: Judgement, run: Run) -> bool:
     """Return whether who was to go first had not for so long that nobody has to wait any more; or it waited for such a one."""
-    awaited, agents = _awaited(j), range(len(run.agents))
+    awaited, waiting = _awaited(j), {e.index for e in _waiting(j)}
+    others = (k for k in range(len(run.agents)) if k not in waiting)
     try:
-        late = {k for k in agents if _lost(run, k, j.failed) >= SET_OFF}
+        late = {k for k in others if _lost(run, k, j.failed) >= SET_OFF}
         return bool(awaited) and all(k in late or any(may_owe(run, k, other) for other in late) for k in awaited)
     except RunError:
         return False
