@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.logic.check import check, extract
-from pytest_rvads.logic.ground import ground
-from pytest_rvads.logic.ltl3 import synthesize
-from pytest_rvads.logic.monitor import Monitor, encode, run_machine
-from pytest_rvads.logic.parser import parse_ltl
-from pytest_rvads.logic.prepare import prepare
-from pytest_rvads.logic.rules import rulebook
-from pytest_rvads.maps.finder import find
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Agent, Colour, Zone
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.logic.judging.check import check, extract
+from pytest_rvads.logic.judging.ground import ground
+from pytest_rvads.logic.judging.prepare import prepare
+from pytest_rvads.logic.ltl.ltl3 import synthesize
+from pytest_rvads.logic.ltl.monitor import Monitor, encode, run_machine
+from pytest_rvads.logic.ltl.parser import parse_ltl
+from pytest_rvads.logic.rules.rule import rulebook
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent, Colour, Zone
 
 TEMPLATES = {
     "p1": "G !c",

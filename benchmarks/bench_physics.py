@@ -9,12 +9,12 @@ import time
 
 import pytest
 
-from pytest_rvads.autopilots import Reference
+from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.physics.braking import _vmax, stopping_distance, vmax
-from pytest_rvads.physics.simulation import simulate
 from pytest_rvads.physics.world import BulletWorld, Motion
+from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.simulators.bullet import simulate
 
 BUDGET = 0.15
 """Longest time for 20 simulated seconds on the machine of CI [s]."""

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.autopilots import Reference
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.drivers.commands import TargetSpeed
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.stacks.process import Process
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.commands import TargetSpeed
-from pytest_rvads.semantics.states import Observation
-from pytest_rvads.stacks import Process
+from pytest_rvads.simulators.bullet import simulate
 
 CLIENTS = Path(__file__).parents[1] / "clients"
 SCENARIO = Scenario("stop4", "1133", distance=20, speed=8, subject=0, duration=15)

@@ -8,8 +8,8 @@ with ``partial(LgsvlLike, i3=False)``, which no longer ignores who comes from th
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.autopilots.lgsvl import LgsvlLike
-from pytest_rvads.experiment.tables import WAIT
+from pytest_rvads.drivers.lgsvl import LgsvlLike
+from pytest_rvads.studies.experiment import WAIT
 
 
 @pytest.fixture(scope="session")

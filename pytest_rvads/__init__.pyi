@@ -1,9 +1,11 @@
 # The public names, each written once: type checkers read this file, and so does `__init__.py`.
 
-from pytest_rvads.autopilots import Follower as Follower, Reference as Reference, RollingStop as RollingStop
-from pytest_rvads.autopilots.lgsvl import LgsvlLike as LgsvlLike
-from pytest_rvads.autopilots.playback import Replay as Replay
-from pytest_rvads.autopilots.traffic import traffic as traffic
+from pytest_rvads.drivers.follower import Follower as Follower
+from pytest_rvads.drivers.reference import Reference as Reference
+from pytest_rvads.drivers.rolling import RollingStop as RollingStop
+from pytest_rvads.drivers.lgsvl import LgsvlLike as LgsvlLike
+from pytest_rvads.drivers.playback import Replay as Replay
+from pytest_rvads.drivers.traffic import traffic as traffic
 from pytest_rvads.collection import known as known, scenario as scenario
 from pytest_rvads.errors import (
     AutopilotError as AutopilotError,
@@ -16,17 +18,17 @@ from pytest_rvads.errors import (
     RvadsError as RvadsError,
     ScenarioError as ScenarioError,
 )
-from pytest_rvads.logic.check import check as check
-from pytest_rvads.logic.live import RuleMonitor as RuleMonitor
-from pytest_rvads.logic.rulefile import load_rules as load_rules
-from pytest_rvads.logic.rules import Rule as Rule, rule as rule
-from pytest_rvads.logic.signature import predicate as predicate
-from pytest_rvads.logic.verdicts import Status as Status, Verdict as Verdict
-from pytest_rvads.maps.finder import find as find
-from pytest_rvads.maps.junction import Junction as Junction
+from pytest_rvads.logic.judging.check import check as check
+from pytest_rvads.logic.judging.live import RuleMonitor as RuleMonitor
+from pytest_rvads.logic.rules.rulefile import load_rules as load_rules
+from pytest_rvads.logic.rules.rule import Rule as Rule, rule as rule
+from pytest_rvads.logic.rules.vocabulary import predicate as predicate
+from pytest_rvads.logic.judging.verdicts import Status as Status, Verdict as Verdict
+from pytest_rvads.junctions.finder import find as find
+from pytest_rvads.junctions.junction import Junction as Junction
 from pytest_rvads.maps.segment import Turn as Turn
 from pytest_rvads.physics.braking import vmax as vmax
-from pytest_rvads.physics.simulation import simulate as simulate
+from pytest_rvads.simulators.bullet import simulate as simulate
 from pytest_rvads.scenarios.scenario import Scenario as Scenario
 from pytest_rvads.scenarios.senses import Senses as Senses
 from pytest_rvads.search import strategies as strategies
@@ -34,29 +36,26 @@ from pytest_rvads.search.chance import sweep as sweep
 from pytest_rvads.search.falsify import falsify as falsify
 from pytest_rvads.search.metamorphic import equivalent as equivalent
 from pytest_rvads.search.rationality import determinate as determinate, rational as rational
-from pytest_rvads.semantics.commands import (
+from pytest_rvads.drivers.commands import (
     Acceleration as Acceleration,
     TargetSpeed as TargetSpeed,
     Trajectory as Trajectory,
     Waypoint as Waypoint,
 )
-from pytest_rvads.semantics.itinerary import Itinerary as Itinerary
-from pytest_rvads.semantics.kpis import Kpis as Kpis, kpis as kpis
-from pytest_rvads.semantics.recorded import read_recorded as read_recorded
-from pytest_rvads.semantics.run import Collision as Collision, Facts as Facts, Fault as Fault, Run as Run
-from pytest_rvads.semantics.runfile import load_run as load_run, save_run as save_run
-from pytest_rvads.semantics.states import (
-    Agent as Agent,
+from pytest_rvads.runs.itineraries import Itinerary as Itinerary
+from pytest_rvads.conduct.kpis import Kpis as Kpis, kpis as kpis
+from pytest_rvads.runs.recorded import read_recorded as read_recorded
+from pytest_rvads.runs.run import Collision as Collision, Facts as Facts, Fault as Fault, Run as Run
+from pytest_rvads.runs.runfile import load_run as load_run, save_run as save_run
+from pytest_rvads.runs.states import Agent as Agent, Colour as Colour, VehicleState as VehicleState, Zone as Zone
+from pytest_rvads.drivers.interface import (
     Autopilot as Autopilot,
-    Colour as Colour,
     Control as Control,
     Observation as Observation,
     TrafficSystem as TrafficSystem,
-    VehicleState as VehicleState,
-    Zone as Zone,
 )
-from pytest_rvads.semantics.validate import Finding as Finding
-from pytest_rvads.semantics.vehicle import Vehicle as Vehicle
-from pytest_rvads.stacks.process import Process as Process
+from pytest_rvads.conduct.validate import Finding as Finding, validate as validate
+from pytest_rvads.runs.vehicle import Vehicle as Vehicle
+from pytest_rvads.drivers.stacks.process import Process as Process
 
 __version__: str

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from pytest_rvads.logic.rules import Rule
+    from pytest_rvads.logic.rules.rule import Rule
 
 __all__ = ["pytest_rvads_grids", "pytest_rvads_junctions", "pytest_rvads_rules", "pytest_rvads_verdict"]
 

@@ -12,17 +12,17 @@ import pytest
 
 from pytest_rvads import hooks
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.fixtures.budget import BUDGET, Budget
-from pytest_rvads.fixtures.comparing import explain
-from pytest_rvads.fixtures.drivers import chosen
-from pytest_rvads.fixtures.items import OPTIONS, RECORD, attach, letter, prepare
-from pytest_rvads.fixtures.judging import monitor, rule, settle
-from pytest_rvads.fixtures.plan import Planner, in_part
+from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_run, rvads_runs
-from pytest_rvads.fixtures.session import Session
-from pytest_rvads.fixtures.suite import offer
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_sut, rvads_vehicle
 from pytest_rvads.options import Options, declare
+from pytest_rvads.session.bundled import offer
+from pytest_rvads.session.chosen_driver import chosen
+from pytest_rvads.session.comparing import explain
+from pytest_rvads.session.items import OPTIONS, RECORD, attach, letter, prepare
+from pytest_rvads.session.main_process import Session
+from pytest_rvads.session.plan import Planner, in_part
+from pytest_rvads.session.time_budget import BUDGET, Budget
 
 __all__ = [
     "monitor",
@@ -51,7 +51,7 @@ def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
     """Have what this session registers forgotten at its end, by whatever comes after it in the process."""
-    from pytest_rvads.logic.registry import registries_kept
+    from pytest_rvads.logic.rules.registry import registries_kept
 
     kept = ExitStack()
     kept.enter_context(registries_kept())

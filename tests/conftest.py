@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import pytest_rvads
-from pytest_rvads.logic.registry import registries_kept
-from pytest_rvads.maps.finder import find
-from pytest_rvads.semantics.itinerary import Itinerary
-from pytest_rvads.semantics.run import Collision, Facts, Run
-from pytest_rvads.semantics.states import Agent, Colour, Zone
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.logic.rules.registry import registries_kept
+from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.run import Collision, Facts, Run
+from pytest_rvads.runs.states import Agent, Colour, Zone
 
 Make = Callable[..., Run]
 

@@ -25,7 +25,7 @@ def test_data_flows_one_way() -> None:
     [
         ("pybullet", {"physics/world.py"}),
         ("rich", {"report/terminal.py"}),
-        ("pytest", {"plugin.py", "hooks.py", "options.py", "collection", "fixtures"}),
+        ("pytest", {"plugin.py", "hooks.py", "options.py", "collection", "fixtures", "session"}),
     ],
 )
 def test_a_library_has_its_home(library: str, homes: set[str]) -> None:

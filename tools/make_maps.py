@@ -1,7 +1,7 @@
 """Write the built-in maps anew: ``python tools/make_maps.py``."""
 
-from pytest_rvads.maps.builtin import LAYOUTS, path_of
-from pytest_rvads.maps.writer import opendrive
+from pytest_rvads.junctions.builtin import LAYOUTS, path_of
+from pytest_rvads.opendrive.writer import opendrive
 
 
 def main() -> None:

@@ -12,7 +12,21 @@ import sys
 from collections.abc import Callable, Sequence
 
 from pytest_rvads import __version__
-from pytest_rvads.cli import driving, judging, junctions, power, reports
+from pytest_rvads.cli import (
+    check_commands as judging,
+)
+from pytest_rvads.cli import (
+    map_commands as junctions,
+)
+from pytest_rvads.cli import (
+    power_command as power,
+)
+from pytest_rvads.cli import (
+    report_commands as reports,
+)
+from pytest_rvads.cli import (
+    simulate_commands as driving,
+)
 from pytest_rvads.errors import RvadsError
 
 __all__ = ["main"]

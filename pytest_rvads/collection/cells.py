@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pytest_rvads.autopilots.traffic import Policy
-    from pytest_rvads.logic.rules import Rule
-    from pytest_rvads.maps.junction import Junction
+    from pytest_rvads.drivers.traffic import Policy
+    from pytest_rvads.junctions.junction import Junction
+    from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.scenarios.scenario import Scenario
 
 __all__ = ["DEFAULT", "KEYS", "Cell", "cells_of"]

@@ -14,15 +14,15 @@ import pytest
 
 from pytest_rvads.collection.cells import DEFAULT, Cell, cells_of
 from pytest_rvads.collection.extensions import extensions
-from pytest_rvads.collection.progress import watched
+from pytest_rvads.collection.meter import watched
 from pytest_rvads.errors import OpenObligation, RuleViolation, RvadsError, ScenarioError
 
 if TYPE_CHECKING:
-    from pytest_rvads.autopilots.traffic import Policy
-    from pytest_rvads.logic.rules import Rule
-    from pytest_rvads.maps.junction import Junction
+    from pytest_rvads.drivers.traffic import Policy
+    from pytest_rvads.junctions.junction import Junction
+    from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.options import Options
-    from pytest_rvads.scenarios.grid import Configuration
+    from pytest_rvads.scenarios.configurations import Configuration
     from pytest_rvads.scenarios.senses import Senses
 
 __all__ = ["LEFT_OUT", "expand", "unused"]
@@ -123,8 +123,8 @@ def _params(cells: Iterable[Cell], declared: Sequence[pytest.Mark]) -> Iterator[
 
 
 def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> Iterator[Cell]:
-    from pytest_rvads.logic.rules import Rule, rules_for
-    from pytest_rvads.maps.finder import find
+    from pytest_rvads.junctions.finder import find
+    from pytest_rvads.logic.rules.rule import Rule, rules_for
     from pytest_rvads.scenarios.selection import Selection
 
     ask = mark.kwargs
@@ -188,7 +188,7 @@ def _senses(asked: Any) -> tuple[Senses, ...]:
 
 def _policies(subject: int | str | None, traffic: Any) -> tuple[Policy | None, ...]:
     """Return the traffic policies to run among, or None alone without a subject."""
-    from pytest_rvads.autopilots.traffic import Policy
+    from pytest_rvads.drivers.traffic import Policy
 
     if subject is None:
         if traffic is not None:
@@ -219,7 +219,7 @@ def _several(name: str, value: Any, kind: type | tuple[type, ...], what: str) ->
 
 
 def _map_file(junction: str, map: str | None, metafunc: pytest.Metafunc, options: Options) -> str | None:
-    from pytest_rvads.maps.builtin import LAYOUTS
+    from pytest_rvads.junctions.builtin import LAYOUTS
 
     if map is None:
         return None if junction in LAYOUTS else options.map
@@ -231,7 +231,7 @@ def _configurations(
     ask: Mapping[str, Any], junction: Junction, options: Options, grids: Mapping[str, tuple[Any, Any]], config: pytest.Config
 ) -> tuple[tuple[Configuration, ...], int]:
     """Return the points to run, and how many were left out because nobody could stop there."""
-    from pytest_rvads.scenarios.grid import explicit, grid, outside
+    from pytest_rvads.scenarios.configurations import explicit, grid, outside
 
     ways = junction.ways
     if ask["distances"] is None and ask["speeds"] is None:

@@ -44,7 +44,7 @@ def extensions(config: pytest.Config, rules: Path | None) -> Extensions:
 
 
 def _junctions(config: pytest.Config) -> dict[str, tuple[str, str]]:
-    from pytest_rvads.maps.finder import names
+    from pytest_rvads.junctions.finder import names
 
     found: dict[str, tuple[str, str]] = {}
     for name, value in _named("pytest_rvads_junctions", config.hook.pytest_rvads_junctions(config=config), names()).items():
@@ -66,8 +66,8 @@ def _grids(config: pytest.Config) -> dict[str, tuple[Any, Any]]:
 
 
 def _rules(config: pytest.Config, file: Path | None) -> None:
-    from pytest_rvads.logic.rulefile import load_rules
-    from pytest_rvads.logic.rules import Rule, user_rules
+    from pytest_rvads.logic.rules.rule import Rule, user_rules
+    from pytest_rvads.logic.rules.rulefile import load_rules
 
     if file is not None:
         load_rules(file)

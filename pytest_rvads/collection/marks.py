@@ -12,7 +12,7 @@ from pytest_rvads.collection.cells import KEYS
 from pytest_rvads.errors import ScenarioError, suggest
 
 if TYPE_CHECKING:
-    from pytest_rvads.logic.rules import Rule
+    from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.scenarios.senses import Senses
 
 __all__ = ["known", "register_marks", "scenario"]

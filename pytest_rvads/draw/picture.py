@@ -7,9 +7,9 @@ from html import escape
 
 from pytest_rvads.draw.scene import PALETTE, Scene, body, path
 from pytest_rvads.errors import RunError
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Zone
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
+from pytest_rvads.runs.vehicle import Vehicle
 
 __all__ = ["STYLE", "picture", "size"]
 

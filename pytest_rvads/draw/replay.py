@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from pytest_rvads.draw.picture import STYLE, size
 from pytest_rvads.draw.scene import PALETTE, Scene, body
 from pytest_rvads.errors import RunError
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Colour, Zone
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Colour, Zone
 
 __all__ = ["Track", "events", "replay"]
 

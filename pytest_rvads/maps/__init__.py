@@ -1,1 +1,1 @@
-"""Maps: OpenDRIVE files, metric graphs, junctions."""
+"""What a map is before anybody looks for junctions: lanes in the direction of travel, their centre lines, what is doubtful."""

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 
+from pytest_rvads.conduct.lane import MAX_OFFSET, beside
 from pytest_rvads.physics.dynamics import Dynamics
-from pytest_rvads.physics.seat import Halt
 from pytest_rvads.physics.world import Motion
-from pytest_rvads.semantics.itinerary import Itinerary
-from pytest_rvads.semantics.lane import MAX_OFFSET, beside
-from pytest_rvads.semantics.run import DT
-from pytest_rvads.semantics.states import Agent, VehicleState
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.run import DT, Halt
+from pytest_rvads.runs.states import Agent, VehicleState
+from pytest_rvads.runs.vehicle import Vehicle
 
 __all__ = ["MAX_SPEED", "Body", "PlantFailure", "start"]
 

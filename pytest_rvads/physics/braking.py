@@ -17,9 +17,9 @@ from pytest_rvads.errors import RunError, ScenarioError
 from pytest_rvads.physics.cache import cached
 from pytest_rvads.physics.dynamics import Dynamics
 from pytest_rvads.physics.world import BulletWorld, Motion
+from pytest_rvads.runs.run import DT
+from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
-from pytest_rvads.semantics.run import DT
-from pytest_rvads.semantics.vehicle import Vehicle
 
 __all__ = ["RESOLUTION", "STANDING", "envelope", "greatest_safe", "stopping_distance", "vmax"]
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
-from pytest_rvads.semantics.run import DT
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.runs.run import DT
+from pytest_rvads.runs.vehicle import Vehicle
 
 __all__ = ["GRAVITY", "Dynamics"]
 

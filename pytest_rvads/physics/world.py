@@ -13,8 +13,8 @@ from types import ModuleType
 from typing import NamedTuple, Protocol
 
 from pytest_rvads.errors import RunError
-from pytest_rvads.semantics.run import DT
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.runs.run import DT
+from pytest_rvads.runs.vehicle import Vehicle
 
 __all__ = ["BulletWorld", "Motion", "World"]
 

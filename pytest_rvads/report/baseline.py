@@ -10,8 +10,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-from pytest_rvads.report.document import Report
 from pytest_rvads.report.record import Record
+from pytest_rvads.report.session_report import Report
 
 __all__ = ["Change", "Comparison", "compare", "with_baseline"]
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
-from pytest_rvads.report.document import Cell, Report, cell_of
 from pytest_rvads.report.record import Record, asked
+from pytest_rvads.report.session_report import Cell, Report, cell_of
 
 __all__ = ["Coverage", "dropped", "measure", "shortfall"]
 

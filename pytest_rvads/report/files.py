@@ -9,11 +9,11 @@ from typing import Any
 
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.coverage import dropped, measure
-from pytest_rvads.report.document import Report, cell_from
-from pytest_rvads.report.drivers import drivers
+from pytest_rvads.report.driven import drivers
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import coverage, matrices
 from pytest_rvads.report.page import page
+from pytest_rvads.report.session_report import Report, cell_from
 from pytest_rvads.report.timing import timing
 from pytest_rvads.report.traceability import table
 from pytest_rvads.report.triage import causes, provoked, unavoidable

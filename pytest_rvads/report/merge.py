@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pytest_rvads.report.document import Cell, Report, in_order
 from pytest_rvads.report.record import JUDGED, SEVERITY, Record
+from pytest_rvads.report.session_report import Cell, Report, in_order
 
 __all__ = ["merge"]
 

@@ -11,11 +11,11 @@ from string import Template
 from typing import Any
 
 from pytest_rvads.report.coverage import measure
-from pytest_rvads.report.document import Report
-from pytest_rvads.report.drivers import drivers
+from pytest_rvads.report.driven import drivers
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import coverage, group_of, matrices
 from pytest_rvads.report.record import SEVERITY, Record
+from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.timing import timing
 from pytest_rvads.report.triage import Cause, causes, provoked, unavoidable
 

@@ -12,10 +12,10 @@ from rich.table import Table
 from rich.text import Text
 
 from pytest_rvads.report.coverage import dropped, measure
-from pytest_rvads.report.document import Report
-from pytest_rvads.report.drivers import drivers
+from pytest_rvads.report.driven import drivers
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import Matrix, coverage, matrices
+from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.timing import timing
 from pytest_rvads.report.triage import Cause, causes, provoked, unavoidable
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 
-from pytest_rvads.report.document import Report
+from pytest_rvads.report.session_report import Report
 
 __all__ = ["table"]
 

@@ -8,14 +8,14 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from pytest_rvads.errors import ScenarioError
-from pytest_rvads.maps.finder import find
-from pytest_rvads.maps.junction import Junction
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.lights import SignalPlan
+from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.classes import class_label, class_number, label, parse, rotate
-from pytest_rvads.scenarios.grid import explicit_label, per_entrance
+from pytest_rvads.scenarios.configurations import explicit_label, per_entrance
 from pytest_rvads.scenarios.senses import IDEAL, Senses
-from pytest_rvads.semantics.itinerary import Itinerary
-from pytest_rvads.semantics.lights import SignalPlan
-from pytest_rvads.semantics.states import Agent
 
 __all__ = ["SPEED_LIMIT", "Scenario"]
 

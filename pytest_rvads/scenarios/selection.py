@@ -18,7 +18,7 @@ from pytest_rvads.scenarios.classes import (
     rotations,
     seats,
 )
-from pytest_rvads.scenarios.grid import Configuration
+from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 

@@ -14,13 +14,13 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.logic import formula as f
-from pytest_rvads.logic.evaluate import Values
-from pytest_rvads.maps.junction import Junction
-from pytest_rvads.semantics.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
-from pytest_rvads.semantics.predicates import Static, extract
-from pytest_rvads.semantics.run import DT, Run
-from pytest_rvads.semantics.states import Agent, Zone
+from pytest_rvads.conduct.predicates import Static, extract
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.logic.judging.evaluate import Values
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
+from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.states import Agent, Zone
 
 __all__ = ["Model", "weak_orders"]
 

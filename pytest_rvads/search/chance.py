@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from pytest_rvads.errors import RuleViolation, RunError, ScenarioError
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.rules import Rule, get_rule
-from pytest_rvads.logic.verdicts import Status
-from pytest_rvads.physics.seat import Factory
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.logic.rules.rule import Rule, get_rule
+from pytest_rvads.runs.run import DT
+from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.relations import with_fields
-from pytest_rvads.semantics.run import DT
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.seat import Factory
 
 __all__ = ["Interval", "Spread", "intervals", "sweep"]
 

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.logic import formula as f
-from pytest_rvads.logic.ending import ALIVE, with_ending
-from pytest_rvads.logic.ltl3 import Machine, Truth, synthesize
-from pytest_rvads.logic.monitor import encode
-from pytest_rvads.logic.prepare import Template, prepare, template
-from pytest_rvads.logic.rules import Rule
+from pytest_rvads.logic.judging.prepare import Template, prepare, template
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.ending import ALIVE, with_ending
+from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, synthesize
+from pytest_rvads.logic.ltl.monitor import encode
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.search.abstraction import Abstracted, Model
 
 __all__ = ["Answer", "core", "decide"]

@@ -13,22 +13,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pytest_rvads.conduct.blame import cut_short_by
 from pytest_rvads.errors import OpenObligation, RuleViolation, RunError, ScenarioError
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.rules import Rule, get_rule
-from pytest_rvads.logic.verdicts import Status, Verdict
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.logic.rules.rule import Rule, get_rule
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
+from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.classes import label
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model
 from pytest_rvads.search.consistency import decide
-from pytest_rvads.semantics.blame import cut_short_by
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Zone
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.simulators.bullet import simulate
 
 if TYPE_CHECKING:
-    from pytest_rvads.physics.seat import Factory
+    from pytest_rvads.simulators.seat import Factory
 
 __all__ = ["Counterexample", "avoidable", "falsify", "look_for", "pasteable", "score"]
 

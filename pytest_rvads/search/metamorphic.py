@@ -9,16 +9,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError, suggest
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.rules import Rule, rules_for
-from pytest_rvads.logic.verdicts import Status, Verdict
-from pytest_rvads.physics.seat import Factory
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.logic.rules.rule import Rule, rules_for
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
 from pytest_rvads.search.sidebyside import side_by_side
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.seat import Factory
 
 __all__ = ["Comparison", "Difference", "compare", "equivalent", "judged"]
 

@@ -9,17 +9,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError
-from pytest_rvads.logic.rules import Rule, rules_for
-from pytest_rvads.logic.verdicts import Status, Verdict
-from pytest_rvads.physics.seat import Factory
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.logic.rules.rule import Rule, rules_for
+from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.states import Zone
+from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.classes import rotate
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.metamorphic import judged
 from pytest_rvads.search.relations import with_fields
 from pytest_rvads.search.sidebyside import side_by_side
-from pytest_rvads.semantics.run import DT, Run
-from pytest_rvads.semantics.states import Zone
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.simulators.seat import Factory
 
 __all__ = ["determinate", "rational"]
 

@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from pytest_rvads.autopilots.renaming import renamed
-from pytest_rvads.logic import formula as f
-from pytest_rvads.logic.rules import Rule
-from pytest_rvads.maps.junction import Junction, JunctionControl
-from pytest_rvads.physics.seat import Factory
+from pytest_rvads.drivers.renaming import renamed
+from pytest_rvads.junctions.junction import Junction, JunctionControl
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.scenarios.classes import rotate
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.remap import mirrored, moved
 from pytest_rvads.search.symmetry import broken_by, rotations_of
+from pytest_rvads.simulators.seat import Factory
 
 __all__ = ["RELATIONS", "Incomparable", "Variant", "with_fields"]
 

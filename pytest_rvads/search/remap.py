@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.maps.builtin import LAYOUTS, path_of
+from pytest_rvads.junctions.builtin import LAYOUTS, path_of
 from pytest_rvads.scenarios.scenario import Scenario
 
 __all__ = ["Motion", "mirrored", "moved"]

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pytest_rvads.logic.verdicts import Verdict
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Zone
+from pytest_rvads.logic.judging.verdicts import Verdict
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
 
 __all__ = ["side_by_side"]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from itertools import groupby, product
 
 from pytest_rvads.errors import ScenarioError
-from pytest_rvads.logic.rules import Rule
-from pytest_rvads.maps.junction import Junction
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.scenarios.classes import Directions, label, rotate
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model, weak_orders

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
-from pytest_rvads.maps.junction import Junction
+from pytest_rvads.junctions.junction import Junction
 
 __all__ = ["Symmetry", "broken_by", "rotations_of"]
 

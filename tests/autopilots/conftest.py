@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.semantics.run import DT, Run
-from pytest_rvads.semantics.states import Colour, Zone
+from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.states import Colour, Zone
 
 
 def _until(trigger: np.ndarray, wait: np.ndarray, go: np.ndarray, strict: bool) -> str:

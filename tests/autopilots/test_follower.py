@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from pytest_rvads.autopilots import Follower
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.drivers.follower import Follower
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.way_ahead import BEND, Track
+from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.run import DT, Run
-from pytest_rvads.semantics.states import Observation
-from pytest_rvads.tracking.track import BEND, Track
+from pytest_rvads.simulators.bullet import simulate
 
 
 class Steady(Follower):

@@ -7,16 +7,16 @@ from functools import partial
 import numpy as np
 import pytest
 
-from pytest_rvads.autopilots.lgsvl import Constants, LgsvlLike, ZoneBox
-from pytest_rvads.autopilots.lgsvl.zone import Box, frame, zone_of
+from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike, ZoneBox
+from pytest_rvads.drivers.lgsvl.zone import Box, frame, zone_of
 from pytest_rvads.errors import AutopilotError
-from pytest_rvads.experiment.draws import crossing_wait
-from pytest_rvads.experiment.tables import LIGHT, STOP, Entry, Setup, outcome, run_entry
-from pytest_rvads.maps.finder import find
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Zone
+from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.studies.draws import crossing_wait
+from pytest_rvads.studies.experiment import LIGHT, STOP, Entry, Setup, outcome, run_entry
 
 ALL = ("i1", "i2", "i3", "i4", "i5")
 # The deficiency, where the paper's analysis puts it (class, configuration), and the rules that it breaks there.

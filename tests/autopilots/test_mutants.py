@@ -3,7 +3,7 @@
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.autopilots.mutants import MUTANTS
+from pytest_rvads.studies.mutants import MUTANTS
 
 BREAKS = [
     ("anticipates green", "light4", "0002", 20, 0, "p4"),

@@ -4,13 +4,14 @@ from itertools import permutations, product
 
 import pytest
 
-from pytest_rvads.autopilots.conflicts import conflict, movements
-from pytest_rvads.autopilots.order import Queue
-from pytest_rvads.maps.finder import find
+from pytest_rvads.drivers.crossing import conflict, movements
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.order import Queue
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.maps.segment import Turn
+from pytest_rvads.runs.states import VehicleState, Zone
+from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.states import Observation, VehicleState, Zone
-from pytest_rvads.semantics.vehicle import Vehicle
 
 JUNCTION = find("stop4")
 ITINERARY = Scenario("stop4", "2000").itineraries()[0]

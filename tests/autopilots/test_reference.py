@@ -10,18 +10,18 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.autopilots import Reference
+from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import AutopilotError
-from pytest_rvads.logic.check import check
-from pytest_rvads.maps.builtin import LAYOUTS
-from pytest_rvads.maps.writer import opendrive
+from pytest_rvads.junctions.builtin import LAYOUTS
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.opendrive.writer import opendrive
 from pytest_rvads.physics.braking import vmax
-from pytest_rvads.physics.closed_loop import closed_vmax
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.classes import classes
-from pytest_rvads.scenarios.grid import PAPER, configuration
+from pytest_rvads.scenarios.configurations import PAPER, configuration
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.states import Zone
+from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.closed_loop import closed_vmax
 
 BUILT_IN = tuple(LAYOUTS)
 

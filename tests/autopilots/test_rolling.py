@@ -2,11 +2,12 @@
 
 import pytest
 
-from pytest_rvads.autopilots import Reference, RollingStop
-from pytest_rvads.logic.check import check
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.rolling import RollingStop
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.states import Zone
+from pytest_rvads.simulators.bullet import simulate
 
 
 def test_it_rolls_over_a_free_line_at_walking_pace() -> None:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from pytest_rvads.autopilots.traffic import POLICIES, traffic
-from pytest_rvads.scenarios.grid import configuration
+from pytest_rvads.drivers.traffic import POLICIES, traffic
+from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.metamorphic import compare
 

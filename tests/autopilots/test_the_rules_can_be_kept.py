@@ -10,19 +10,19 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pytest_rvads.autopilots import Reference
-from pytest_rvads.autopilots.traffic import POLICIES, TIE, traffic
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.rules import rules_for
-from pytest_rvads.maps.finder import find
-from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.physics.simulation import simulate
-from pytest_rvads.scenarios.grid import PAPER, configuration
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.traffic import POLICIES, TIE, traffic
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.rules.rule import rules_for
+from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.states import Zone
+from pytest_rvads.scenarios.configurations import PAPER, configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model
 from pytest_rvads.search.consistency import core, decide
-from pytest_rvads.semantics.run import DT, Run
-from pytest_rvads.semantics.states import Zone
+from pytest_rvads.simulators.bullet import simulate
 
 JUNCTIONS = ("stop4", "light4", "stop3", "light3")
 DRIVERS = {"paper": Reference, "road": partial(Reference, tie=TIE)}

@@ -6,18 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pytest_rvads.autopilots import Follower, Reference
-from pytest_rvads.autopilots.playback import Replay
-from pytest_rvads.autopilots.policies import HESITATION
-from pytest_rvads.autopilots.traffic import POLICIES, Policy, traffic
+from pytest_rvads.conduct.standing import stopped
+from pytest_rvads.drivers.follower import Follower
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.playback import Replay
+from pytest_rvads.drivers.policies import HESITATION
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.traffic import POLICIES, Policy, traffic
 from pytest_rvads.errors import RunError, ScenarioError
-from pytest_rvads.logic.check import check
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.runfile import save_run
+from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.conduct import stopped
-from pytest_rvads.semantics.run import DT, Run
-from pytest_rvads.semantics.runfile import save_run
-from pytest_rvads.semantics.states import Colour, Observation, Zone
+from pytest_rvads.simulators.bullet import simulate
 
 Among = Callable[[str, str], Run]
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.autopilots.lgsvl import LgsvlLike
 from pytest_rvads.draw.replay import Track, replay
-from pytest_rvads.physics.simulation import simulate
-from pytest_rvads.report.document import Report, in_order
+from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, cell_record, conclude
+from pytest_rvads.report.session_report import Report, in_order
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.simulators.bullet import simulate
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
 

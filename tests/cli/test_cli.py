@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.autopilots import Reference
 from pytest_rvads.cli import main
-from pytest_rvads.logic.check import check
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.conduct.kpis import kpis
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.kpis import kpis
-from pytest_rvads.semantics.runfile import load_run, save_run
+from pytest_rvads.simulators.bullet import simulate
 
 RVADS = str(Path(sys.executable).with_name("rvads"))
 
@@ -38,7 +38,7 @@ def test_eight_ways_answer_at_once(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from pytest_rvads.maps.builtin import path_of
+    from pytest_rvads.junctions.builtin import path_of
 
     assert main(["classes", "3", "--svg", str(tmp_path / "c.svg")]) == 0
     assert main(["map", str(path_of("light4")), "--json", "--svg", str(tmp_path / "m.svg")]) == 0

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pytest_rvads.draw.classes import draw_classes
+from pytest_rvads.draw.class_table import draw_classes
 from pytest_rvads.draw.picture import picture
 from pytest_rvads.draw.replay import events, replay
 from pytest_rvads.errors import RunError
+from pytest_rvads.runs.run import Collision, Run
+from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.classes import classes, members
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.run import Collision, Run
-from pytest_rvads.semantics.states import Zone
 
 SVG = "{http://www.w3.org/2000/svg}"
 

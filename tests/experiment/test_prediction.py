@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 
 from pytest_rvads import cli
-from pytest_rvads.autopilots.lgsvl.zone import frame
+from pytest_rvads.drivers.lgsvl.zone import frame
 from pytest_rvads.errors import MapError
-from pytest_rvads.experiment.prediction import answer, site_lengths
-from pytest_rvads.experiment.site import Lengths, build_junction
-from pytest_rvads.maps.finder import find
-from pytest_rvads.maps.junction import JunctionControl
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.maps.segment import Turn, join
+from pytest_rvads.studies.prediction import answer, site_lengths
+from pytest_rvads.studies.site import Lengths, build_junction
 
 RULES = {"one-car-in-junction": "p1", "right-of-priority": "p2", "fifo-priority": "p3"}
 RULES |= {"traffic-light": "p4", "right-turn-priority": "p5", "opposite-turn-priority": "p6"}
@@ -192,7 +192,7 @@ def test_a_mishap_does_not_keep_the_next_request_from_its_answer(monkeypatch: py
     def fail(*_: object) -> None:
         raise ZeroDivisionError("by accident")
 
-    monkeypatch.setattr("pytest_rvads.experiment.prediction.simulate", fail)
+    monkeypatch.setattr("pytest_rvads.studies.prediction.simulate", fail)
     assert json.loads(answer(json.dumps(request()))) == {
         "id": 7,
         "error": "this request could not be simulated: ZeroDivisionError: by accident",

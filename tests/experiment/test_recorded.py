@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pytest_rvads import cli
-from pytest_rvads.experiment.recorded import Compared, compare, text_agreement
+from pytest_rvads.studies.predicted import Compared, compare, text_agreement
 
 WAYS = {
     ("n0", "x1"): ("right", 12.5),

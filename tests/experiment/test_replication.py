@@ -3,10 +3,10 @@
 import pytest
 
 from pytest_rvads import cli
-from pytest_rvads.experiment import replication
-from pytest_rvads.experiment.published import published
-from pytest_rvads.experiment.replication import FREE, Free, Room, ablation, p1_margin, rooms, text_margins, text_rooms
-from pytest_rvads.experiment.tables import STOP, Entry, Setup, Table, outcome, run_entry
+from pytest_rvads.studies import replication
+from pytest_rvads.studies.experiment import STOP, Entry, Setup, Table, outcome, run_entry
+from pytest_rvads.studies.published import published
+from pytest_rvads.studies.replication import FREE, Free, Room, ablation, p1_margin, rooms, text_margins, text_rooms
 
 
 @pytest.mark.parametrize(("row", "configuration"), [(0, "C"), (2, "C"), (2, "B")])

@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads import cli
-from pytest_rvads.experiment.published import Key, keys, published
-from pytest_rvads.experiment.report import disagreements, svg_tables, text_sweep, text_tables
+from pytest_rvads.studies.paper_tables import disagreements, svg_tables, text_sweep, text_tables
+from pytest_rvads.studies.published import Key, keys, published
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def test_shares_are_shown_with_the_worst_first() -> None:
 def test_the_command_prints_only_json(
     verdicts: dict[Key, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: object
 ) -> None:
-    monkeypatch.setattr("pytest_rvads.experiment.paper.compute", lambda **_: verdicts)
+    monkeypatch.setattr("pytest_rvads.studies.paper.compute", lambda **_: verdicts)
     assert cli.main(["paper", "--json", "--svg", f"{tmp_path}/tables.svg", "--strict"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["stop4"]["class1"]["row3"]["C"] == {"p1": "PASS", "p2": "FAIL", "p3": "NA"}

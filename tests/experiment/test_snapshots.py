@@ -6,11 +6,11 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads import cli
-from pytest_rvads.autopilots.lgsvl import Constants, LgsvlLike
+from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
 from pytest_rvads.errors import RunError
-from pytest_rvads.experiment.snapshots import SHOWN, LastFirst, Snapshot, snapshot, snapshots
-from pytest_rvads.experiment.tables import outcome
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.studies.experiment import outcome
+from pytest_rvads.studies.snapshots import SHOWN, LastFirst, Snapshot, snapshot, snapshots
 
 # By hand, from where the vehicles stand and the verdicts' reasons; in J of class 4 both right turns enter in the same step.
 GUILTY = {"p1": {"a2"}, "p2": {"a0"}, "p3": {"a3"}, "p4": {"a1"}, "p5": {"a1", "a3"}, "p6": {"a2"}}
@@ -59,7 +59,7 @@ def test_titles_say_what_changed(found: dict[str, Snapshot]) -> None:
 def test_the_command_writes_two_pictures_per_rule(
     found: dict[str, Snapshot], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("pytest_rvads.experiment.snapshots.snapshots", lambda: found)
+    monkeypatch.setattr("pytest_rvads.studies.snapshots.snapshots", lambda: found)
     assert cli.main(["paper", "--snapshots", str(tmp_path / "new")]) == 0
     written = capsys.readouterr().out.splitlines()
     assert [Path(name).name for name in written] == [f"p{k}-{moment}.svg" for k in range(1, 7) for moment in ("before", "broken")]

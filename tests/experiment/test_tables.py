@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads
-from pytest_rvads.experiment.draws import crossing_wait, draw_range
-from pytest_rvads.experiment.paper import compute, nested
-from pytest_rvads.experiment.published import FITTED, Key, agreement, keys, null_models, published
-from pytest_rvads.experiment.tables import LIGHT, STOP, WAIT, Entry, Setup, outcome, run_entry
+from pytest_rvads.studies.draws import crossing_wait, draw_range
+from pytest_rvads.studies.experiment import LIGHT, STOP, WAIT, Entry, Setup, outcome, run_entry
+from pytest_rvads.studies.paper import compute, nested
+from pytest_rvads.studies.published import FITTED, Key, agreement, keys, null_models, published
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +111,6 @@ def test_halving_the_step_changes_no_verdict(verdicts: dict[Key, str], tmp_path:
     source = run.read_text()
     assert source.count("\nDT = 0.01\n") == 1
     run.write_text(source.replace("\nDT = 0.01\n", "\nDT = 0.005\n"))
-    code = "from pytest_rvads.experiment.paper import compute; print(repr(compute(workers=1)))"
+    code = "from pytest_rvads.studies.paper import compute; print(repr(compute(workers=1)))"
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert ast.literal_eval(done.stdout) == verdicts

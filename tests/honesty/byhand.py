@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Colour
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Colour
 
 __all__ = ["CROSS", "GREEN", "joined", "until_contact"]
 
@@ -29,7 +29,7 @@ def joined(one: Run, other: Run) -> Run:
 
 def until_contact(run: Run) -> Run:
     """Return a run up to the first contact of two bodies, as a simulation would end."""
-    from pytest_rvads.semantics.bodies import contacts
+    from pytest_rvads.conduct.bodies import contacts
 
     run = replace(run, collisions=None)
     (first, *_) = contacts(run)

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest_rvads as rvads
-from pytest_rvads.autopilots.reference import Gate
-from pytest_rvads.tracking.follower import STANDING
-from pytest_rvads.tracking.pursuit import lookahead, pursue
+from pytest_rvads.drivers.follower import STANDING
+from pytest_rvads.drivers.pursuit import lookahead, pursue
+from pytest_rvads.drivers.reference import Gate
 
 __all__ = ["REFERENCE", "beside", "cast", "gated", "lawful", "lawful_at", "paced", "stops_at", "timed"]
 

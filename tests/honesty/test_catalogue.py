@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.logic.rulebooks import PAPER, ROAD
+from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD
 
 from .catalogue import CHEATS, INNOCENTS
 from .shown import SHOWN

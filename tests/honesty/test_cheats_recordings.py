@@ -11,7 +11,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
-from pytest_rvads.semantics.states import Colour
+from pytest_rvads.runs.states import Colour
 
 from .byhand import CROSS, GREEN, joined, until_contact
 from .cases import BROKEN, told, verdicts
@@ -87,7 +87,7 @@ def test_a_crash_struck_out_is_seen_in_the_poses(drive: Make) -> None:
     """The recording says that nobody collided, and has two bodies in one place: that is a crash, or at least a finding."""
     run = drive("stop4", {0: (2, -10.0, [(0, 8.0)]), 1: (2, -10.0, [(0, 8.0)])}, 600)
     assert run.collisions == ()
-    assert told(rvads.check(run, "no_collision")).startswith("FAIL") or run.validate()
+    assert told(rvads.check(run, "no_collision")).startswith("FAIL") or rvads.validate(run)
 
 
 @shows("without_positions")
@@ -148,7 +148,7 @@ def test_standing_still_at_eight_metres_per_second_is_doubted(
     """a0 runs the sign; its speeds are all zero, as if it had stood there all the time."""
     run = drive("stop4", {0: (2, -10.0, [(0, 8.0)])}, 500)
     still = replace(run, speed=np.zeros_like(run.need("speed")))
-    assert {finding.kind for finding in still.validate()} == {"progress"}
+    assert {finding.kind for finding in rvads.validate(still)} == {"progress"}
     rvads.save_run(still, tmp_path / "still.npz")
     main(["check", str(tmp_path / "still.npz"), "--rule", "full_stop"])
     assert "warning: " in capsys.readouterr().err
@@ -160,7 +160,7 @@ def test_what_was_cut_out_is_missed(drive: Make, tmp_path: Path, capsys: pytest.
     run = drive("stop4", {0: (2, -10.0, [(0, 8.0)])}, 800)
     keep = (run.need("station")[:, 0] < -2.0) | (run.need("station")[:, 0] > 36.0)
     cut = replace(run, **{name: getattr(run, name)[keep] for name in ("zone", "lights", "station", "speed", "pose")})
-    assert "jump" in {finding.kind for finding in cut.validate()}
+    assert "jump" in {finding.kind for finding in rvads.validate(cut)}
     rvads.save_run(cut, tmp_path / "cut.npz")
     assert main(["check", str(tmp_path / "cut.npz"), "--rule", "full_stop"]) != 0
     assert "a0 jumps on the graph" in capsys.readouterr().err
@@ -171,7 +171,7 @@ def test_a_light_out_of_order_is_found(drive: Make) -> None:
     """The light is green for the half second in which a1 enters, and red before and after."""
     lights = {**CROSS, 1: [(0, Colour.RED), (120, Colour.GREEN), (170, Colour.RED)]}
     run = drive("light4", {1: (2, -10.0, [(0, 8.0)])}, 300, lights, subject="a1")
-    assert [finding.kind for finding in run.validate()] == ["colour"]
+    assert [finding.kind for finding in rvads.validate(run)] == ["colour"]
 
 
 @shows("vehicles_made_thin")

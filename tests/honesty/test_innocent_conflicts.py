@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 import pytest_rvads as rvads
-from pytest_rvads.autopilots.traffic import POLICIES
+from pytest_rvads.drivers.traffic import POLICIES
 
 from .cases import Case, at, verdicts
 from .drivers import beside, cast, gated, lawful, paced, stops_at

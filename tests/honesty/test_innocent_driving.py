@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest_rvads as rvads
-from pytest_rvads.autopilots.policies import LateYielder
-from pytest_rvads.maps.writer import Layout, opendrive
+from pytest_rvads.drivers.policies import LateYielder
+from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.search.remap import mirrored
 
 from .cases import Case, at

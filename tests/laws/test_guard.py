@@ -6,8 +6,8 @@ import time
 import pytest
 
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.logic import formula as f
-from pytest_rvads.logic.ltl3 import synthesize
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.ltl3 import synthesize
 
 UNARY = (f.Not, f.Next, f.Always, f.Eventually)
 BINARY = (f.Until, f.WeakUntil, f.Release, f.Implies, f.Iff)

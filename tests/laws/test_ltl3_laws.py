@@ -13,14 +13,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.logic import formula as f
-from pytest_rvads.logic.ending import with_ending
-from pytest_rvads.logic.export import label
-from pytest_rvads.logic.finite import settle
-from pytest_rvads.logic.ltl3 import Machine, Truth, synthesize
-from pytest_rvads.logic.monitor import Monitor, encode, run_machine
-from pytest_rvads.logic.parser import parse_ltl
-from pytest_rvads.logic.words import holds_on, verdicts_on
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.ending import with_ending
+from pytest_rvads.logic.ltl.export import label
+from pytest_rvads.logic.ltl.finite import settle
+from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, synthesize
+from pytest_rvads.logic.ltl.monitor import Monitor, encode, run_machine
+from pytest_rvads.logic.ltl.parser import parse_ltl
+from pytest_rvads.logic.ltl.words import holds_on, verdicts_on
 
 P, Q = f.Atom("p"), f.Atom("q")
 LETTERS = ([], ["p"], ["q"], ["p", "q"])

@@ -6,15 +6,15 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.logic import formula as f
-from pytest_rvads.logic.check import check, extract, ground, simplify, unfold
-from pytest_rvads.logic.evaluate import Values
-from pytest_rvads.logic.finite import settle
-from pytest_rvads.logic.rules import get_rule
-from pytest_rvads.logic.sorts import Sort
-from pytest_rvads.maps.finder import find
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Agent, Colour, Zone
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.logic.judging.check import check, extract, ground, simplify, unfold
+from pytest_rvads.logic.judging.evaluate import Values
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.finite import settle
+from pytest_rvads.logic.ltl.sorts import Sort
+from pytest_rvads.logic.rules.rule import get_rule
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent, Colour, Zone
 
 LAW = settings(deadline=None, derandomize=True, max_examples=50)
 PAPER = ("p1", "p2", "p3", "p4", "p5", "p6")

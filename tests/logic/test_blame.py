@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.logic.check import check
-from pytest_rvads.semantics.blame import cause_of
-from pytest_rvads.semantics.run import Collision, Run
-from pytest_rvads.semantics.states import Colour, Zone
-from pytest_rvads.semantics.stretches import shared
+from pytest_rvads.conduct.blame import cause_of
+from pytest_rvads.conduct.stretches import shared
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.runs.run import Collision, Run
+from pytest_rvads.runs.states import Colour, Zone
 
 Make = Callable[..., Run]
 STAND = (0, 0.0)

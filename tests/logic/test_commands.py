@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pytest_rvads.cli.answers import check_runs, doubts, list_rules, named_rules, read_runs
 from pytest_rvads.errors import FormulaError, RunError
-from pytest_rvads.logic.commands import check_runs, doubts, list_rules, named_rules, read_runs
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.runfile import save_run
-from pytest_rvads.semantics.states import Zone
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.runfile import save_run
+from pytest_rvads.runs.states import Zone
 
 Make = Callable[..., Run]
 

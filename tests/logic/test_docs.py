@@ -14,7 +14,7 @@ def test_the_code_in_the_documentation_runs() -> None:
 
 
 def test_the_rulebooks_of_the_documentation_are_the_shipped_ones() -> None:
-    from pytest_rvads.logic.rules import rulebook
+    from pytest_rvads.logic.rules.rule import rulebook
 
     text = DOCS.read_text(encoding="utf-8")
     for name in ("paper", "variants", "road"):
@@ -24,7 +24,7 @@ def test_the_rulebooks_of_the_documentation_are_the_shipped_ones() -> None:
 
 
 def test_the_file_of_rules_in_the_documentation_loads(tmp_path: Path) -> None:
-    from pytest_rvads.logic.rulefile import load_rules
+    from pytest_rvads.logic.rules.rulefile import load_rules
 
     (block,) = re.findall(r"```ini\n(.*?)```", DOCS.read_text(encoding="utf-8"), re.DOTALL)
     (tmp_path / "own.rules").write_text(block)

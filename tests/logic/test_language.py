@@ -3,11 +3,11 @@
 import pytest
 
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.logic import formula as f
-from pytest_rvads.logic.parser import DEPTH_LIMIT, LENGTH_LIMIT, parse_ltl, parse_rule
-from pytest_rvads.logic.rules import rulebook
-from pytest_rvads.logic.signature import parse
-from pytest_rvads.logic.sorts import Sort, sort_of
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.parser import DEPTH_LIMIT, LENGTH_LIMIT, parse_ltl, parse_rule
+from pytest_rvads.logic.ltl.sorts import Sort, sort_of
+from pytest_rvads.logic.rules.rule import rulebook
+from pytest_rvads.logic.rules.vocabulary import parse
 
 
 @pytest.mark.parametrize(

@@ -6,19 +6,19 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.autopilots import RollingStop
-from pytest_rvads.autopilots.policies import RedLightRunner
+from pytest_rvads.conduct.following import FOLLOWERS
+from pytest_rvads.drivers.policies import RedLightRunner
+from pytest_rvads.drivers.rolling import RollingStop
 from pytest_rvads.errors import RunError
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.live import RuleMonitor
-from pytest_rvads.logic.ltl3 import Truth
-from pytest_rvads.logic.rules import Rule, get_rule, rulebook
-from pytest_rvads.logic.verdicts import Status
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.judging.live import RuleMonitor
+from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.logic.ltl.ltl3 import Truth
+from pytest_rvads.logic.rules.rule import Rule, get_rule, rulebook
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Colour
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.following import FOLLOWERS
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Colour
+from pytest_rvads.simulators.bullet import simulate
 
 Make = Callable[..., Run]
 GREEN, RED = Colour.GREEN, Colour.RED

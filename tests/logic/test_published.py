@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.ltl3 import synthesize
-from pytest_rvads.logic.parser import parse_ltl
-from pytest_rvads.semantics.recorded import read_recorded
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.ltl.ltl3 import synthesize
+from pytest_rvads.logic.ltl.parser import parse_ltl
+from pytest_rvads.runs.recorded import read_recorded
 
 RULES = {
     "one-car-in-junction": "p1",

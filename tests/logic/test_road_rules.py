@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.rules import rules_for
-from pytest_rvads.maps.finder import find
-from pytest_rvads.semantics.conduct import speeding, stopped
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Colour
-from pytest_rvads.semantics.stretches import conflicts, shared
+from pytest_rvads.conduct.standing import speeding, stopped
+from pytest_rvads.conduct.stretches import conflicts, shared
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.rules.rule import rules_for
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Colour
 
 Make = Callable[..., Run]
 G, R = Colour.GREEN, Colour.RED

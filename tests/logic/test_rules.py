@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.logic import formula as f
-from pytest_rvads.logic.check import check, extract, ground, simplify, unfold
-from pytest_rvads.logic.ground import domain
-from pytest_rvads.logic.rulefile import load_rules
-from pytest_rvads.logic.rules import Rule, get_rule, rule, rulebook, rules_for
-from pytest_rvads.logic.signature import parse, predicate
-from pytest_rvads.logic.sorts import Sort
-from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Colour
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.logic.judging.check import check, extract, ground, simplify, unfold
+from pytest_rvads.logic.judging.ground import domain
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.sorts import Sort
+from pytest_rvads.logic.rules.rule import Rule, get_rule, rule, rulebook, rules_for
+from pytest_rvads.logic.rules.rulefile import load_rules
+from pytest_rvads.logic.rules.vocabulary import parse, predicate
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Colour
 
 Make = Callable[..., Run]
 
@@ -212,7 +212,7 @@ def test_vertices_are_entrances_and_exits_and_each_agent_has_one_of_each(make: M
     ids=["outer", "inner"],
 )
 def test_too_many_instances_are_refused_not_left_to_run(make: Make, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pytest_rvads.logic.ground.LIMIT", 5_000)
+    monkeypatch.setattr("pytest_rvads.logic.judging.ground.LIMIT", 5_000)
     run = make("stop4", dict.fromkeys(range(4), (2, 10, 50, 200)), 300)
     crowd = Rule("crowd", text)
     message = r"the formula, of size \d+, needs too many instances, one per choice .* \(more than 5,000 steps\): split it"

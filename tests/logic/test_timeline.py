@@ -2,15 +2,15 @@
 
 import pytest
 
-from pytest_rvads.autopilots import Reference
-from pytest_rvads.autopilots.lgsvl import LgsvlLike
+from pytest_rvads.drivers.lgsvl import LgsvlLike
+from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.rules import rule
-from pytest_rvads.logic.timeline import timelines
-from pytest_rvads.logic.verdicts import Status
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.judging.timeline import timelines
+from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.logic.rules.rule import rule
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.simulators.bullet import simulate
 
 
 @pytest.mark.parametrize(

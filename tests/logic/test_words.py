@@ -5,13 +5,13 @@ import time
 
 import pytest
 
+from pytest_rvads.cli.answers import list_rules, show_monitor
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.logic.commands import list_rules, show_monitor
-from pytest_rvads.logic.export import to_dot, to_hoa
-from pytest_rvads.logic.ltl3 import Truth, synthesize
-from pytest_rvads.logic.monitor import Monitor
-from pytest_rvads.logic.parser import parse_ltl
-from pytest_rvads.logic.words import answer
+from pytest_rvads.logic.ltl.export import to_dot, to_hoa
+from pytest_rvads.logic.ltl.ltl3 import Truth, synthesize
+from pytest_rvads.logic.ltl.monitor import Monitor
+from pytest_rvads.logic.ltl.parser import parse_ltl
+from pytest_rvads.logic.ltl.words import answer
 
 
 def ask(formula: str, *words: str, name: object = 1) -> dict[str, object]:

@@ -6,8 +6,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from pytest_rvads.maps.road_map import RoadMap, read_map
-from pytest_rvads.maps.writer import Layout, opendrive
+from pytest_rvads.junctions.road_map import RoadMap, read_map
+from pytest_rvads.opendrive.writer import Layout, opendrive
 
 
 @pytest.fixture

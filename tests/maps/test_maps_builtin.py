@@ -7,13 +7,13 @@ from itertools import pairwise
 
 import pytest
 
-from pytest_rvads.maps.builtin import LAYOUTS, path_of
-from pytest_rvads.maps.finder import find, names
-from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.maps.road_map import read_map
+from pytest_rvads.junctions.builtin import LAYOUTS, path_of
+from pytest_rvads.junctions.finder import find, names
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.junctions.road_map import read_map
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.maps.writer import Layout, opendrive
-from pytest_rvads.semantics.itinerary import Itinerary
+from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.runs.itineraries import Itinerary
 
 CYCLE = {(0, 3), (1, 0), (2, 1), (3, 2)}
 """Entrance i + 1 is to the right of entrance i, counter-clockwise, in an X (the paper's figure)."""
@@ -86,7 +86,7 @@ def test_files_are_what_the_layouts_write(name: str) -> None:
 
 
 def test_reading_a_built_in_junction_needs_no_graph_library() -> None:
-    code = "import sys; from pytest_rvads.maps.finder import find; find('stop4'); sys.exit('networkx' in sys.modules)"
+    code = "import sys; from pytest_rvads.junctions.finder import find; find('stop4'); sys.exit('networkx' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -5,9 +5,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from pytest_rvads.maps.builtin import path_of
-from pytest_rvads.maps.road_map import describe, read_map
-from pytest_rvads.maps.writer import Layout, opendrive
+from pytest_rvads.junctions.builtin import path_of
+from pytest_rvads.junctions.road_map import describe, read_map
+from pytest_rvads.opendrive.writer import Layout, opendrive
 
 
 def test_all_fields() -> None:

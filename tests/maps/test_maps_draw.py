@@ -6,12 +6,12 @@ from xml.etree import ElementTree
 
 import pytest
 
-from pytest_rvads.draw.junction import draw_map
+from pytest_rvads.draw.map_picture import draw_map
 from pytest_rvads.draw.svg import wrap
-from pytest_rvads.maps.builtin import path_of
-from pytest_rvads.maps.finder import names
-from pytest_rvads.maps.road_map import read_map
-from pytest_rvads.maps.writer import Layout, opendrive
+from pytest_rvads.junctions.builtin import path_of
+from pytest_rvads.junctions.finder import names
+from pytest_rvads.junctions.road_map import read_map
+from pytest_rvads.opendrive.writer import Layout, opendrive
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.maps.builtin import path_of
-from pytest_rvads.maps.finder import find, load, nearest
-from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.maps.writer import Layout, opendrive
+from pytest_rvads.junctions.builtin import path_of
+from pytest_rvads.junctions.finder import find, load, nearest
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.opendrive.writer import Layout, opendrive
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,11 @@ from xml.etree import ElementTree
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.draw.junction import draw_map
+from pytest_rvads.draw.map_picture import draw_map
 from pytest_rvads.errors import MapError
-from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.maps.road_map import RoadMap, describe, read_map
-from pytest_rvads.maps.writer import Layout, opendrive
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.junctions.road_map import RoadMap, describe, read_map
+from pytest_rvads.opendrive.writer import Layout, opendrive
 
 VALUES = [
     *("nan", "inf", "1e308", "-1e308", "1e9", "-5", "0", "", "x", "1e-12", "start", "end", "-1", "1", "2", "99"),

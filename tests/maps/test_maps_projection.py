@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.maps.builtin import path_of
-from pytest_rvads.maps.projection import Track
-from pytest_rvads.maps.road_map import RoadMap, read_map
+from pytest_rvads.junctions.builtin import path_of
+from pytest_rvads.junctions.projection import Track
+from pytest_rvads.junctions.road_map import RoadMap, read_map
 from pytest_rvads.maps.segment import Pose
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=60)

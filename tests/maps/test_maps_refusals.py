@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.maps import document
-from pytest_rvads.maps.document import MAX_BYTES
-from pytest_rvads.maps.road_map import read_map
-from pytest_rvads.maps.writer import Layout, opendrive
+from pytest_rvads.junctions.road_map import read_map
+from pytest_rvads.opendrive import xmlfile as document
+from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.opendrive.xmlfile import MAX_BYTES
 
 BOMB = """<?xml version="1.0"?><!DOCTYPE lolz [<!ENTITY a "haha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>
 <OpenDRIVE><header name="&b;"/></OpenDRIVE>"""

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.maps.writer import Layout, opendrive
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.scenarios.classes import classes, label
 
 SETBACKS = (0.0, 2.0, 4.0, 8.0)

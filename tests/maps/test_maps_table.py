@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.maps.finder import find
-from pytest_rvads.maps.road_map import RoadMap, describe, read_map
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.road_map import RoadMap, describe, read_map
 
 # file, junction, ways, control, shortest approach [m]
 TABLE = [

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pytest_rvads.maps.records import Road, Shape
-from pytest_rvads.maps.reference import evaluate
-from pytest_rvads.maps.road_map import RoadMap, read_map
+from pytest_rvads.junctions.road_map import RoadMap, read_map
+from pytest_rvads.opendrive.records import Road, Shape
+from pytest_rvads.opendrive.reference_line import evaluate
 
 carla = pytest.importorskip("carla")
 

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from pytest_rvads.maps.road_map import read_map
+from pytest_rvads.junctions.road_map import read_map
 
 sumo = pytest.importorskip("sumo")
 

@@ -12,8 +12,8 @@ import pytest
 
 from pytest_rvads.physics.dynamics import GRAVITY, Dynamics
 from pytest_rvads.physics.world import BulletWorld, Motion
-from pytest_rvads.semantics.run import DT
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.runs.run import DT
+from pytest_rvads.runs.vehicle import Vehicle
 
 pytest.importorskip("vehiclemodels")
 integrate = pytest.importorskip("scipy.integrate")

@@ -2,8 +2,8 @@
 
 import pytest
 
-from pytest_rvads.autopilots import Follower
-from pytest_rvads.semantics.states import Control, Observation
+from pytest_rvads.drivers.follower import Follower
+from pytest_rvads.drivers.interface import Control, Observation
 
 
 class Cruiser(Follower):

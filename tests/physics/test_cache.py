@@ -10,7 +10,7 @@ import pytest
 
 from pytest_rvads.physics import braking, cache
 from pytest_rvads.physics.braking import vmax
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.runs.vehicle import Vehicle
 
 
 @pytest.fixture(autouse=True)

@@ -4,12 +4,13 @@ from functools import partial
 
 import pytest
 
-from pytest_rvads.autopilots import Follower, Reference
-from pytest_rvads.autopilots.lgsvl import LgsvlLike
+from pytest_rvads.drivers.follower import Follower
+from pytest_rvads.drivers.interface import Control
+from pytest_rvads.drivers.lgsvl import LgsvlLike
+from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError, ScenarioError
 from pytest_rvads.physics.braking import greatest_safe, vmax
-from pytest_rvads.physics.closed_loop import closed_vmax
-from pytest_rvads.semantics.states import Control
+from pytest_rvads.simulators.closed_loop import closed_vmax
 
 
 def test_under_i1_nothing_is_safe_at_one_centimetre() -> None:

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.drivers.commands import Acceleration, TargetSpeed, Trajectory, Waypoint
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.commands import Acceleration, TargetSpeed, Trajectory, Waypoint
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Observation
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.simulators.bullet import simulate
 
 
 def answering(answer, period: float = 0.05):

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pytest_rvads.conduct.lane import MAX_OFFSET, itinerary, off_route
+from pytest_rvads.drivers.interface import Control, Observation, TrafficSystem
 from pytest_rvads.errors import AutopilotError, ScenarioError
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.lane import MAX_OFFSET, itinerary, off_route
-from pytest_rvads.semantics.states import Agent, Control, Observation, TrafficSystem
+from pytest_rvads.simulators.bullet import simulate
 
 SCENARIO = Scenario("stop4", "1231", distance=20, duration=0.1)
 

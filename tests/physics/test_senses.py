@@ -6,16 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pytest_rvads.autopilots import Reference
+from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import ScenarioError
-from pytest_rvads.maps.finder import find
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.physics.perception import Perception, hidden
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.states import VehicleState, Zone
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import Senses
-from pytest_rvads.semantics.run import DT, Run
-from pytest_rvads.semantics.states import Control, Observation, VehicleState, Zone
+from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.perception import Perception, hidden
 
 START = {"distance": 20, "speed": 6, "subject": 0}
 

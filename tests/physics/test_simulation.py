@@ -8,14 +8,15 @@ import sys
 import numpy as np
 import pytest
 
-from pytest_rvads.autopilots import Reference
+from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import ScenarioError
-from pytest_rvads.maps.finder import find
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.runs.run import DT
+from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.run import DT
-from pytest_rvads.semantics.states import Colour, Control, Observation, Zone
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.simulators.bullet import simulate
 
 
 def test_a_run_holds_states_of_all_agents(cruiser) -> None:

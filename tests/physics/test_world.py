@@ -7,8 +7,8 @@ import pytest
 
 from pytest_rvads.errors import RunError
 from pytest_rvads.physics.world import BulletWorld, Motion
-from pytest_rvads.semantics.run import DT
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.runs.run import DT
+from pytest_rvads.runs.vehicle import Vehicle
 
 CAR = Vehicle()
 
@@ -110,9 +110,9 @@ def test_a_closed_world_says_so() -> None:
 
 def test_pybullet_is_imported_late_and_in_silence() -> None:
     code = (
-        "import sys, pytest_rvads.physics.simulation\n"
+        "import sys, pytest_rvads.simulators.bullet\n"
         "from pytest_rvads.physics.world import BulletWorld, Motion\n"
-        "from pytest_rvads.semantics.vehicle import Vehicle\n"
+        "from pytest_rvads.runs.vehicle import Vehicle\n"
         "print('pybullet' in sys.modules)\n"
         "BulletWorld(Vehicle(), [Motion(0, 0, 0, 0, 0, 0)]).close()\n"
         "print('after', file=sys.stderr)\n"

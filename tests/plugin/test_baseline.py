@@ -4,12 +4,12 @@ import json
 
 import pytest
 
-from pytest_rvads.autopilots import Reference
 from pytest_rvads.cli import main
-from pytest_rvads.fixtures.comparing import explain
-from pytest_rvads.logic.check import check
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.logic.judging.check import check
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.session.comparing import explain
+from pytest_rvads.simulators.bullet import simulate
 
 CONFTEST = """
     import pytest

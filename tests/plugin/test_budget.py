@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.fixtures.budget import priority
 from pytest_rvads.report.record import cell_record
+from pytest_rvads.session.time_budget import priority
 
 
 def starts(classes: int, configurations: str) -> list[dict[str, Any]]:

@@ -57,8 +57,8 @@ def test_every_result_says_what_drove(tests: pytest.Pytester) -> None:
     ("name", "driver"),
     [
         ("stack:Makers.racer", "stack.Racer"),
-        ("reference", "pytest_rvads.autopilots.reference.Reference"),
-        ("late_yielder", "pytest_rvads.autopilots.policies.LateYielder"),
+        ("reference", "pytest_rvads.drivers.reference.Reference"),
+        ("late_yielder", "pytest_rvads.drivers.policies.LateYielder"),
     ],
 )
 def test_an_option_names_what_drives(tests: pytest.Pytester, name: str, driver: str) -> None:

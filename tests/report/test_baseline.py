@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 
 from pytest_rvads.report.baseline import Comparison, compare, with_baseline
-from pytest_rvads.report.document import Report
 from pytest_rvads.report.files import markdown
 from pytest_rvads.report.record import cell_record, conclude, not_run
+from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.terminal import summary
 
 

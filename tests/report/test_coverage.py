@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from pytest_rvads.report.coverage import measure, shortfall
-from pytest_rvads.report.document import Report
 from pytest_rvads.report.merge import merge
 from pytest_rvads.report.record import cell_record, conclude, not_run
+from pytest_rvads.report.session_report import Report
 
 
 def record(cls: int, rule: str, status: str, *, row: int = 0, hash: str = "aa") -> dict[str, Any]:

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.report.document import Report, cell_of
 from pytest_rvads.report.files import load, markdown, save
 from pytest_rvads.report.indicators import extremes
 from pytest_rvads.report.matrix import coverage, matrices
 from pytest_rvads.report.record import SEVERITY, cell_record, conclude, properties
+from pytest_rvads.report.session_report import Report, cell_of
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.triage import causes
 

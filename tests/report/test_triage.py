@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.autopilots.mutants import MUTANTS
-from pytest_rvads.logic.rules import rules_for
+from pytest_rvads.logic.rules.rule import rules_for
 from pytest_rvads.report.record import cell_record, conclude
 from pytest_rvads.report.triage import causes
-from pytest_rvads.scenarios.grid import grid
+from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
+from pytest_rvads.studies.mutants import MUTANTS
 
 Runs = dict[str, list[dict[str, Any]]]
 """Run to the records of its failed items."""

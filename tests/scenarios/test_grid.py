@@ -5,8 +5,8 @@ import math
 import pytest
 
 from pytest_rvads.errors import ScenarioError
-from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.scenarios.grid import configuration, explicit, grid, outside, probe
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.scenarios.configurations import configuration, explicit, grid, outside, probe
 
 
 def test_the_letters_are_those_of_the_papers_tables() -> None:

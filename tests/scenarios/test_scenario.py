@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.errors import MapError, ScenarioError
+from pytest_rvads.runs.states import Colour
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.states import Colour
 
 
 def test_the_name_is_the_one_of_the_architecture() -> None:

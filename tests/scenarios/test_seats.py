@@ -5,9 +5,9 @@ from itertools import product
 import pytest
 
 from pytest_rvads.errors import ScenarioError
-from pytest_rvads.maps.junction import JunctionControl
+from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.scenarios.classes import classes, count_scenarios, rotate, seats
-from pytest_rvads.scenarios.grid import grid
+from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
 
 C = {n: grid("C", n, JunctionControl.STOP) for n in (3, 4, 5)}

@@ -8,13 +8,13 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.logic.rules import Rule, get_rule, rules_for
+from pytest_rvads.logic.rules.rule import Rule, get_rule, rules_for
+from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.scenarios.classes import classes, members
 from pytest_rvads.search import consistency
 from pytest_rvads.search.abstraction import Model, weak_orders
 from pytest_rvads.search.consistency import core, decide
 from pytest_rvads.search.survey import survey
-from pytest_rvads.semantics.run import DT, Run
 
 PAPER = rules_for("paper")
 

@@ -6,11 +6,11 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
-from pytest_rvads.search import power
-from pytest_rvads.search.killing import Killing
-from pytest_rvads.search.methods import METHODS
-from pytest_rvads.search.power import Power, detects, interval, measure
-from pytest_rvads.search.tables import plot, table_of_mutants, table_of_power
+from pytest_rvads.studies import power
+from pytest_rvads.studies.killing import Killing
+from pytest_rvads.studies.methods import METHODS
+from pytest_rvads.studies.power import Power, detects, interval, measure
+from pytest_rvads.studies.power_tables import plot, table_of_mutants, table_of_power
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.autopilots import Reference
+from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError
-from pytest_rvads.logic.check import check
-from pytest_rvads.maps.finder import find
-from pytest_rvads.maps.junction import digest
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import digest
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.runs.run import Collision, Facts, Fault, Run
+from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.run import Collision, Facts, Fault, Run
-from pytest_rvads.semantics.states import Colour, Zone
+from pytest_rvads.simulators.bullet import simulate
 
 Make = Callable[..., Run]
 

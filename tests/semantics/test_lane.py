@@ -6,17 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pytest_rvads.autopilots import Follower, Reference
+from pytest_rvads.conduct.lane import beside, off_lane, off_route
+from pytest_rvads.drivers.follower import Follower
+from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError
-from pytest_rvads.logic.check import check
-from pytest_rvads.maps.finder import find
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.logic.judging.check import check
 from pytest_rvads.maps.segment import Segment
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.itinerary import Itinerary
-from pytest_rvads.semantics.lane import beside, off_lane, off_route
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Control, Observation, Zone
+from pytest_rvads.simulators.bullet import simulate
 
 Make = Callable[..., Run]
 # Lanes of the built-in maps are 3.5 m wide, a body 1.86 m: 0.3 m over the border is 1.75 + 0.3 - 0.93 m beside the centre.

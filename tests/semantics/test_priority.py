@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.maps.finder import find
-from pytest_rvads.semantics.priority import BEND_BRAKING, DUE, HARD_BRAKING, MIN_GAP, due, obstructs, owes
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Colour, Zone
-from pytest_rvads.semantics.stretches import Shared, shared, stretches
+from pytest_rvads.conduct.priority import BEND_BRAKING, DUE, HARD_BRAKING, MIN_GAP, due, obstructs, owes
+from pytest_rvads.conduct.stretches import Shared, shared, stretches
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Colour, Zone
 
 Make = Callable[..., Run]
 G, Y, R = Colour.GREEN, Colour.YELLOW, Colour.RED

@@ -7,11 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.errors import RunError
-from pytest_rvads.logic.check import check
-from pytest_rvads.maps.finder import find
-from pytest_rvads.semantics import progress
-from pytest_rvads.semantics.progress import (
+from pytest_rvads.conduct import progress
+from pytest_rvads.conduct.progress import (
     BLOCKING_TIME,
     PACE,
     PATIENCE,
@@ -23,9 +20,12 @@ from pytest_rvads.semantics.progress import (
     lost_time,
     may_go,
 )
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Colour, Zone
-from pytest_rvads.semantics.stretches import stretches
+from pytest_rvads.conduct.stretches import stretches
+from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Colour, Zone
 
 Make = Callable[..., Run]
 G, Y, R = Colour.GREEN, Colour.YELLOW, Colour.RED

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pytest_rvads.conduct.kpis import kpis
+from pytest_rvads.conduct.validate import validate
 from pytest_rvads.errors import RunError
-from pytest_rvads.logic.check import check
-from pytest_rvads.maps.junction import JunctionControl
-from pytest_rvads.semantics.kpis import kpis
-from pytest_rvads.semantics.recorded import read_recorded
-from pytest_rvads.semantics.states import Colour, Zone
-from pytest_rvads.semantics.validate import validate
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.runs.recorded import read_recorded
+from pytest_rvads.runs.states import Colour, Zone
 
 
 def vehicle(road: str, way: str, leaving: str, node: str, ticks: tuple[int, int, int]) -> dict[str, Any]:

@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.errors import MapError, ScenarioError
-from pytest_rvads.maps.finder import find
-from pytest_rvads.semantics.itinerary import Itinerary
-from pytest_rvads.semantics.lights import SignalPlan
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Agent, Colour, Zone
-from pytest_rvads.semantics.vehicle import Vehicle
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.lights import SignalPlan
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent, Colour, Zone
+from pytest_rvads.runs.vehicle import Vehicle
 
 
 @pytest.fixture(scope="module")

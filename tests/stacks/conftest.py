@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.stacks import Process
+from pytest_rvads.drivers.stacks.process import Process
 
 ROOT = Path(__file__).parents[2]
 FAULTY = Path(__file__).with_name("faulty.py")

@@ -6,7 +6,7 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
-from pytest_rvads.autopilots.traffic import POLICIES
+from pytest_rvads.drivers.traffic import POLICIES
 from pytest_rvads.options import Options
 from pytest_rvads.scenarios.senses import Senses
 

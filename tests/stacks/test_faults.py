@@ -5,13 +5,13 @@ from collections.abc import Callable
 
 import pytest
 
-from pytest_rvads.autopilots import Reference
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.stacks.process import Process
 from pytest_rvads.errors import AutopilotError
-from pytest_rvads.logic.check import check
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.stacks import Process
+from pytest_rvads.simulators.bullet import simulate
 
 Make = Callable[..., Process]
 STRAY = "to its standard output, which carries the protocol: print to standard error instead"

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.autopilots import Reference
-from pytest_rvads.physics.simulation import simulate
+from pytest_rvads.drivers.commands import TargetSpeed
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.stacks.process import Process
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.semantics.commands import TargetSpeed
-from pytest_rvads.semantics.run import Run
-from pytest_rvads.semantics.states import Observation, Zone
-from pytest_rvads.stacks import Process
+from pytest_rvads.simulators.bullet import simulate
 
 ROOT = Path(__file__).parents[2]
 SCENARIO = Scenario("stop4", "1133", distance=20, subject=0, duration=12)

@@ -1,0 +1,74 @@
+"""``rvads classes`` and ``rvads map``: what there is to drive on."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from itertools import islice
+from pathlib import Path
+
+from pytest_rvads.cli.common import Subparsers
+
+__all__ = ["declare"]
+
+_SHOWN = 100
+
+
+def declare(commands: Subparsers) -> None:
+    """Add the commands of this module."""
+    classes = commands.add_parser("classes", help="list the structural equivalence classes of an n-way junction")
+    classes.add_argument("ways", type=int, metavar="N", help="number of ways, 3 to 8")
+    classes.add_argument("--all", action="store_true", help=f"list all classes, not only the first {_SHOWN}")
+    classes.add_argument("--svg", metavar="OUT", help="also draw them into this file")
+    classes.set_defaults(command=_classes)
+
+    map_ = commands.add_parser("map", help="show the junctions of an OpenDRIVE file and what is doubtful in it")
+    map_.add_argument("file", metavar="FILE")
+    map_.add_argument("--json", action="store_true", help="print one JSON object")
+    map_.add_argument("--svg", metavar="OUT", help="also draw the junctions into this file")
+    map_.set_defaults(command=_map)
+
+
+def _classes(options: argparse.Namespace) -> int:
+    from pytest_rvads.draw.class_table import draw_classes
+    from pytest_rvads.scenarios.classes import class_label, classes, count_classes, count_scenarios, label, members
+
+    ways, total = options.ways, count_classes(options.ways)
+    title = f"{count_scenarios(ways)} scenarios in {total} classes"
+    shown = total if options.all else min(total, _SHOWN)
+
+    def listed() -> list[tuple[str, tuple[tuple[int, ...], ...]]]:
+        return [(class_label(ways, n), members(code)) for n, code in enumerate(islice(classes(ways), shown), start=1)]
+
+    if options.svg:
+        Path(options.svg).write_text(draw_classes(ways, title, listed()), encoding="utf-8")
+    print(title)
+    for number, code in enumerate(islice(classes(ways), shown), start=1):
+        print(f"{class_label(ways, number)}  {label(code)}  {' '.join(label(m) for m in members(code)[1:])}".rstrip())
+    if shown < total:
+        print(f"... and {total - shown} more: --all lists them", file=sys.stderr)
+    return 0
+
+
+def _map(options: argparse.Namespace) -> int:
+    from pytest_rvads.draw.map_picture import draw_map
+    from pytest_rvads.junctions.road_map import describe, read_map
+
+    road_map = read_map(options.file)
+    found = describe(road_map)
+    if options.svg:
+        Path(options.svg).write_text(draw_map(road_map), encoding="utf-8")
+    if options.json:
+        print(json.dumps(found, indent=1))
+        return 0
+    count = len(found["junctions"])
+    print(f"{os.path.basename(options.file)}: {count} junction{'s' if count > 1 else ''}")
+    for junction in found["junctions"]:
+        approach = f"approach {min(junction['approach'], default=0.0):4.0f} m"
+        state = "usable" if junction["usable"] else f"not usable: {junction['reason']}"
+        print(f"  {junction['id']:>6}  {junction['ways']}-way {junction['control']:<7} {approach}  {state}")
+    for warning in found["warnings"]:
+        print(f"warning: {warning['message']}", file=sys.stderr)
+    return 0

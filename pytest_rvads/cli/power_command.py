@@ -1,0 +1,51 @@
+"""``rvads power``: how good are the checks themselves?"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from pytest_rvads.cli.common import Subparsers, progress
+from pytest_rvads.errors import ScenarioError
+
+__all__ = ["declare"]
+
+
+def declare(commands: Subparsers) -> None:
+    """Add the command of this module."""
+    power = commands.add_parser(
+        "power",
+        help="measure how soon deficiencies are found, or what kills mutants",
+        description="Measure the number of simulations until each deficiency of the LGSVL-like autopilot is found, by several "
+        "ways to choose scenarios; or which rules and relations kill each mutant of the reference autopilot.",
+    )
+    power.add_argument("--mutants", action="store_true", help="the mutants instead")
+    power.add_argument(
+        "--deficiency", action="append", choices=("I1", "I2", "I3", "I4", "I5"), help="only this one, may be repeated"
+    )
+    power.add_argument("--seeds", type=int, default=100, help="repetitions (default: 100)")
+    power.add_argument("--budget", type=int, default=40, help="simulations after which a search gives up (default: 40)")
+    power.add_argument("--workers", type=int, help="processes (default: one per processor)")
+    power.add_argument("--svg", metavar="FILE", help="draw the plot")
+    power.set_defaults(command=_power)
+
+
+def _power(options: argparse.Namespace) -> int:
+    from pytest_rvads.studies.killing import kill_all
+    from pytest_rvads.studies.power import DEFICIENCIES, measure
+    from pytest_rvads.studies.power_tables import plot, table_of_mutants, table_of_power
+
+    for name in ("seeds", "budget", "workers"):
+        value = getattr(options, name)
+        if value is not None and value < 1:
+            raise ScenarioError(f"--{name} must be at least 1, got {value}")
+    if options.mutants:
+        print(table_of_mutants(kill_all(options.workers, partial(progress, what="mutants"))))
+        return 0
+    wanted = options.deficiency or tuple(DEFICIENCIES)
+    measured = measure(options.seeds, options.budget, deficiencies=wanted, workers=options.workers)
+    print(table_of_power(measured))
+    if options.svg:
+        Path(options.svg).write_text(plot(measured), encoding="utf-8")
+    return 0

@@ -1,0 +1,64 @@
+"""``rvads report``: what can be done with the reports that ``--rvads-report=FILE.json`` wrote."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+from pathlib import Path
+
+from pytest_rvads.cli.common import Subparsers
+
+__all__ = ["declare"]
+
+
+def declare(commands: Subparsers) -> None:
+    """Add the commands of this module."""
+    report = commands.add_parser("report", help="merge the reports of several sessions")
+    actions = report.add_subparsers(required=True, metavar="ACTION")
+    merge = actions.add_parser(
+        "merge",
+        help="make one report of several, such as the shards of a CI job, and print its summary",
+        description="Exit status: that of a session which had run everything; 1 when reports contradict each other or coverage "
+        "is too low.",
+    )
+    merge.add_argument("files", nargs="+", metavar="FILE.json", help="written by --rvads-report")
+    merge.add_argument("-o", "--output", metavar="OUT", help="write the merged report, in the format of its ending")
+    merge.add_argument("--cov-fail-under", type=_percent, metavar="N", help="as --rvads-cov-fail-under, for the whole [%%]")
+    merge.add_argument("--baseline", metavar="FILE.json", help="tell what changed since an earlier report")
+    merge.add_argument("--erosion", type=float, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
+    merge.set_defaults(command=_merge)
+
+
+def _percent(text: str) -> float:
+    value = float(text)
+    if not 0 <= value <= 100:
+        raise ValueError
+    return value
+
+
+_percent.__name__ = "percentage"  # argparse names it in its message
+
+
+def _merge(options: argparse.Namespace) -> int:
+    from pytest_rvads.report.baseline import compare, with_baseline
+    from pytest_rvads.report.coverage import shortfall
+    from pytest_rvads.report.files import load, save
+    from pytest_rvads.report.merge import merge
+    from pytest_rvads.report.session_report import cell_of
+    from pytest_rvads.report.terminal import summary
+
+    report = merge([(name, load(Path(name))) for name in options.files])
+    if options.baseline:
+        planned = set(report.planned)
+        earlier = load(Path(options.baseline))
+        lost = {r["nodeid"] for r in earlier.records if cell_of(r) not in planned}
+        report = with_baseline(report, compare(report, earlier, options.baseline, options.erosion, lost.__contains__))
+    if options.output:
+        save(Path(options.output), report)
+    unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+    print(summary(report, colour=sys.stdout.isatty(), width=shutil.get_terminal_size().columns, unicode=unicode), end="")
+    short = "" if options.cov_fail_under is None else shortfall(report, options.cov_fail_under)
+    for note in (*report.notes, *([short] if short else [])):
+        print(f"rvads: {note}", file=sys.stderr)
+    return report.exitstatus or (1 if short else 0)

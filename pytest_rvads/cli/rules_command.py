@@ -1,0 +1,83 @@
+"""``rvads rules check``: can anybody obey these rules?"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from typing import TYPE_CHECKING
+
+from pytest_rvads.cli.common import progress
+from pytest_rvads.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from pytest_rvads.logic.rules.rule import Rule
+
+__all__ = ["declare"]
+
+_JUNCTIONS = {("stop", 3): "stop3", ("stop", 4): "stop4", ("lights", 3): "light3", ("lights", 4): "light4"}
+
+
+def declare(rules: argparse.ArgumentParser) -> None:
+    """Add ``check`` to the command ``rules``."""
+    commands = rules.add_subparsers(metavar="COMMAND")
+    check = commands.add_parser(
+        "check",
+        help="find scenarios and orders of arrival in which nobody can obey the rules",
+        description="Find scenarios and orders of arrival in which no behaviour satisfies all rules and lets everyone through; "
+        "exit status 1 if there are any.",
+    )
+    check.add_argument(
+        "--file", metavar="FILE", default=argparse.SUPPRESS, help="check the rules of a file, with those of --rule"
+    )
+    check.add_argument("--rule", action="append", metavar="RULE", help="a rule or rulebook, may be repeated (default: paper)")
+    check.add_argument("--ways", type=int, choices=(3, 4), default=4, help="entrances of the junction (default: 4)")
+    check.add_argument("--control", choices=("stop", "lights"), help="of the junction (default: both)")
+    check.add_argument("--scenario", metavar="DIRECTIONS", help="one scenario, such as 1133; 0 where nobody stands")
+    check.add_argument("--arrivals", metavar="SECONDS", help="one order of arrival: a time per entrance, such as 0,0,0.4,2")
+    check.set_defaults(command=_check)
+
+
+def _check(options: argparse.Namespace) -> int:
+    from pytest_rvads.junctions.junction import JunctionControl
+    from pytest_rvads.scenarios.classes import parse
+    from pytest_rvads.search.survey import show, survey
+
+    rules = _chosen(options)
+    code = parse(options.scenario) if options.scenario else None
+    if code and len(code) != options.ways:
+        raise ScenarioError(f"scenario {options.scenario!r} names {len(code)} entrances, expected {options.ways}: see --ways")
+    arrivals = _times(options.arrivals) if options.arrivals else None
+    found = False
+    for control in (options.control,) if options.control else ("stop", "lights"):
+        about = [rule for rule in rules if rule.about in (None, JunctionControl(control))]
+        if about:
+            result = survey(
+                _JUNCTIONS[control, options.ways],
+                about,
+                ways=options.ways,
+                scenarios=[code] if code else None,
+                arrivals=arrivals,
+                progress=partial(progress, what="pairs"),
+            )
+            print(show(result), flush=True)
+            found = found or bool(result.contradictions)
+    return 1 if found else 0
+
+
+def _chosen(options: argparse.Namespace) -> tuple[Rule, ...]:
+    from pytest_rvads.logic.rules.rule import rules_for
+    from pytest_rvads.logic.rules.rulefile import load_rules
+
+    own = load_rules(options.file) if options.file else ()
+    named = options.rule or ([] if own else ["paper"])
+    return rules_for([*own, *named])
+
+
+def _times(text: str) -> list[float]:
+    try:
+        times = [float(part) for part in text.split(",")]
+    except ValueError:
+        times = [-1.0]
+    if not all(0 <= time < 3600 for time in times):
+        raise ScenarioError(f"--arrivals takes times in seconds, one per entrance, such as 0,0,0.4,2, got {text!r}")
+    return times

@@ -1,0 +1,137 @@
+"""``rvads braking``, ``rvads paper`` and ``rvads simulate``: what is answered by simulating."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pytest_rvads.cli.common import Subparsers, progress
+from pytest_rvads.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from pytest_rvads.studies.pool import Progress
+
+__all__ = ["declare"]
+
+_DISTANCES = (0.01, 0.3, 1.0, 3.0, 5.0, 10.0, 15.0, 20.0)
+"""Distances of the braking table: those of the configurations, and some between [m]."""
+_CURVE = (0.01, 0.1, 0.2, 0.3, *(0.5 * k for k in range(1, 41)))
+"""Distances of the curves of its picture [m]."""
+
+
+def declare(commands: Subparsers) -> None:
+    """Add the commands of this module."""
+    braking = commands.add_parser("braking", help="show v(d)max: how fast a vehicle may be that far before the stopping line")
+    braking.add_argument("--json", action="store_true", help="print one JSON object: aggression, distance, speed")
+    braking.add_argument("--autopilot", metavar="NAME", help="what this autopilot reaches of it, such as reference or lgsvl")
+    braking.add_argument("--svg", metavar="OUT", help="also draw the curves into this file")
+    braking.set_defaults(command=_braking)
+
+    paper = commands.add_parser("paper", help="simulate the two tables of the paper and mark where they disagree with it")
+    paper.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    paper.add_argument("--svg", metavar="OUT", help="also draw the tables into this file")
+    paper.add_argument("--strict", action="store_true", help="exit 1 when a cell is not as published")
+    instead = paper.add_mutually_exclusive_group()
+    instead.add_argument(
+        "--sweep", action="store_true", help="give the shares of every verdict over the range of the random draw"
+    )
+    instead.add_argument("--margins", action="store_true", help="tell what p1 hangs on, and how far each free constant can move")
+    instead.add_argument("--ablation", action="store_true", help="tell which cells flip when a deficiency is switched off")
+    instead.add_argument("--null-models", action="store_true", help="tell how many cells a table without vehicles would get")
+    instead.add_argument("--snapshots", metavar="DIR", help="draw a violation of each of p1 to p6 into this folder")
+    paper.set_defaults(command=_paper)
+
+    simulate = commands.add_parser("simulate", help="simulate scenarios at junctions that are given by the lengths of their ways")
+    what = simulate.add_mutually_exclusive_group(required=True)
+    what.add_argument("--jsonl", action="store_true", help="read a JSON object per line, write one for each")
+    what.add_argument("--recorded", metavar="FILE", nargs="+", help="simulate the runs of recorded files and compare")
+    simulate.set_defaults(command=_simulate)
+
+
+def _braking(options: argparse.Namespace) -> int:
+    from pytest_rvads.draw.curves import draw_braking
+    from pytest_rvads.physics.braking import envelope
+
+    curves = envelope(_DISTANCES)
+    title = "v(d)max of the plant, full service brake"
+    if options.autopilot is not None:
+        from pytest_rvads.studies.stopping import closed_envelope
+
+        curves = closed_envelope(options.autopilot, _DISTANCES, progress=_bar(options))
+        title = f"v(d)max that the autopilot {options.autopilot} reaches, red light ahead"
+    if options.json:
+        print(json.dumps({str(a): dict(zip(map(str, _DISTANCES), speeds, strict=True)) for a, speeds in curves.items()}))
+    else:
+        print(f"{title} [m/s]\n d [m]" + "".join(f"  aggression {a}" for a in curves))
+        for row, distance in enumerate(_DISTANCES):
+            cells = (speeds[row] for speeds in curves.values())
+            print(f"{distance:6.2f}" + "".join(f"{'none' if v is None else f'{v:.2f}':>14}" for v in cells))
+    if options.svg:
+        fine = envelope(_CURVE)
+        whole = {level: list(zip(_CURVE, speeds, strict=True)) for level, speeds in fine.items()}
+        found = {level: list(zip(_DISTANCES, speeds, strict=True)) for level, speeds in curves.items()}
+        picture = draw_braking(found, title, whole) if options.autopilot else draw_braking(whole, title)
+        Path(options.svg).write_text(picture, encoding="utf-8")
+    return 0
+
+
+def _paper(options: argparse.Namespace) -> int:
+    from pytest_rvads.studies import paper
+    from pytest_rvads.studies import paper_tables as report
+
+    if options.sweep:
+        shares = paper.sweep(progress=_bar(options))
+        print(json.dumps(paper.nested(shares)) if options.json else report.text_sweep(shares))
+        return 0
+    if options.margins or options.ablation or options.null_models or options.snapshots:
+        return _evidence(options)
+    verdicts = paper.compute(progress=_bar(options))
+    # Printed first: a picture that can't be written must not cost the answer.
+    print(json.dumps(paper.nested(verdicts)) if options.json else report.text_tables(verdicts), flush=True)
+    if options.svg:
+        Path(options.svg).write_text(report.svg_tables(verdicts), encoding="utf-8")
+    return 1 if options.strict and report.disagreements(verdicts) else 0
+
+
+def _bar(options: argparse.Namespace) -> Progress | None:
+    """Return what shows how far it is; a program that wants JSON may read standard error along with it."""
+    return None if options.json and not sys.stderr.isatty() else progress
+
+
+def _evidence(options: argparse.Namespace) -> int:
+    """Print or draw what stands beside the tables; text only."""
+    from pytest_rvads.studies import paper, replication, snapshots
+
+    if options.json or options.svg or options.strict:
+        raise ScenarioError("--json, --svg and --strict go with the tables: leave them out here, or ask for the tables alone")
+    if options.null_models:
+        print(replication.text_null_models())
+    elif options.snapshots:
+        for path in snapshots.write(options.snapshots):
+            print(path)
+    elif options.ablation:
+        base = paper.compute(progress=progress)
+        print(replication.text_ablation(replication.ablation(base, progress=progress)))
+    else:
+        print(replication.text_margins(replication.p1_margins(progress=progress)), flush=True)
+        base = paper.compute(progress=progress)
+        print(f"\n{replication.text_rooms(replication.rooms(base, progress=progress))}")
+    return 0
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    if options.recorded:
+        from pytest_rvads.studies.predicted import compare, text_agreement
+
+        for name in options.recorded:
+            print(text_agreement(compare(name, progress=progress), name), flush=True)
+        return 0
+    from pytest_rvads.studies.prediction import answer
+
+    for line in sys.stdin.buffer:
+        if line.strip():
+            print(answer(line.decode("utf-8", errors="replace")), flush=True)
+    return 0

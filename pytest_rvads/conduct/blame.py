@@ -1,0 +1,266 @@
+"""Who is to blame where two vehicles collide or meet: right of way first, the order of entry last.
+
+Whoever lacked the right of way is to blame: who entered on red or past a stop sign (Vienna Convention on Road Traffic 1968,
+Art. 5), out of turn, or took a way that it owed to the other one (Art. 16(2), 18). Who could have stopped for somebody that
+had no right to be there, and did not, shares the blame (Art. 13(1)). Where rights tell nothing apart it is whoever was in
+the wrong lane (Art. 10(3)), drove into somebody who stood or was ahead (Art. 13), unless that one cut in, or drove backwards
+(California Vehicle Code 22106); else whoever entered the junction last (California Vehicle Code 21800(a)). This is also the
+order of everyday insurance practice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pytest_rvads.conduct.bodies import tick_of
+from pytest_rvads.conduct.lane import off_lane
+from pytest_rvads.conduct.priority import DUE, MIN_GAP, owes
+from pytest_rvads.conduct.progress import comes_first, idles, may_go
+from pytest_rvads.conduct.standing import STANDSTILL, stopped
+from pytest_rvads.conduct.stretches import Shared, shared
+from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.runs.run import Collision, Run
+from pytest_rvads.runs.states import Colour, Zone
+
+__all__ = ["STOOD", "Cause", "blame", "cause_of", "cut_short_by", "stuck", "surprised"]
+
+STOOD = 0.5
+"""A vehicle that has stood still for this long before the impact was stood into [s]."""
+REACTION = 1.0
+"""Time in which a driver notices somebody and stops or does not set off [s]; the usual figure of accident analysis."""
+BRAKING = 3.4
+"""Deceleration that everybody can stop with [m/s^2] (AASHTO, A Policy on Geometric Design: stopping sight distance)."""
+IMPACT = 0.1
+"""Motions are those of so long before the impact, which changes them [s]."""
+ALONG = math.pi / 4
+"""Two vehicles whose headings differ by less than this drive one behind the other [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """Who is to blame, and why."""
+
+    agents: tuple[str, ...]
+    """One vehicle, or both where nothing tells them apart."""
+    reason: str
+    """What it did, to be read after its name."""
+
+
+def cause_of(run: Run, collision: Collision) -> Cause:
+    """Return who caused a collision of `run`."""
+    columns = {agent.name: column for column, agent in enumerate(run.agents)}
+    one, two = (columns[name] for name in collision.agents)
+    return blame(run, one, two, tick_of(run, collision))
+
+
+def blame(run: Run, one: int, two: int, tick: int) -> Cause:
+    """Return who is to blame that two agents, given by column, meet or collide at `tick`.
+
+    What the run does not record decides nothing.
+    """
+    pairs = (one, two), (two, one)
+    matters = [pair for pair in pairs if _one_encounter(run, *pair, tick)]
+    for asks, reason in (*_RIGHTS, *_HANDLING):
+        guilty = [(i, other) for i, other in (matters if (asks, reason) in _RIGHTS else pairs) if asks(run, i, other, tick)]
+        if len(guilty) == 1:
+            who, whom = (run.agents[k].name for k in guilty[0])
+            said = reason.format(whom)
+            if asks in _SEEN and _drove_on(run, *guilty[0][::-1], tick):
+                return Cause((who, whom), f"share the blame: {who} {said}, and {whom} drove on though it could have stopped")
+            return Cause((who,), said)
+    return Cause((run.agents[one].name, run.agents[two].name), "are equally to blame")
+
+
+def surprised(run: Run, agent: int, other: int, tick: int) -> bool:
+    """Return whether `agent`, a column, met `other` in the junction at `tick` without a chance to let it in.
+
+    It was `other` that lacked the right of way, and it entered less than `REACTION` before.
+    """
+    entered = _entered(run, other, tick)
+    if entered is None or (tick - entered) * run.dt > REACTION:
+        return False
+    for asks, _ in _RIGHTS:
+        guilty = [i for i, whom in ((agent, other), (other, agent)) if asks(run, i, whom, tick)]
+        if len(guilty) == 1:
+            return guilty[0] == other
+    return False
+
+
+def cut_short_by(run: Run) -> tuple[str, ...]:
+    """Return who is to blame that the run ended before its time, by a collision or by leaving the route, if it did."""
+    last = [c for c in run.collisions or () if tick_of(run, c) >= run.steps - 2]
+    return tuple(dict.fromkeys((*run.facts.strayed, *(name for c in last for name in cause_of(run, c).agents))))
+
+
+def stuck(run: Run, agent: int) -> bool:
+    """Return whether the vehicle in column `agent` stands in everybody's way when the run ends.
+
+    It does in the junction, and at its entrance if it could go, or could have gone for long.
+    """
+    where = run.zone[-1, agent]
+    if where not in (Zone.ENTRANCE, Zone.JUNCTION) or not _stood(run, agent, run.steps - 1, STOOD):
+        return False
+    try:
+        return bool(where == Zone.JUNCTION or may_go(run, agent)[-1] or idles(run, agent)[-1])
+    except RunError:
+        return True
+
+
+_Asks = Callable[[Run, int, int, int], bool]
+
+
+def _into_standing(run: Run, agent: int, other: int, tick: int) -> bool:
+    return _stood(run, other, tick, STOOD) and not _stood(run, agent, tick, STOOD)
+
+
+def _stood(run: Run, agent: int, tick: int, seconds: float) -> bool:
+    since = tick - round(seconds / run.dt)
+    return run.speed is not None and since >= 0 and bool((np.abs(run.speed[since : tick + 1, agent]) <= STANDSTILL).all())
+
+
+def _in_the_wrong_lane(run: Run, agent: int, other: int, tick: int) -> bool:
+    """Whether `agent` was outside its lane, and their ways don't meet, so that it would not have met `other` in it."""
+    try:
+        ways = run.agents[agent], run.agents[other]
+        if shared(run, agent, other) is not None or ways[0].entrance == ways[1].entrance or ways[0].exit == ways[1].exit:
+            return False
+        return bool(off_lane(run, agent)[tick])
+    except RunError:
+        return False
+
+
+def _backs(run: Run, agent: int, _other: int, tick: int) -> bool:
+    """Whether `agent` drove backwards when they met."""
+    before = max(tick - round(IMPACT / run.dt), 0)
+    return run.speed is not None and bool(run.speed[before, agent] < -STANDSTILL)
+
+
+def _from_behind(run: Run, agent: int, other: int, tick: int) -> bool:
+    """Whether `agent` was behind, and `other` did not cut in."""
+    return _behind(run, agent, other, tick) and not _cuts_in(run, other, agent, tick)
+
+
+def _behind(run: Run, agent: int, other: int, tick: int) -> bool:
+    if run.pose is None:
+        return False
+    (x, y, heading), (far_x, far_y, ahead) = run.pose[tick, agent], run.pose[tick, other]
+    apart = abs((ahead - heading + math.pi) % (2 * math.pi) - math.pi)
+    return bool(apart < ALONG and (far_x - x) * math.cos(ahead) + (far_y - y) * math.sin(ahead) > 0)
+
+
+def _cuts_in(run: Run, agent: int, other: int, tick: int) -> bool:
+    """Whether `agent` came into the lane of `other`, ahead of it, so late that nobody could have made room."""
+    try:
+        common = shared(run, agent, other)
+    except RunError:
+        return False
+    since = None if common is None else _merged(run, agent, common, tick)
+    return since is not None and (tick - since) * run.dt < MIN_GAP and _behind(run, other, agent, tick)
+
+
+def _on_red(run: Run, agent: int, _other: int, tick: int) -> bool:
+    """Whether `agent` entered on red; a turn to the near side after a full stop is another matter."""
+    entered = _entered(run, agent, tick)
+    if entered is None or run.facing[entered, agent] != Colour.RED:
+        return False
+    return run.agents[agent].turn is not run.junction.near or not _had_stopped(run, agent, entered)
+
+
+def _past_the_sign(run: Run, agent: int, _other: int, tick: int) -> bool:
+    entered = _entered(run, agent, tick)
+    return run.junction.control is JunctionControl.STOP and bool(entered) and not _had_stopped(run, agent, entered or 0)
+
+
+def _had_stopped(run: Run, agent: int, entered: int) -> bool:
+    """Return whether the agent came to a full stop before it entered, or nothing tells that it did not."""
+    return run.speed is None or run.station is None or entered == 0 or bool(stopped(run, agent)[entered - 1])
+
+
+def _out_of_turn(run: Run, agent: int, other: int, tick: int) -> bool:
+    """Whether `agent` entered when it was the turn of `other`, which waited for nobody."""
+    entered = _entered(run, agent, tick)
+    if run.junction.control is not JunctionControl.STOP or not entered:
+        return False
+    others = (k for k in range(len(run.agents)) if k not in (agent, other))
+    held = any(comes_first(run, other, k)[entered - 1] for k in others)
+    return bool(comes_first(run, agent, other)[entered - 1]) and not held
+
+
+def _took_the_way(run: Run, agent: int, other: int, tick: int) -> bool:
+    """Whether `agent` owed the way to `other` when it entered or since, and went on."""
+    entered = _entered(run, agent, tick)
+    if entered is None:
+        return False
+    try:
+        return bool(owes(run, agent, other)[max(entered - 1, 0) : tick + 1].any())
+    except RunError:
+        return False
+
+
+def _drove_on(run: Run, agent: int, other: int, tick: int) -> bool:
+    """Whether `agent` entered after `other` and could still have stopped before the junction when it had noticed it."""
+    mine, yours = _entered(run, agent, tick), _entered(run, other, tick)
+    if mine is None or yours is None or run.speed is None or run.station is None:
+        return False
+    noticed = yours + round(REACTION / run.dt)
+    return noticed < mine and bool(-run.station[noticed, agent] > max(run.speed[noticed, agent], 0.0) ** 2 / (2 * BRAKING))
+
+
+def _last(run: Run, agent: int, other: int, tick: int) -> bool:
+    mine, yours = _entered(run, agent, tick), _entered(run, other, tick)
+    return mine is not None and (yours is None or mine > yours)
+
+
+def _one_encounter(run: Run, agent: int, other: int, tick: int) -> bool:
+    """Whether it still matters what right the agent had to enter.
+
+    Their ways meet, and it has not been standing there, nor driving ahead of the other one in its lane, for so long that
+    anybody could see it.
+    """
+    try:
+        common = shared(run, agent, other)
+    except RunError:
+        return True
+    if common is None or _stood(run, agent, tick, DUE):
+        return False
+    since = _merged(run, agent, common, tick)
+    return since is None or (tick - since) * run.dt <= DUE
+
+
+def _merged(run: Run, agent: int, common: Shared, tick: int) -> int | None:
+    """Return when the agent came into the lane that both lead into, if it has."""
+    if not common.merges or run.station is None:
+        return None
+    there = np.flatnonzero(run.station[: tick + 1, agent] >= common.mine.start)
+    return int(there[0]) if len(there) else None
+
+
+def _entered(run: Run, agent: int, tick: int) -> int | None:
+    """Return the first tick in the junction, if that is not after `tick`."""
+    entered = int(run.entered[agent])
+    return entered if entered <= tick and entered < run.steps else None
+
+
+_RIGHTS: tuple[tuple[_Asks, str], ...] = (
+    (_on_red, "had entered on red"),
+    (_past_the_sign, "had not stopped at the stop sign"),
+    (_took_the_way, "took the way that it owed to {}"),
+    (_out_of_turn, "had entered out of turn"),
+)
+"""Who lacked the right of way, the first question that exactly one of both answers with yes."""
+_SEEN = (_on_red, _past_the_sign, _out_of_turn)
+"""Those of them that don't excuse who sees it and drives on all the same."""
+_HANDLING: tuple[tuple[_Asks, str], ...] = (
+    (_in_the_wrong_lane, "was outside its lane"),
+    (_into_standing, "drove into {}, which stood"),
+    (_backs, "drove backwards"),
+    (_from_behind, "ran into {} from behind"),
+    (_cuts_in, "cut in ahead of {}"),
+    (_last, "entered the junction after {}"),
+)
+"""Where rights tell nothing apart, who is to blame, likewise."""

@@ -1,0 +1,239 @@
+"""Key performance indicators of a run: how long vehicles wait, how hard they brake, how near they come to each other.
+
+Surrogate safety measures as in the literature: time to collision (Hayward, Near miss determination through use of a scale
+of danger, HRB 1972), post-encroachment time (Allen, Shin, Cooper, Analysis of traffic conflicts and collisions, TRR 1978).
+What a run does not record is None, and named in `Kpis.unavailable`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.conduct.predicates import ticks
+from pytest_rvads.conduct.stretches import shared
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
+
+__all__ = ["WINDOW", "Kpis", "PairKpis", "VehicleKpis", "describe", "kpis"]
+
+WINDOW = 0.1
+"""Accelerations and jerks are differences over this time [s]: ten steps, so that single steps don't dominate."""
+_DISCS = 3
+"""A body is covered by this many discs for the time to collision."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleKpis:
+    """Indicators of one vehicle."""
+
+    agent: str
+    waiting: float
+    """Time at its entrance [s]."""
+    delay: float | None
+    """Time to its exit vertex beyond what driving there at the speed limit takes [s]; None if it never got there."""
+    deceleration: float | None
+    """Hardest braking, over `WINDOW` [m/s^2]."""
+    jerk: float | None
+    """Largest change of acceleration, over `WINDOW` [m/s^3]."""
+
+
+@dataclass(frozen=True, slots=True)
+class PairKpis:
+    """Indicators of two vehicles."""
+
+    agents: tuple[str, str]
+    ttc: float | None
+    """Shortest time to collision, were both to keep speed and heading [s]; 0 where bodies touch; None if they never are
+    on a collision course."""
+    pet: float | None
+    """Time from when the rear of one leaves the stretch where their movements conflict to when the other enters it [s];
+    negative where both are in it, at the end of the run at most; None if they don't conflict or one never came there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kpis:
+    """Indicators of a run."""
+
+    vehicles: tuple[VehicleKpis, ...]
+    pairs: tuple[PairKpis, ...]
+    unavailable: tuple[str, ...] = ()
+    """Indicators that the run does not record enough for; a None of any other one says that there was nothing to measure."""
+
+    @property
+    def ttc(self) -> float | None:
+        """The shortest time to collision of all pairs [s]."""
+        return min((p.ttc for p in self.pairs if p.ttc is not None), default=None)
+
+    @property
+    def pet(self) -> float | None:
+        """The shortest post-encroachment time of all pairs [s]."""
+        return min((p.pet for p in self.pairs if p.pet is not None), default=None)
+
+    def record(self) -> dict[str, Any]:
+        """Return builtins."""
+        pairs = [{**asdict(p), "agents": list(p.agents)} for p in self.pairs]
+        return {
+            "vehicles": [asdict(v) for v in self.vehicles],
+            "pairs": pairs,
+            "ttc": self.ttc,
+            "pet": self.pet,
+            "unavailable": list(self.unavailable),
+        }
+
+
+def kpis(run: Run) -> Kpis:
+    """Compute the indicators of a run; those that it does not record enough for are named as unavailable."""
+    missing = _unavailable(run)
+    columns = range(len(run.agents))
+
+    def measure(name: str, function: Callable[..., float | None], *where: int) -> float | None:
+        return None if name in missing else function(run, *where)
+
+    vehicles = tuple(
+        VehicleKpis(
+            run.agents[i].name,
+            _rounded(float((run.zone[:, i] == Zone.ENTRANCE).sum()) * run.dt),
+            measure("delay", _delay, i),
+            measure("deceleration", _deceleration, i),
+            measure("jerk", _jerk, i),
+        )
+        for i in columns
+    )
+    pairs = tuple(
+        PairKpis((run.agents[i].name, run.agents[k].name), measure("ttc", _ttc, i, k), measure("pet", _pet, i, k))
+        for i, k in combinations(columns, 2)
+    )
+    return Kpis(vehicles, pairs, missing)
+
+
+def _unavailable(run: Run) -> tuple[str, ...]:
+    recorded = {
+        "delay": run.station is not None and run.facts.speed_limit is not None,
+        "deceleration": run.speed is not None,
+        "jerk": run.speed is not None,
+        "ttc": run.pose is not None and run.speed is not None and run.facts.sizes is not None,
+        "pet": run.station is not None and run.junction.geometry is not None and run.facts.sizes is not None,
+    }
+    return tuple(name for name, there in recorded.items() if not there)
+
+
+_NAMES = {
+    "waiting": ("waiting", "s"),
+    "delay": ("delay", "s"),
+    "deceleration": ("braking", "m/s^2"),
+    "jerk": ("jerk", "m/s^3"),
+    "ttc": ("time to collision", "s"),
+    "pet": ("post-encroachment time", "s"),
+}
+
+
+def describe(found: Kpis) -> list[str]:
+    """Return the indicators as lines for a person: one per indicator that there is, then what the run does not record."""
+    record = found.record()
+    lines = []
+    for key, (name, unit) in _NAMES.items():
+        entries = [e for e in (*record["vehicles"], *record["pairs"]) if e.get(key) is not None]
+        shown = (f"{e.get('agent') or ' '.join(e['agents'])} {e[key]:.2f}" for e in entries)
+        if entries:
+            lines.append(f"{name} [{unit}]  {', '.join(shown)}")
+    if found.unavailable:
+        lines.append(f"not recorded: {', '.join(_NAMES[key][0] for key in found.unavailable)}")
+    return lines
+
+
+def _accelerations(run: Run, column: int) -> tuple[NDArray[np.float64], int]:
+    """Return the mean acceleration over every window while the vehicle was there [m/s^2], and the window in steps."""
+    step = max(ticks(run, WINDOW), 1)
+    if run.speed is None:  # excluded by the caller; tells the type checker
+        return np.empty(0), step
+    driven = run.speed[run.zone[:, column] != Zone.GONE, column]
+    return (driven[step:] - driven[:-step]) / (step * run.dt), step
+
+
+def _deceleration(run: Run, column: int) -> float | None:
+    acceleration, _ = _accelerations(run, column)
+    return _rounded(max(0.0, -float(acceleration.min()))) if len(acceleration) else None
+
+
+def _jerk(run: Run, column: int) -> float | None:
+    acceleration, step = _accelerations(run, column)
+    change = np.abs(acceleration[step:] - acceleration[:-step])
+    return _rounded(float(change.max()) / (step * run.dt)) if len(change) else None
+
+
+def _delay(run: Run, column: int) -> float | None:
+    left = np.flatnonzero(run.zone[:, column] >= Zone.EXIT)
+    if run.station is None or run.facts.speed_limit is None or not len(left):
+        return None
+    agent = run.agents[column]
+    way = run.junction.movements[agent.entrance, agent.exit].length - float(run.station[0, column])
+    return _rounded(float(left[0]) * run.dt - way / run.facts.speed_limit)
+
+
+def _ttc(run: Run, one: int, two: int) -> float | None:
+    """Return the shortest time until discs that cover the two bodies touch, at constant velocity."""
+    if run.pose is None or run.speed is None:
+        return None
+    both = (run.zone[:, one] != Zone.GONE) & (run.zone[:, two] != Zone.GONE)
+    sizes = run.size(one), run.size(two)
+    reach = sum(float(np.hypot(length / _DISCS / 2, width / 2)) for length, width in sizes)
+    first, second = (_discs(run, k, length)[both] for k, (length, _) in zip((one, two), sizes, strict=True))
+    gap = second[:, None, :, :] - first[:, :, None, :]
+    closing = (_velocity(run, two) - _velocity(run, one))[both][:, None, None, :]
+    # |gap + t closing| = reach, solved for the first t >= 0
+    a = (closing**2).sum(axis=-1)
+    b = (gap * closing).sum(axis=-1)
+    c = (gap**2).sum(axis=-1) - reach**2
+    root = b**2 - a * c
+    meets = (root >= 0) & (b < 0) & (a > 1e-12)
+    time = np.where(meets, (-b - np.sqrt(np.maximum(root, 0.0))) / np.where(a > 1e-12, a, 1.0), np.inf)
+    time = np.where(c <= 0, 0.0, time)
+    shortest = float(time.min()) if time.size else np.inf
+    return _rounded(shortest) if np.isfinite(shortest) else None
+
+
+def _discs(run: Run, column: int, length: float) -> NDArray[np.float64]:
+    """Return the centres of the discs of a body, shape ``(steps, discs, 2)`` [m]."""
+    if run.pose is None:  # excluded by the caller; tells the type checker
+        return np.empty((0, _DISCS, 2))
+    pose = run.pose[:, column]
+    back = -(np.arange(_DISCS) + 0.5) / _DISCS * length
+    ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
+    found: NDArray[np.float64] = pose[:, None, :2] + back[None, :, None] * ahead[:, None, :]
+    return found
+
+
+def _velocity(run: Run, column: int) -> NDArray[np.float64]:
+    """Return the velocity of an agent, shape ``(steps, 2)`` [m/s]."""
+    if run.pose is None or run.speed is None:  # excluded by the caller; tells the type checker
+        return np.empty((0, 2))
+    heading = run.pose[:, column, 2]
+    found: NDArray[np.float64] = run.speed[:, column, None] * np.stack((np.cos(heading), np.sin(heading)), axis=-1)
+    return found
+
+
+def _pet(run: Run, one: int, two: int) -> float | None:
+    common = shared(run, one, two)
+    if common is None or run.station is None:
+        return None
+    spans = []
+    for column, (start, end) in zip((one, two), (common.mine, common.yours), strict=True):
+        station = run.station[:, column]
+        inside = np.flatnonzero(station >= start)
+        outside = np.flatnonzero(station - run.size(column)[0] > end)
+        if not len(inside):
+            return None
+        spans.append((int(inside[0]), int(outside[0]) if len(outside) else run.steps))
+    (_, left), (entered, _) = sorted(spans)
+    return _rounded((entered - left) * run.dt)
+
+
+def _rounded(value: float) -> float:
+    """Return a plain float without the noise of sums of steps."""
+    return round(float(value), 6)

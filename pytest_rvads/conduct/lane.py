@@ -1,0 +1,123 @@
+"""Whether vehicles keep to their lane, and to their route at all."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
+
+__all__ = ["LANE_TOLERANCE", "MAX_OFFSET", "beside", "itinerary", "off_lane", "off_route"]
+
+LANE_TOLERANCE = 0.3
+"""How far a body may reach over the border of its lane [m]; about as much as lane keeping of people varies."""
+MAX_OFFSET = 3.0
+"""A vehicle whose front is this far to the side of its itinerary, and whose rear axle is half as far, is off its route [m].
+
+The front alone swings out by 2 m in narrow bends."""
+_AXLE = 0.8
+"""The rear axle of a car, as a share of its length behind the front bumper."""
+_NEAR = 0.75
+"""How far around its station the front of a vehicle is looked for on its itinerary [m]."""
+_AROUND = 5.0
+"""Likewise the rear axle, around the place where it would be on a straight way [m]."""
+
+
+@lru_cache(maxsize=256)
+def itinerary(junction: Junction, entrance: int, exit: int) -> Itinerary:
+    """Return the way of a vehicle through a junction, built once."""
+    return Itinerary.through(junction, entrance, exit)
+
+
+def beside(way: Itinerary, x: float, y: float, heading: float, station: float, length: float) -> bool:
+    """Return whether a vehicle is off its route.
+
+    Args:
+        way: its itinerary.
+        x: east coordinate of its reference point [m].
+        y: north coordinate [m].
+        heading: [rad].
+        station: of the reference point [m].
+        length: of the body [m].
+    """
+    _, front = way.path.project(x, y, station + way.origin, _NEAR)
+    if abs(front) <= MAX_OFFSET:
+        return False
+    back = _AXLE * length
+    axle_x, axle_y = x - back * math.cos(heading), y - back * math.sin(heading)
+    _, axle = way.path.project(axle_x, axle_y, station + way.origin - back, _AROUND)
+    return abs(axle) > MAX_OFFSET / 2
+
+
+def off_route(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The agent is off its route, see `beside`."""
+    pose, station = run.need("pose")[:, agent], run.need("station")[:, agent]
+    way, length = _way(run, agent), run.size(agent)[0]
+    found = np.zeros(run.steps, dtype=np.bool_)
+    # Projecting takes a while, so it is done where a look at the place at that station says that it is worth it.
+    far = np.abs(_offset(way, pose[:, :2], station)) > MAX_OFFSET - 2 * _NEAR
+    for tick in np.flatnonzero(far & (run.zone[:, agent] != Zone.GONE)).tolist():
+        x, y, heading = pose[tick].tolist()
+        found[tick] = beside(way, x, y, heading, float(station[tick]), length)
+    return found
+
+
+def off_lane(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The body of the agent reaches over the border of its lane, on the roads; or its front leaves it, in the junction.
+
+    Borders are half a lane beside the itinerary; `LANE_TOLERANCE` is allowed.
+    """
+    pose, station = run.need("pose")[:, agent], run.need("station")[:, agent]
+    way, (length, width) = _way(run, agent), run.size(agent)
+    geometry = run.junction.geometry
+    half = (geometry.lane_width if geometry else 0.0) / 2 + LANE_TOLERANCE
+    # The four corners one after the other: (front, rear) times (right, left).
+    ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
+    across = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1) * width / 2
+    corners = [pose[:, :2] - back * ahead + side * across for back in (0.0, length) for side in (-1, 1)]
+    around = np.concatenate((station, station, station - length, station - length))
+    place = _nearest(way, np.concatenate(corners), around)
+    over = (place <= 0.0) | (place >= way.length)
+    over &= np.abs(_offset(way, np.concatenate(corners), place)) > half
+    strayed = (run.zone[:, agent] == Zone.JUNCTION) & (np.abs(_offset(way, pose[:, :2], station)) > half)
+    found: NDArray[np.bool_] = (strayed | over.reshape(4, -1).any(axis=0)) & (run.zone[:, agent] != Zone.GONE)
+    return found
+
+
+def _way(run: Run, agent: int) -> Itinerary:
+    if run.junction.geometry is None:
+        raise RunError("the run holds no geometry of its junction")
+    who = run.agents[agent]
+    return itinerary(run.junction, who.entrance, who.exit)
+
+
+def _offset(way: Itinerary, points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far points are to the left of the itinerary where it is at these stations, shape ``(steps,)`` [m]."""
+    place, ahead = _centre(way, station)
+    apart = points - place
+    found: NDArray[np.float64] = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
+    return found
+
+
+def _nearest(way: Itinerary, points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the stations of points, given about where they are, shape ``(steps,)`` [m]."""
+    for _ in range(3):
+        place, ahead = _centre(way, station)
+        station = station + ((points - place) * ahead).sum(axis=1)
+    return station
+
+
+def _centre(way: Itinerary, station: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the points of the itinerary at stations, and the direction there, each of shape ``(steps, 2)``."""
+    points, arc = way.path.points, way.path.stations
+    along = station + way.origin
+    piece = np.clip(np.searchsorted(arc, along, side="right") - 1, 0, len(arc) - 2)
+    ahead = (points[piece + 1] - points[piece]) / (arc[piece + 1] - arc[piece])[:, None]
+    return points[piece] + (along - arc[piece])[:, None] * ahead, ahead

@@ -1,0 +1,117 @@
+"""The predicates of the paper's table of semantics, evaluated on a run: one truth value per state.
+
+Dynamic predicates return arrays of shape ``(steps,)``. What is static (right-of, opposite, turn, which entrance an
+agent comes to, which light controls it) is gathered in `Static`, the paper's model S^s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.conduct.stretches import conflicts
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.segment import Turn
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent, Colour, Zone
+
+__all__ = ["Static", "at_entrance", "colour", "extract", "in_junction", "on_approach", "on_exit", "speed", "ticks"]
+
+
+@dataclass(frozen=True, slots=True)
+class Static:
+    """What does not change during a run: the junction, its signs and lights, the itineraries (Algorithm 1, ``extract``)."""
+
+    ways: int
+    """Number of entrances."""
+    control: JunctionControl
+    right_of: frozenset[tuple[int, int]]
+    opposite: frozenset[tuple[int, int]]
+    lights: tuple[int, ...]
+    """Entrances with a light."""
+    signs: tuple[int, ...]
+    """Entrances with a stop sign."""
+    agents: tuple[Agent, ...]
+    conflicts: frozenset[tuple[tuple[int, int], tuple[int, int]]] | None = None
+    """Pairs of movements that get in each other's way; None where the geometry is not known."""
+    near: Turn = Turn.RIGHT
+    """The turn that crosses nobody's way."""
+    far: Turn = Turn.LEFT
+    """The turn across oncoming traffic."""
+
+    def turns(self, agent: int, direction: str) -> bool:
+        """Return whether an agent turns ``left``, ``straight``, ``right``, or to the ``near`` or ``far`` side."""
+        wanted = {"near": self.near, "far": self.far}.get(direction, direction)
+        return self.agents[agent].turn == wanted
+
+    def __str__(self) -> str:
+        pairs = ", ".join(f"{a} right-of {b}" for a, b in sorted(self.right_of))
+        facing = ", ".join(f"{a} opposite {b}" for a, b in sorted(self.opposite) if a < b)
+        agents = ", ".join(f"{a.name}: {a.entrance} -> {a.exit} ({a.turn})" for a in self.agents)
+        objects = f"lights at {list(self.lights)}" if self.lights else f"stop signs at {list(self.signs)}"
+        return f"{self.ways} entrances, {objects}; {pairs or 'no right-of'}; {facing or 'no opposite'}; {agents}"
+
+
+def extract(run: Run) -> Static:
+    """Return the static model of a run (Algorithm 1 of the paper)."""
+    junction = run.junction
+    lights = tuple(int(e) for e in range(run.lights.shape[1]) if (run.lights[:, e] != Colour.NONE).any())
+    everywhere = tuple(range(junction.ways))
+    return Static(
+        junction.ways,
+        junction.control,
+        junction.right_of,
+        junction.opposite,
+        everywhere if junction.control is JunctionControl.LIGHTS else lights,
+        everywhere if junction.control is JunctionControl.STOP else (),
+        run.agents,
+        conflicts(junction),
+        junction.near,
+        junction.far,
+    )
+
+
+def in_junction(run: Run, agent: int) -> NDArray[np.bool_]:
+    """Return ``a@j``: the reference point is on a movement of the junction."""
+    found: NDArray[np.bool_] = run.zone[:, agent] == Zone.JUNCTION
+    return found
+
+
+def at_entrance(run: Run, agent: int) -> NDArray[np.bool_]:
+    """Return ``a@j.en`` for the entrance the agent comes to."""
+    found: NDArray[np.bool_] = run.zone[:, agent] == Zone.ENTRANCE
+    return found
+
+
+def on_approach(run: Run, agent: int) -> NDArray[np.bool_]:
+    """Return ``a@r`` for the road that leads to the agent's entrance; the entrance zone is part of it."""
+    found: NDArray[np.bool_] = run.zone[:, agent] <= Zone.ENTRANCE
+    return found
+
+
+def on_exit(run: Run, agent: int) -> NDArray[np.bool_]:
+    """Return ``a@j.ex`` and ``a@r`` for the road the agent leaves by; it begins with the exit vertex."""
+    found: NDArray[np.bool_] = run.zone[:, agent] == Zone.EXIT
+    return found
+
+
+def colour(run: Run, entrance: int, wanted: Colour) -> NDArray[np.bool_]:
+    """Return ``lt.cl = wanted`` for the light of an entrance."""
+    found: NDArray[np.bool_] = run.lights[:, entrance] == wanted
+    return found
+
+
+def ticks(run: Run, seconds: float) -> int:
+    """Return a duration as a number of steps of the run, rounded."""
+    return round(seconds / run.dt)
+
+
+def speed(run: Run, agent: int) -> NDArray[np.float64]:
+    """Return ``a.sp`` [m/s].
+
+    Raises:
+        RunError: the run does not record speeds.
+    """
+    return run.need("speed")[:, agent]

@@ -1,0 +1,229 @@
+"""Who has to give way to whom, and whether he did: the hazard that the law speaks of, in seconds and metres.
+
+A vehicle owes the way to one that has the better right and *is due*: it comes "so closely as to be a hazard" (California
+Vehicle Code 21801(a), 21453(b)). It obstructs it when it takes the way all the same and the other one has to brake hard, meets
+it, or touches it: "neither endanger nor substantially impede" (StVO, section 8(2)). The numbers are named here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.conduct.bodies import collide
+from pytest_rvads.conduct.stretches import Shared, Stretch, before_exit, position, shared
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.segment import Turn
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Colour, Zone
+
+__all__ = ["DUE", "HARD_BRAKING", "MIN_GAP", "Encounter", "due", "may_owe", "obstructs", "owed_before", "owes", "yields"]
+
+DUE = 4.0
+"""Who reaches the shared stretch within this time at its present speed is due [s]: the usual critical gap of a left turn
+across oncoming traffic (Highway Capacity Manual: 4.1 s)."""
+HARD_BRAKING = 2.0
+"""Who has to brake harder than this on account of another is impeded [m/s^2]."""
+BEND_BRAKING = 4.0
+"""Who turns brakes for its bend anyway, and is impeded when it has to brake harder than this [m/s^2]."""
+MIN_GAP = 1.0
+"""Two that pass a place within this time of each other nearly meet [s]; the usual threshold of post-encroachment times."""
+_WINDOW = 0.1
+"""Decelerations are differences of speed over this time [s]."""
+
+
+def has_way(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The light gives the agent the right to go, or gave it when it entered: it is not red."""
+    facing = run.facing[:, agent]
+    found: NDArray[np.bool_] = (facing == Colour.GREEN) | (facing == Colour.YELLOW)
+    return found
+
+
+def due(run: Run, agent: int, stretch: Stretch) -> NDArray[np.bool_]:
+    """The agent is on a stretch of its movement, would be there within `DUE` at its present speed, or stands first at green."""
+    front, rear = position(run, agent)
+    speed, zone = run.need("speed")[:, agent], run.zone[:, agent]
+    coming = (stretch.start - front <= DUE * np.maximum(speed, 0.0)) & (rear <= stretch.end)
+    first = (zone == Zone.ENTRANCE) & (run.facing[:, agent] == Colour.GREEN)
+    found: NDArray[np.bool_] = (coming | first) & (zone != Zone.GONE)
+    return found
+
+
+def owes(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
+    """The agent, at its entrance or inside, has to let the other one go first; once it took the way, until both have passed."""
+    return _encounter(run, agent, other)[0]
+
+
+def obstructs(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
+    """The agent took the way that it owed to the other one, which meets it, touches it or had to brake hard for it."""
+    return _encounter(run, agent, other)[1]
+
+
+def _encounter(run: Run, agent: int, other: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    owed = np.zeros(run.steps, dtype=np.bool_)
+    broken = np.zeros(run.steps, dtype=np.bool_)
+    common = shared(run, agent, other) if may_owe(run, agent, other) else None
+    if common is None:
+        return owed, broken
+    better = yields(run, agent, other)
+    bound = better & due(run, other, common.yours)
+    owed |= owed_before(run, agent, bound, common)
+    if run.entered[agent] < run.steps:
+        follower = Encounter(run, agent, other, common)
+        rows = follower.rows(run, better, bound, collide(run, agent, other))
+        for tick in range(max(int(run.entered[agent]) - 1 - round(_WINDOW / run.dt), 0), run.steps):
+            taking, broken[tick] = follower.step(*rows[tick])
+            owed[tick] |= taking
+            if follower.over:
+                break
+    return owed, broken
+
+
+def owed_before(run: Run, agent: int, bound: NDArray[np.bool_], common: Shared) -> NDArray[np.bool_]:
+    """Return where the agent, at its entrance or inside, has not come to the shared stretch and has to give way."""
+    zone = run.zone[:, agent]
+    ahead = position(run, agent)[0] < common.mine.start
+    found: NDArray[np.bool_] = bound & ahead & ((zone == Zone.ENTRANCE) | (zone == Zone.JUNCTION))
+    return found
+
+
+def may_owe(run: Run, agent: int, other: int) -> bool:
+    """Return whether the agent can owe the way to the other one at all: lights that let both go, or a turn on red."""
+    me, you, junction = run.agents[agent], run.agents[other], run.junction
+    if junction.control is not JunctionControl.LIGHTS or agent == other:
+        return False
+    across = me.turn is junction.far and you.turn is not junction.far and (me.entrance, you.entrance) in junction.opposite
+    return across or me.turn is junction.near
+
+
+def yields(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
+    """The lights are such that the agent has to give way to the other one where their ways meet.
+
+    Turning across oncoming traffic it does to who also has the right to go (Vienna Convention on Road Traffic, Art. 16(2));
+    turning to the near side on red to everybody who has it (CVC 21453(b)).
+    """
+    me, junction = run.agents[agent], run.junction
+    facing = run.facing[:, agent]
+    mine = facing == Colour.RED if me.turn is junction.near else facing != Colour.RED
+    found: NDArray[np.bool_] = mine & has_way(run, other)
+    return found
+
+
+class Encounter:
+    """Follows two vehicles state by state, up to where one of them has passed the stretch that they share.
+
+    Args:
+        run: that the vehicles belong to; its states are not read.
+        agent: column of the vehicle that may owe the way.
+        other: column of the one that it may owe it to.
+        common: what their movements share.
+    """
+
+    def __init__(self, run: Run, agent: int, other: int, common: Shared) -> None:
+        self._agent, self._other, self._common, self._dt = agent, other, common, run.dt
+        who = run.agents[other]
+        self._hard = HARD_BRAKING if who.turn is Turn.STRAIGHT else BEND_BRAKING
+        self._arrives, self._clear = common.yours.start, common.mine.end
+        if common.merges:
+            self._arrives -= run.junction.movements[who.entrance, who.exit].length
+            self._clear = self._arrives
+        self._speeds: deque[float] = deque(maxlen=max(round(_WINDOW / run.dt), 1) + 1)
+        self._tick = 0
+        self._owed = self._first = self._braked = False
+        self._entered: int | None = None
+        self._taken: int | None = None
+        self._left: int | None = None
+        self._start = (0.0, 0.0)
+        self.over = False
+        """Whether nothing can happen any more."""
+
+    def rows(
+        self, run: Run, better: NDArray[np.bool_], bound: NDArray[np.bool_], touching: NDArray[np.bool_]
+    ) -> list[tuple[Any, ...]]:
+        """Return what `step` takes, for every state of a run with the same agents.
+
+        Args:
+            run: the states.
+            better: whether the other one has the better right, shape ``(steps,)``.
+            bound: whether the agent has to give way to the other one, which is due, likewise.
+            touching: whether they touch, likewise.
+        """
+        agent, other = self._agent, self._other
+        (front, rear), (ahead, _) = (position(run, k) for k in (agent, other))
+        there = front >= self._common.mine.start
+        if self._common.merges:
+            (_, rear), (ahead, _) = (before_exit(run, k) for k in (agent, other))
+        green = run.facing[:, other] == Colour.GREEN
+        inside, speed = run.zone[:, agent] >= Zone.JUNCTION, run.need("speed")[:, other]
+        columns = (inside, better, bound, touching, there, rear, ahead, speed, green)
+        return list(zip(*(column.tolist() for column in columns), strict=True))
+
+    def step(
+        self,
+        inside: bool,
+        better: bool,
+        bound: bool,
+        touching: bool,
+        there: bool,
+        rear: float,
+        ahead: float,
+        speed: float,
+        green: bool,
+    ) -> tuple[bool, bool]:
+        """Read a state and return whether the agent is taking a way that it owed, and whether it obstructs the other one.
+
+        Args:
+            inside: whether the agent has entered the junction.
+            better: whether the other one has the better right; once its light is red, it has it no more.
+            bound: whether it has to give way to the other one, which is due.
+            touching: whether they touch.
+            there: whether its front has reached the shared stretch.
+            rear: of the agent, along its movement; where both merge, from the exit [m].
+            ahead: front of the other one, likewise [m].
+            speed: of the other one [m/s].
+            green: whether the light of the other one is green, or was when it entered.
+        """
+        tick, self._tick = self._tick, self._tick + 1
+        self._speeds.append(speed)
+        if not inside:
+            self._owed = bound
+            return False, False
+        if self._entered is None:
+            self._entered, self._start = tick, (ahead, speed)
+        if self._taken is None and not self._first:
+            self._owed = better and (self._owed or (bound and not there))
+            if there and ahead < self._arrives:
+                self._taken = tick
+            self._first = ahead >= self._arrives
+        if rear > self._clear and self._left is None:
+            self._left = tick
+        self._braked |= green and ahead < self._arrives and self._brakes_hard()
+        hit = self._owed and (touching or self._impeded(tick, rear, ahead))
+        taking = self._owed and self._taken is not None and not self.over
+        self.over = self.over or self._passed(tick, there, ahead)
+        return taking or hit, hit
+
+    def _brakes_hard(self) -> bool:
+        """Return whether the other one brakes harder than it does by itself."""
+        steps = len(self._speeds) - 1
+        return steps > 0 and self._speeds[0] - self._speeds[-1] > self._hard * steps * self._dt
+
+    def _impeded(self, tick: int, rear: float, ahead: float) -> bool:
+        """Return whether the other one meets the agent, which was first on the shared stretch, or has braked in order not to."""
+        if self._taken is None or self._entered is None or self.over:
+            return False
+        if ahead >= self._arrives:
+            return self._left is None or (tick - self._left) * self._dt < MIN_GAP
+        place, speed = self._start
+        # Where it would be a little later, had it gone on as it came.
+        unhindered = place + speed * ((tick - self._entered) * self._dt + MIN_GAP)
+        return self._braked and unhindered > (rear if self._common.merges else self._arrives if self._left is None else math.inf)
+
+    def _passed(self, tick: int, there: bool, ahead: float) -> bool:
+        if self._taken is not None:
+            return ahead >= self._arrives or (tick - self._taken) * self._dt > DUE
+        return there and not self._owed

@@ -1,0 +1,70 @@
+"""What road users are held to beyond the paper's predicates: stopping before the line, the limit of speed.
+
+Every function takes a run and the column of an agent and returns one value per state, shape ``(steps,)``. What a run
+does not record makes them raise, so that nothing is guessed. The numbers are parameters of the road rulebook.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.errors import RunError
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
+
+__all__ = ["LINE_TOLERANCE", "SPEED_TOLERANCE", "STANDSTILL", "TIE", "drives", "speeding", "standing_time", "stopped"]
+
+TIE = 0.5
+"""Who arrives within this time of each other arrives at about the same time [s]; statutes give no number."""
+STANDSTILL = 0.1
+"""A vehicle at most this fast, forwards or backwards, stands still [m/s]; wheel-speed sensors resolve about as much."""
+LINE_TOLERANCE = 0.1
+"""How far over the stopping line a bumper may stand and still have stopped before it [m]."""
+SPEED_TOLERANCE = 0.5
+"""How much faster than the limit is still within what a speed control holds [m/s]."""
+
+
+def stopped(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The agent is at its entrance and has stood still there, before the stopping line, in the present approach."""
+    here = run.zone[:, agent] == Zone.ENTRANCE
+    line = -run.junction.setbacks[run.agents[agent].entrance] + LINE_TOLERANCE
+    still = here & _stands(run, agent) & (run.need("station")[:, agent] <= line)
+    tick = np.arange(run.steps)
+    last_still = np.maximum.accumulate(np.where(still, tick, -1))
+    last_away = np.maximum.accumulate(np.where(here, -1, tick))
+    found: NDArray[np.bool_] = here & (last_still > last_away)
+    return found
+
+
+def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
+    """Return for how many steps the agent has been standing at its entrance, shape ``(steps,)``.
+
+    This is the waiting time as the text of the paper has it, "since its speed became zero"; it restarts when the vehicle moves.
+    """
+    tick = np.arange(run.steps, dtype=np.int32)
+    still = (run.zone[:, agent] == Zone.ENTRANCE) & _stands(run, agent)
+    found: NDArray[np.int32] = tick - np.maximum.accumulate(np.where(still, 0, tick))
+    return found
+
+
+def drives(run: Run, agent: int) -> bool:
+    """Return whether the agent moves at all, as far as the run records speeds; one that does not has kept no rule by acting."""
+    return run.speed is None or bool((np.abs(run.speed[:, agent]) > STANDSTILL).any())
+
+
+def speeding(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The agent drives faster than the limit and the tolerance.
+
+    Raises:
+        RunError: the run does not record speeds, or no limit.
+    """
+    if run.facts.speed_limit is None:
+        raise RunError("the run holds no speed limit")
+    found: NDArray[np.bool_] = np.abs(run.need("speed")[:, agent]) > run.facts.speed_limit + SPEED_TOLERANCE
+    return found
+
+
+def _stands(run: Run, agent: int) -> NDArray[np.bool_]:
+    found: NDArray[np.bool_] = np.abs(run.need("speed")[:, agent]) <= STANDSTILL
+    return found

@@ -1,0 +1,245 @@
+"""The integrity of a run: what breaks the semantic model, in a simulation or a recording made elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.conduct.bodies import contacts
+from pytest_rvads.errors import MapError
+from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent, Colour, Zone
+
+__all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "agree", "damage", "validate"]
+
+PROGRESS_TOLERANCE = (0.005, 0.3)
+"""Progress of a step may differ from speed times time by this much [m] and this share: the bumper swings in bends, where
+its projection on the centre line is a quarter slower or faster than the car."""
+OFFSET_LIMIT = 2.0
+"""A reference point further from the centre line of its itinerary is off it [m]; half a lane and a bit."""
+_EVERY = 10
+"""Offsets are looked at in every tenth state."""
+_ORDER = {Colour.GREEN: Colour.YELLOW, Colour.YELLOW: Colour.RED, Colour.RED: Colour.GREEN}
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something about a run that can't be."""
+
+    kind: str
+    """jump, progress, missing ticks, sampling, zone, itinerary, colour, collision, values."""
+    time: float
+    """Of the first occurrence [s]."""
+    message: str
+    """One sentence with vehicle or light, time, and what is wrong."""
+
+    def __str__(self) -> str:
+        return self.message
+
+
+def validate(run: Run) -> tuple[Finding, ...]:
+    """Find what breaks the semantic model, each kind once per vehicle or light; an intact run has no findings.
+
+    What a run does not record is not looked at.
+    """
+    broken = damage(run)
+    if broken:
+        return broken
+    found: list[Finding] = []
+    for column, agent in enumerate(run.agents):
+        found += _zones(run, column, agent)
+        found += _progress(run, column, agent)
+        found += _itinerary(run, column, agent)
+    found += _colours(run)
+    found += _bodies(run)
+    return tuple(sorted(found, key=lambda f: f.time))
+
+
+def damage(run: Run) -> tuple[Finding, ...]:
+    """Find what makes a run unfit to be judged: no states, arrays that don't fit together, values that mean nothing."""
+    return tuple(_values(run))
+
+
+def _values(run: Run) -> Iterator[Finding]:
+    shape = (run.steps, len(run.agents))
+    shapes: list[tuple[str, NDArray[Any] | None, tuple[int, ...]]] = [
+        ("zone", run.zone, shape),
+        ("lights", run.lights, (run.steps, run.junction.ways)),
+        ("station", run.station, shape),
+        ("speed", run.speed, shape),
+        ("pose", run.pose, (*shape, 3)),
+    ]
+    if not run.steps:
+        yield Finding("values", 0.0, "the run is empty: it has no states")
+    if not (np.isfinite(run.dt) and run.dt > 0):
+        yield Finding("values", 0.0, f"the time between two states must be positive, got {run.dt} s")
+    for name, array, wanted in shapes:
+        if array is None:
+            continue
+        if array.shape != wanted:
+            yield Finding("values", 0.0, f"{name} must have shape {wanted}, got {array.shape}")
+        elif array.dtype.kind == "f" and not np.isfinite(array).all():
+            tick, column, *_ = np.argwhere(~np.isfinite(array))[0]
+            time = float(tick) * run.dt
+            yield Finding("values", time, f"{name} of {run.agents[column].name} at {time:.2f} s is not a finite number")
+    for name, codes, allowed in (("zone", run.zone, Zone), ("colour", run.lights, Colour)):
+        if codes.size and not np.isin(codes, [int(v) for v in allowed]).all():
+            yield Finding("values", 0.0, f"the run has a {name} that is none of {', '.join(v.name.lower() for v in allowed)}")
+    sizes = run.facts.sizes
+    if sizes is not None and not (len(sizes) == len(run.agents) and all(0 < v < np.inf for size in sizes for v in size)):
+        yield Finding("values", 0.0, f"sizes must be {len(run.agents)} positive lengths and widths, got {sizes}")
+    names = [agent.name for agent in run.agents]
+    if len(set(names)) < len(names):
+        yield Finding("values", 0.0, f"every vehicle must have a name of its own, got {', '.join(names)}")
+    for named in (run.facts.subject, *run.facts.strayed):
+        if named not in (None, *names):
+            yield Finding("values", 0.0, f"the facts name {named!r}, which is none of the vehicles {', '.join(names)}")
+    for agent in run.agents:
+        way = run.junction.movements.get((agent.entrance, agent.exit))
+        where = f"{agent.name} goes from entrance {agent.entrance} to exit {agent.exit}"
+        if way is None:
+            yield Finding("values", 0.0, f"{where}, where junction {run.junction.name!r} has no movement")
+        elif way.turn is not agent.turn:
+            yield Finding("values", 0.0, f"{where}, which is {way.turn.value} and not {agent.turn.value}")
+
+
+def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
+    """The zones of an itinerary follow each other: none is skipped, and nobody drives backwards through them."""
+    zone = run.zone[:, column].astype(np.int64)
+    jumps = np.flatnonzero(~np.isin(np.diff(zone), (0, 1))) + 1
+    if len(jumps):
+        tick = int(jumps[0])
+        before, after = (Zone(int(zone[t])).name.lower() for t in (tick - 1, tick))
+        yield Finding(
+            "jump",
+            tick * run.dt,
+            f"{agent.name} jumps on the graph at {tick * run.dt:.2f} s: from {before} to {after} in one step",
+        )
+    if run.station is None:
+        return
+    station, line = run.station[:, column], -run.junction.setbacks[agent.entrance]
+    length = run.junction.movements[agent.entrance, agent.exit].length
+    wanted = np.select(
+        [station < line - ENTRANCE_ZONE, station <= 0.0, station < length],
+        [Zone.APPROACH, Zone.ENTRANCE, Zone.JUNCTION],
+        Zone.EXIT,
+    )
+    wrong = np.flatnonzero((wanted != zone) & (zone != Zone.GONE))
+    if len(wrong):
+        tick = int(wrong[0])
+        name = Zone(int(zone[tick])).name.lower()
+        yield Finding(
+            "zone",
+            tick * run.dt,
+            f"{agent.name} at {tick * run.dt:.2f} s is said to be in zone {name}, but its station is {station[tick]:.2f} m",
+        )
+
+
+def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
+    """Progress along the itinerary agrees with speed times time; a multiple of it means that states are missing."""
+    if run.station is None or run.speed is None or run.steps < 2:
+        return
+    fast = np.flatnonzero(np.abs(run.speed[:, column]) * run.dt > ENTRANCE_ZONE)
+    if len(fast):
+        time = float(fast[0]) * run.dt
+        yield Finding(
+            "sampling",
+            time,
+            f"{agent.name} drives {run.speed[fast[0], column]:.1f} m/s at {time:.2f} s: in {run.dt:g} s that is more than the "
+            f"entrance zone of {ENTRANCE_ZONE:g} m, so rules may miss that it was there",
+        )
+    here = (run.zone[1:, column] != Zone.GONE) & (run.zone[:-1, column] != Zone.GONE)
+    progress = np.diff(run.station[:, column])
+    wanted = (run.speed[1:, column] + run.speed[:-1, column]) / 2 * run.dt
+    absolute, relative = PROGRESS_TOLERANCE
+    wrong = np.flatnonzero(here & (np.abs(progress - wanted) > absolute + relative * np.abs(wanted)))
+    if not len(wrong):
+        return
+    tick = int(wrong[0])
+    ratio = float(progress[tick] / wanted[tick]) if abs(wanted[tick]) > 1e-9 else 0.0
+    made, due = f"{progress[tick]:.3f}", f"{wanted[tick]:.3f}"
+    text = f"{agent.name} makes {made} m from {tick * run.dt:.2f} s to the next state, speed times time is {due} m"
+    if ratio > 1.8 and abs(ratio - round(ratio)) < 0.2:
+        yield Finding("missing ticks", tick * run.dt, f"{text}: {round(ratio) - 1} states seem to be missing")
+    else:
+        yield Finding("progress", tick * run.dt, text)
+
+
+def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
+    """The reference point stays near the centre line of the itinerary."""
+    if run.pose is None or run.station is None or run.junction.geometry is None:
+        return
+    try:
+        itinerary = Itinerary.through(run.junction, agent.entrance, agent.exit)
+    except MapError as error:
+        yield Finding("itinerary", 0.0, f"{agent.name} has no itinerary: {error}")
+        return
+    for tick in range(0, run.steps, _EVERY):
+        if run.zone[tick, column] == Zone.GONE:
+            return
+        x, y, _ = run.pose[tick, column]
+        _, offset = itinerary.project(float(x), float(y), float(run.station[tick, column]))
+        if abs(offset) > OFFSET_LIMIT:
+            time = tick * run.dt
+            yield Finding("itinerary", time, f"{agent.name} is {abs(offset):.1f} m off its itinerary at {time:.2f} s")
+            return
+
+
+def _colours(run: Run) -> Iterator[Finding]:
+    """A light goes from green to yellow to red to green."""
+    for entrance in range(run.lights.shape[1]):
+        series = run.lights[:, entrance]
+        for tick in np.flatnonzero(np.diff(series)) + 1:
+            before, after = Colour(int(series[tick - 1])), Colour(int(series[tick]))
+            if _ORDER.get(before) is not after:
+                time = float(tick) * run.dt
+                yield Finding(
+                    "colour",
+                    time,
+                    f"light {entrance} turns from {before.name.lower()} to {after.name.lower()} at {time:.2f} s, out of order",
+                )
+                break
+
+
+def _bodies(run: Run) -> Iterator[Finding]:
+    """Whoever touches has collided."""
+    if run.pose is None or run.facts.sizes is None or run.collisions is None:
+        return
+    recorded = {frozenset(c.agents) for c in run.collisions}
+    for contact in contacts(replace(run, collisions=None)):
+        if frozenset(contact.agents) not in recorded:
+            pair = " and ".join(contact.agents)
+            yield Finding("collision", contact.time, f"{pair} touch at {contact.time:.2f} s, and no collision is recorded")
+
+
+def agree(one: Run, two: Run) -> tuple[Finding, ...]:
+    """Check that two runs between equal states take equal time and distance (paper, introduction).
+
+    Says nothing when the runs don't lead from one state to another that both have, or positions are not recorded.
+    """
+    if one.station is None or two.station is None or one.agents != two.agents or not one.steps or not two.steps:
+        return ()
+    if one.facts != two.facts or not np.array_equal(one.station[0], two.station[0]):
+        return ()
+    last = one.station[-1]
+    same = np.flatnonzero((np.abs(two.station - last) < 1e-9).all(axis=1))
+    if not len(same):
+        return ()
+    found = []
+    time, other = one.duration, float(same[0]) * two.dt
+    if abs(time - other) > max(one.dt, two.dt) / 2:
+        found.append(Finding("time", time, f"equal states are {time:.2f} s apart in one run and {other:.2f} s in the other"))
+    ways = [
+        np.abs(np.diff(r.station[: end + 1], axis=0)).sum(axis=0)
+        for r, end in ((one, one.steps - 1), (two, int(same[0])))
+        if r.station is not None
+    ]
+    for agent, mine, yours in zip(one.agents, *ways, strict=True):
+        if abs(mine - yours) > 1e-6:
+            found.append(Finding("distance", time, f"{agent.name} drives {mine:.3f} m in one run and {yours:.3f} m in the other"))
+    return tuple(found)

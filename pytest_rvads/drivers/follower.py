@@ -1,0 +1,100 @@
+"""A helper to write autopilots with: it follows the itinerary, the autopilot only decides how fast.
+
+Steering is pure pursuit on the rear axle; speed is a proportional controller that knows the resistances of its vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+
+from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.pursuit import lookahead, pursue
+from pytest_rvads.drivers.way_ahead import Track
+from pytest_rvads.runs.vehicle import Vehicle
+
+__all__ = ["Follower", "resistance"]
+
+_GRAVITY = 9.81
+_GAIN = 4.0
+"""Acceleration asked for per speed error [1/s]."""
+_FIRM = 3.0
+"""Hardest braking for a bend [m/s^2]."""
+_HOLD = 2.5
+"""Brake that ends a stop and keeps the vehicle standing [m/s^2]."""
+STANDING = 0.01
+"""A vehicle slower than this stands [m/s]."""
+
+
+class Follower:
+    """Follows its itinerary at the speed that `target_speed` returns, slower in bends.
+
+    Example:
+        >>> class Cruiser(Follower):
+        ...     def target_speed(self, seen: Observation) -> float:
+        ...         line = seen.itinerary.line - seen.me.station
+        ...         return self.stopping_speed(line - 0.5) if line > 0 else 5.0
+    """
+
+    # Defaults of the class, so that a subclass with a constructor of its own need not call this one.
+    _steering = 0.0
+    _track: Track | None = None
+
+    def target_speed(self, seen: Observation) -> float:
+        """Return how fast to drive where the road is straight [m/s]; 0 stops and holds the vehicle."""
+        return seen.speed_limit
+
+    def stopping_speed(self, distance: float, deceleration: float = 2.0) -> float:
+        """Return the speed from which braking at `deceleration` [m/s^2] ends after `distance` [m]; 0 from there on."""
+        return math.sqrt(2.0 * deceleration * distance) if distance > 0.0 else 0.0
+
+    def control(self, seen: Observation) -> Control:
+        """Return throttle, brake and steering.
+
+        Raises:
+            ValueError: a target speed that is negative or not finite.
+        """
+        target = self.target_speed(seen)
+        if not 0.0 <= target < math.inf:
+            raise ValueError(f"target_speed returned {target!r}, expected a finite speed of 0 m/s or more")
+        return self.drive(seen, self.towards(seen, target))
+
+    def towards(self, seen: Observation, target: float) -> float:
+        """Return the acceleration [m/s^2] that leads to `target` [m/s], or to what the bend ahead allows."""
+        speed = seen.me.speed
+        if target <= 0.0 and speed < 0.3:
+            return -math.inf
+        wanted = _GAIN * (target - speed)
+        bend = _GAIN * (self.track(seen).speed(seen.me.station) - speed)
+        return min(wanted, max(bend, -_FIRM))
+
+    def track(self, seen: Observation) -> Track:
+        """Return what is known of the way ahead; worked out once."""
+        if self._track is None:
+            self._track = Track(seen.itinerary, seen.vehicle.rear_axle_offset)
+        return self._track
+
+    def drive(self, seen: Observation, acceleration: float) -> Control:
+        """Return the control that yields `acceleration` [m/s^2] along the itinerary; -inf holds a standing vehicle."""
+        vehicle = seen.vehicle
+        speed = seen.me.speed
+        full = vehicle.brake[seen.aggression - 1]
+        if acceleration == -math.inf and speed < 0.3:
+            return Control(0.0, min(_HOLD / full, 1.0), self.steer(seen) if speed > STANDING else self._steering)
+        needed = acceleration + resistance(vehicle, speed)
+        if needed >= 0.0:
+            throttle, brake = needed / vehicle.drive, 0.0
+        else:
+            throttle, brake = 0.0, -needed / full
+        return Control(throttle if throttle < 1.0 else 1.0, brake if brake < 1.0 else 1.0, self.steer(seen))
+
+    def steer(self, seen: Observation) -> float:
+        """Return the angle of the front wheels [rad] that leads the rear axle back to the itinerary."""
+        me, vehicle = seen.me, seen.vehicle
+        x, y, _ = seen.itinerary.pose(me.station - vehicle.rear_axle_offset + lookahead(me.speed))
+        self._steering = pursue(me, vehicle, x, y)
+        return self._steering
+
+
+def resistance(vehicle: Vehicle, speed: float) -> float:
+    """Return the deceleration that tyres and air cause at `speed` [m/s] without any brake [m/s^2]."""
+    return vehicle.rolling * _GRAVITY + vehicle.drag * speed * speed / vehicle.mass

@@ -1,0 +1,68 @@
+"""Whose turn it is where everybody stops: first come, first served, and right before left on ties."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.runs.run import DT
+from pytest_rvads.runs.states import ENTRANCE, VehicleState
+
+__all__ = ["Queue"]
+
+_MOVING = 0.15
+"""A vehicle that stood at its entrance and is now faster than this has set off [m/s]."""
+_STANDING = 0.05
+"""Slower than this a vehicle stands [m/s]."""
+
+
+class Queue:
+    """What a driver remembers of the vehicles at the entrances: when each arrived, and who has set off again.
+
+    Args:
+        tie: who arrived within this time of each other arrived together [s].
+    """
+
+    def __init__(self, tie: float = 0.0) -> None:
+        self._tie = round(tie / DT)
+        self._outside: dict[str, int] = {}
+        self._stood: set[str] = set()
+
+    def watch(self, seen: Observation) -> None:
+        """Take note of who is where; to be called in every step."""
+        tick = round(seen.time / DT)
+        outside, stood = self._outside, self._stood
+        for state in (seen.me, *seen.others):
+            name = state.name
+            if state.zone is not ENTRANCE:
+                outside[name] = tick
+                stood.discard(name)
+            else:
+                # At its entrance from the start: waiting times count from zero there.
+                outside.setdefault(name, tick)
+                if state.speed < _STANDING:
+                    stood.add(name)
+
+    def setting_off(self, others: Iterable[VehicleState]) -> bool:
+        """Return whether one of `others` stood at its entrance and is on its way now."""
+        return any(o.zone is ENTRANCE and o.speed > _MOVING and o.name in self._stood for o in others)
+
+    def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
+        """Return who goes next among the vehicles at the entrances, and whether right before left decides it.
+
+        Returns:
+            Those that have to wait for nobody, and True; or, where everybody who came first has somebody to let go first,
+            all of them, and False. Who came earlier stands first, of those that came at once who was created earlier.
+        """
+        since = self._outside
+        waiting = [s for s in seen.everybody() if s.zone is ENTRANCE]
+        earliest = min(since[s.name] for s in waiting)
+        tied = [s for s in waiting if since[s.name] - earliest <= self._tie]
+        right_of = seen.junction.right_of
+
+        def waits_for(s: VehicleState, other: VehicleState) -> bool:
+            later = since[s.name] - since[other.name]
+            return later > self._tie or (later >= -self._tie and (other.entrance, s.entrance) in right_of)
+
+        free = [s for s in tied if not any(waits_for(s, other) for other in waiting)]
+        return sorted(free or tied, key=lambda s: since[s.name]), bool(free)

@@ -1,0 +1,108 @@
+"""Traffic that drives as it did in a recorded run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.drivers.follower import STANDING, Follower
+from pytest_rvads.drivers.interface import Autopilot, Control, Observation
+from pytest_rvads.drivers.tracker import PLACE_GAIN, SPEED_GAIN
+from pytest_rvads.errors import RunError, ScenarioError
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.runfile import load_run
+from pytest_rvads.runs.states import Agent
+
+__all__ = ["Replay"]
+
+_SAME = 1e-6
+"""A vehicle this near to its recorded station and speed is where it was [m, m/s]: the recorded controls then fit exactly."""
+_AHEAD = 0.2
+"""How far ahead speeds are looked up [s]: about the lag of drive and brake."""
+
+
+class Replay:
+    """A traffic policy: every vehicle follows what the one with its movement did in a recorded run.
+
+    It does not react to the subject. Started as in a run that holds controls, it repeats that run bit by bit; else it
+    keeps to the recorded stations and speeds as well as it can. Where the recording ends it drives on as it last did.
+
+    Args:
+        run: the recorded run, or a file that ``--rvads-keep`` wrote.
+
+    Raises:
+        RunError: the run holds no stations or speeds, or the file can't be read.
+    """
+
+    name = "replay"
+
+    def __init__(self, run: Run | str | Path) -> None:
+        run = run if isinstance(run, Run) else load_run(run)
+        if run.station is None or run.speed is None:
+            raise RunError(f"run {run.label!r} holds no positions and speeds, so it can't be replayed as traffic")
+        self.run = run
+        self._motion = run.station, run.speed
+
+    def __call__(self) -> Replay:
+        """Return the traffic system of a run; it keeps nothing from one run to the next."""
+        return self
+
+    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Autopilot]:
+        """Return one autopilot per agent.
+
+        Raises:
+            ScenarioError: the recording has no vehicle with that movement.
+        """
+        columns = {(a.entrance, a.exit): column for column, a in enumerate(self.run.agents)}
+        for agent in agents:
+            if (agent.entrance, agent.exit) not in columns:
+                raise ScenarioError(
+                    f"run {self.run.label!r} has no vehicle from entrance {agent.entrance} to exit {agent.exit} "
+                    f"that {agent.name} could replay: choose a scenario with the same movements"
+                )
+        chosen = [columns[agent.entrance, agent.exit] for agent in agents]
+        station, speed = self._motion
+        controls = self.run.controls
+        return [_Playback(self.run.dt, station[:, k], speed[:, k], None if controls is None else controls[:, k]) for k in chosen]
+
+
+class _Playback(Follower):
+    """Keeps to recorded stations and speeds."""
+
+    def __init__(
+        self,
+        dt: float,
+        station: NDArray[np.float64],
+        speed: NDArray[np.float64],
+        controls: NDArray[np.float64] | None,
+    ) -> None:
+        self._dt = dt
+        self._times = np.arange(len(station)) * dt
+        self._station, self._speed, self._controls = station, speed, controls
+        # A vehicle that has left stays as it was last seen: the recording ends there.
+        moves = np.flatnonzero((np.diff(self._station) != 0.0) | (self._speed[1:] < STANDING))
+        self._last = int(moves[-1]) + 1 if len(moves) else 0
+
+    def control(self, seen: Observation) -> Control:
+        """Return throttle, brake and steering."""
+        me = seen.me
+        place, speed = self._at(seen.time)
+        tick = round(seen.time / self._dt)
+        if self._controls is not None and tick < self._last and abs(place - me.station) + abs(speed - me.speed) < _SAME:
+            return Control(*(float(value) for value in self._controls[tick]))
+        if speed < STANDING and me.speed < 0.3 and place - me.station < 0.05:
+            return self.drive(seen, -math.inf)
+        _, soon = self._at(seen.time + _AHEAD)
+        wanted = (soon - speed) / _AHEAD + PLACE_GAIN * (place - me.station) + SPEED_GAIN * (speed - me.speed)
+        return self.drive(seen, wanted)
+
+    def _at(self, time: float) -> tuple[float, float]:
+        """Return station [m] and speed [m/s] at a time [s]."""
+        end = float(self._times[self._last])
+        beyond = max(time - end, 0.0)
+        speed = float(np.interp(min(time, end), self._times, self._speed))
+        return float(np.interp(min(time, end), self._times, self._station)) + beyond * speed, speed

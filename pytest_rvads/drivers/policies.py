@@ -1,0 +1,99 @@
+"""Road users as they are: what the vehicles around a subject do to it."""
+
+from __future__ import annotations
+
+import math
+
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.reference import Gate, Reference
+from pytest_rvads.drivers.spacing import CREEP, STAND_OFF, Stopping
+from pytest_rvads.runs.states import Zone
+
+__all__ = ["Hesitant", "LateYielder", "RedLightRunner", "Stopped"]
+
+HESITATION = 3.0
+"""How long the hesitant one waits when it could go [s]."""
+HESITANT_SPEED = 0.6
+"""Share of the speed limit that the hesitant one dares to drive."""
+LATE = 0.85
+"""Share of the full service brake with which the late yielder counts on stopping."""
+
+
+class Hesitant(Reference):
+    """Obeys every rule, but waits for three seconds when it could go, and drives slowly."""
+
+    def make_gate(self, seen: Observation) -> Gate:
+        """Return what decides when to enter."""
+        return _Hesitating(super().make_gate(seen))
+
+    def target_speed(self, seen: Observation) -> float:
+        """Return a low speed [m/s]."""
+        return HESITANT_SPEED * seen.speed_limit
+
+
+class LateYielder(Reference):
+    """Obeys every rule, but comes on as if it would not: it brakes for the line at the last moment, and hard."""
+
+    def __init__(self, tie: float = 0.0) -> None:
+        super().__init__(tie)
+        self._stopping = _LateStopping()
+
+
+class RedLightRunner(Reference):
+    """Enters whatever the light shows and whoever is coming, and does not stop at stop signs; it spares who is in its way."""
+
+    def make_gate(self, _seen: Observation) -> Gate:
+        """Return what decides when to enter."""
+        return _Constant(True)
+
+
+class Stopped(Reference):
+    """Drives up to the stopping line, stops, and never goes on."""
+
+    def make_gate(self, _seen: Observation) -> Gate:
+        """Return what decides when to enter."""
+        return _Constant(False)
+
+
+class _Constant:
+    """Always gives the same answer."""
+
+    def __init__(self, answer: bool) -> None:
+        self._answer = answer
+
+    def allows(self, _seen: Observation) -> bool:
+        return self._answer
+
+
+class _Hesitating:
+    """Gives the answer of another gate, a yes only after it has been one for a while."""
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate = gate
+        self._since: float | None = None
+
+    def allows(self, seen: Observation) -> bool:
+        if not self._gate.allows(seen):
+            self._since = None
+            return False
+        if self._since is None:
+            self._since = seen.time
+        return seen.time - self._since >= HESITATION
+
+
+class _LateStopping(Stopping):
+    """Brakes for the line when nearly all of the service brake is needed."""
+
+    def acceleration(self, seen: Observation) -> float:
+        """Return what a late stop needs now [m/s^2]; inf while it is too early, -inf to hold the vehicle."""
+        me, vehicle = seen.me, seen.vehicle
+        distance = seen.itinerary.line - STAND_OFF - me.station
+        if me.speed < CREEP and (distance < 0.02 or me.zone is Zone.ENTRANCE):
+            return -math.inf
+        full = vehicle.brake[seen.aggression - 1]
+        room = distance - me.speed * (vehicle.brake_lag + (0.0 if self._braking else vehicle.drive_lag))
+        needed = me.speed * me.speed / (2.0 * room) if room > 0.0 else math.inf
+        self._braking = self._braking or needed >= LATE * full
+        if self._braking:
+            return -min(needed, full)
+        return 1.0 + distance

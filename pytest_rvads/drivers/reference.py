@@ -1,0 +1,82 @@
+"""The reference autopilot: it obeys every rule, and decides from nothing but its own observation."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+from pytest_rvads.drivers.at_light import Light
+from pytest_rvads.drivers.follower import Follower
+from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.spacing import Stopping, behind_leader, clear_of_bodies, clear_of_crossing
+from pytest_rvads.drivers.stop_sign import HOLD, StopSign
+from pytest_rvads.errors import AutopilotError
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION
+
+__all__ = ["Gate", "Reference"]
+
+
+class Gate(Protocol):
+    """Decides when to enter the junction."""
+
+    def allows(self, seen: Observation) -> bool:
+        """Return whether to enter now; called in every step before the junction."""
+
+
+class Reference(Follower):
+    """Drives as the paper's rules and the law demand.
+
+    At a stop sign it stops before the line, inside the entrance zone, and enters when nobody else is in the junction
+    and it is its turn: first come, first served; on ties whoever has nobody to the right. Where four arrive at once,
+    so that everybody has somebody to the right, patience decides; it differs from vehicle to vehicle, in the order of their
+    creation, so that one sets off alone. Who has the turn and does not make use of it is not waited for.
+    Where nothing regulates the junction, or only some of its entrances, it does the same.
+
+    At a light it stops on yellow where it can and on red always. On red it turns right after a full stop, when nobody
+    comes from the left. Turning left it yields to oncoming traffic. It never gets into the way of somebody who is
+    still in the junction.
+
+    Everywhere it keeps its distance from who drives ahead, and stops before a body in its way.
+
+    Args:
+        tie: at a stop sign, who arrived within this time of each other arrived at once, and the right one goes first, at
+            most 0.5 [s]. The paper's rules know no such window, the road rulebook has one of 0.5 s:
+            ``functools.partial(Reference, tie=0.5)``.
+
+    Raises:
+        AutopilotError: a `tie` out of range.
+    """
+
+    def __init__(self, tie: float = 0.0) -> None:
+        if not 0.0 <= tie <= HOLD:
+            raise AutopilotError(f"tie must be 0 to {HOLD:g} s, the time that everybody stands at the sign, got {tie!r}")
+        self._tie = tie
+        self._stopping = Stopping()
+        self._gate: Gate | None = None
+
+    def make_gate(self, seen: Observation) -> Gate:
+        """Return what decides when to enter; called once, with the first observation."""
+        return Light() if seen.junction.control is JunctionControl.LIGHTS else StopSign(self._tie)
+
+    def control(self, seen: Observation) -> Control:
+        """Return throttle, brake and steering."""
+        wanted = self.towards(seen, self.target_speed(seen))
+        zone = seen.me.zone
+        stops = False
+        if zone is APPROACH or zone is ENTRANCE:
+            if self._gate is None:
+                self._gate = self.make_gate(seen)
+            stops = not self._gate.allows(seen)
+            if stops:
+                wanted = min(wanted, self._stopping.acceleration(seen))
+            else:
+                self._stopping.reset()
+        if seen.others and wanted > -math.inf:
+            if not stops:
+                # Whoever leads is past the line; before it there is nobody to follow.
+                wanted = min(wanted, behind_leader(seen))
+            wanted = min(wanted, clear_of_bodies(seen, self.track(seen)))
+            if zone is JUNCTION:
+                wanted = min(wanted, clear_of_crossing(seen))
+        return self.drive(seen, wanted)

@@ -1,0 +1,77 @@
+"""An autopilot with plain faults, for examples and for trying out rules."""
+
+from __future__ import annotations
+
+import math
+
+from pytest_rvads.drivers.at_light import Light
+from pytest_rvads.drivers.crossing import in_the_way
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.reference import Gate, Reference
+from pytest_rvads.drivers.stop_sign import PATIENCE, PATIENCE_STEP
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
+from pytest_rvads.runs.states import Colour, Zone
+
+__all__ = ["RollingStop"]
+
+ROLL = 2.5
+"""Speed at which it rolls over a free stopping line [m/s]."""
+NEAR = 5.0
+"""Whoever is this near to the junction counts for right before left [m]."""
+
+
+class RollingStop(Reference):
+    """Takes stop signs for yield signs, and turns on red without looking.
+
+    Two things are wrong with it. At a stop sign it does not stop: it slows down, lets pass who is in the junction
+    and who stands to its right, and rolls on; who came first does not matter to it, and two that face each other enter
+    together. At a red light it rolls round the corner to the near side, the right where traffic keeps right, without
+    regard for who has green, as long as nobody is in its way already. Everything else it does like the reference autopilot.
+    """
+
+    def make_gate(self, seen: Observation) -> Gate:
+        """Return what decides when to enter."""
+        return _RightOnRed() if seen.junction.control is JunctionControl.LIGHTS else _Yield()
+
+    def target_speed(self, seen: Observation) -> float:
+        """Return the speed limit, less before a line that it rolls over [m/s]."""
+        line = seen.itinerary.line - seen.me.station
+        rolls = seen.junction.control is not JunctionControl.LIGHTS or _turns_on_red(seen)
+        if not rolls or seen.me.station > 0.0:
+            return seen.speed_limit
+        return min(seen.speed_limit, math.hypot(ROLL, self.stopping_speed(line - ENTRANCE_ZONE)))
+
+
+class _Yield:
+    """Gives way to the right and to who is in the junction."""
+
+    def __init__(self) -> None:
+        self._stuck_since: float | None = None
+
+    def allows(self, seen: Observation) -> bool:
+        me = seen.me
+        if any(other.zone is Zone.JUNCTION for other in seen.others):
+            self._stuck_since = None
+            return False
+        waiting = [o for o in seen.others if o.zone is Zone.ENTRANCE or (o.zone is Zone.APPROACH and o.station > -NEAR)]
+        if not any((other.entrance, me.entrance) in seen.junction.right_of for other in waiting):
+            self._stuck_since = None
+            return True
+        if self._stuck_since is None or me.zone is not Zone.ENTRANCE:
+            self._stuck_since = seen.time
+        return seen.time - self._stuck_since >= PATIENCE + PATIENCE_STEP * seen.created
+
+
+class _RightOnRed(Light):
+    """Obeys the light, except that red does not hold a turn to the near side."""
+
+    def allows(self, seen: Observation) -> bool:
+        if not _turns_on_red(seen):
+            return super().allows(seen)
+        mine = (seen.itinerary.entrance, seen.itinerary.exit)
+        return not any(in_the_way(seen.junction, mine, other) for other in seen.others)
+
+
+def _turns_on_red(seen: Observation) -> bool:
+    return seen.me.turn is seen.junction.near and seen.lights[seen.me.entrance] is Colour.RED

@@ -1,0 +1,200 @@
+"""Braking: for a stop before the junction, and for whoever drives or stands ahead."""
+
+from __future__ import annotations
+
+import math
+
+from pytest_rvads.drivers.crossing import conflict, movements
+from pytest_rvads.drivers.follower import resistance
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.way_ahead import Track
+from pytest_rvads.runs.states import ENTRANCE, EXIT, JUNCTION, VehicleState
+
+__all__ = [
+    "COMFORT",
+    "FIRM",
+    "LAST_STOP",
+    "STAND_OFF",
+    "Stopping",
+    "behind_leader",
+    "can_stop",
+    "clear_of_bodies",
+    "clear_of_crossing",
+    "time_to",
+]
+
+STAND_OFF = 0.35
+"""Where to stop before the stopping line [m]: well inside the entrance zone."""
+LAST_STOP = 0.15
+"""Where a late stop may end at the latest, before the entrance vertex [m]."""
+COMFORT = 2.3
+"""Braking for the line begins when it takes this much [m/s^2]; people use up to 3.4 at stop signs."""
+FIRM = 3.0
+"""Who needs more than this to stop at the line brakes at once, whatever the drive still does [m/s^2]."""
+URGENT = 0.8
+"""Who needs more than this share of all braking to stop before the entrance vertex brakes fully."""
+CREEP = 0.3
+"""Slower than this in the entrance zone, a vehicle just stops there [m/s]."""
+GENTLE = 0.5
+"""How an approach speeds up: by this, and by as much again for every metre left [m/s^2]."""
+GAP = 2.0
+"""Distance to who stands ahead [m]."""
+REACTION = 0.5
+"""Time in which a speed error is corrected when following [s]."""
+FOLLOW = 3.0
+"""Deceleration counted on when following [m/s^2]."""
+BEFORE = 0.5
+"""Where to let a crossing vehicle pass, before the place where the movements meet [m]."""
+SIDE = 0.35
+"""Room to the side of the own body that must be free [m]."""
+
+
+class Stopping:
+    """Brakes for a stop in the entrance zone, evenly; remembers that it has begun."""
+
+    def __init__(self) -> None:
+        self._braking = False
+
+    def reset(self) -> None:
+        """Forget the stop: the way is free."""
+        self._braking = False
+
+    def acceleration(self, seen: Observation) -> float:
+        """Return the acceleration that a stop needs now [m/s^2].
+
+        Returns:
+            A positive limit while it is too early to brake; inf when it is too late to stop before the junction; -inf to
+            hold the vehicle.
+        """
+        me, vehicle = seen.me, seen.vehicle
+        distance = seen.itinerary.line - STAND_OFF - me.station
+        if me.speed < CREEP and (distance < 0.02 or me.zone is ENTRANCE):
+            return -math.inf
+        needed = _needed(me.speed, distance)
+        if not self._braking:
+            # The drive goes on for its lag when the throttle is released, and the brake comes late by its own.
+            speed = me.speed + max(me.acceleration, 0.0) * vehicle.drive_lag
+            ahead = distance - speed * vehicle.brake_lag
+            if needed <= FIRM and _needed(speed, ahead) < COMFORT:
+                return GENTLE + distance * GENTLE
+        elif needed < COMFORT / 4.0:
+            self._braking = False
+            return 0.0
+        self._braking = True
+        full = vehicle.brake[seen.aggression - 1]
+        most = full + resistance(vehicle, me.speed)
+        urgent = _needed(me.speed, -me.station)
+        if urgent > most:
+            return math.inf
+        # The brake's lag eats the reserve of a late stop, so that one begins with all there is.
+        return -full if urgent > URGENT * most else -min(needed, full)
+
+
+def can_stop(seen: Observation, deceleration: float) -> bool:
+    """Return whether braking at `deceleration` [m/s^2] from now on ends before the entrance vertex."""
+    speed = seen.me.speed
+    distance = -LAST_STOP - seen.me.station - speed * seen.vehicle.brake_lag
+    return speed * speed <= 2.0 * deceleration * distance if speed > 0.1 else seen.me.station <= 0.0
+
+
+def behind_leader(seen: Observation) -> float:
+    """Return the acceleration [m/s^2] that keeps the distance to whoever drives ahead into the same exit; inf if nobody."""
+    me, itinerary = seen.me, seen.itinerary
+    remaining = itinerary.length - me.station
+    least = math.inf
+    for other in seen.others:
+        if other.zone is not JUNCTION and other.zone is not EXIT:
+            continue
+        for movement in movements(seen.junction, other.entrance, other.turn):
+            left = movement.length - other.station
+            if movement.exit == itinerary.exit and left < remaining:
+                least = min(least, _follow(me.speed, remaining - left - other.length, other.speed))
+    return least
+
+
+def clear_of_crossing(seen: Observation) -> float:
+    """Return the acceleration [m/s^2] that lets a crossing vehicle pass which is first at the place; inf if none is.
+
+    Both in the junction already: whoever comes to the common place later stops before it. Who drives into the same exit is
+    followed instead.
+    """
+    me, itinerary = seen.me, seen.itinerary
+    least = math.inf
+    for k, other in enumerate(seen.others):
+        if other.zone is not JUNCTION:
+            continue
+        for movement in movements(seen.junction, other.entrance, other.turn):
+            if movement.exit == itinerary.exit:
+                continue
+            found = conflict(seen.junction, (itinerary.entrance, itinerary.exit), (movement.entrance, movement.exit))
+            if found is None or me.station >= found[0].start or other.station - other.length >= found[1].end:
+                continue
+            mine = (found[0].start - me.station) / max(me.speed, 1.0)
+            theirs = max(found[1].start - other.station, 0.0) / max(other.speed, 1.0)
+            if theirs < mine or (theirs == mine and k < seen.created):
+                least = min(least, _stop_before(me.speed, found[0].start - BEFORE - me.station))
+    return least
+
+
+def clear_of_bodies(seen: Observation, track: Track) -> float:
+    """Return the acceleration [m/s^2] that stops before a body that is in the way on `track`; inf if none is."""
+    me = seen.me
+    reach = 3.0 + me.speed * (REACTION + me.speed / (2.0 * FOLLOW))
+    cos, sin = math.cos(me.heading), math.sin(me.heading)
+    least = math.inf
+    for other in seen.others:
+        dx, dy = other.x - me.x, other.y - me.y
+        far = reach + other.length
+        # Cheap first: most others are nowhere near, or behind.
+        if dx * dx + dy * dy < far * far and dx * cos + dy * sin > 0.0:
+            gap = _free(track.places(me.station, reach), other, me.width / 2.0 + SIDE)
+            if gap < math.inf:
+                along = other.speed * math.cos(other.heading - me.heading)
+                least = min(least, _follow(me.speed, gap, max(along, 0.0)))
+    return least
+
+
+def time_to(distance: float, speed: float, acceleration: float, limit: float) -> float:
+    """Return the time [s] to drive `distance` [m] from `speed` [m/s], accelerating up to `limit` [m/s]."""
+    if distance <= 0.0:
+        return 0.0
+    limit = max(limit, speed)
+    ramp = (limit * limit - speed * speed) / (2.0 * acceleration)
+    if distance <= ramp:
+        return (math.sqrt(speed * speed + 2.0 * acceleration * distance) - speed) / acceleration
+    return (limit - speed) / acceleration + (distance - ramp) / limit
+
+
+def _needed(speed: float, distance: float) -> float:
+    """Return the deceleration of an even stop from `speed` [m/s] after `distance` [m]; inf where there is none."""
+    return speed * speed / (2.0 * distance) if distance > 0.0 else math.inf
+
+
+def _stop_before(speed: float, distance: float) -> float:
+    """Return the acceleration of an even stop after `distance` [m]; inf while it is too early to brake."""
+    if distance < 0.1 and speed < 0.3:
+        return -math.inf
+    needed = _needed(speed, max(distance, 0.1))
+    return -needed if needed > COMFORT / 2.0 else math.inf
+
+
+def _follow(speed: float, gap: float, leader: float) -> float:
+    """Return the acceleration towards the safe speed of Gipps (1981), behind a leader at `gap` [m]."""
+    room = gap - GAP
+    if room <= 0.0 and speed < 0.3:
+        return -math.inf
+    lag = FOLLOW * REACTION
+    safe = -lag + math.sqrt(lag * lag + leader * leader + 2.0 * FOLLOW * max(room, 0.0))
+    return (safe - speed) / REACTION
+
+
+def _free(places: list[tuple[float, float]], other: VehicleState, room: float) -> float:
+    """Return how many metres of the way ahead have `room` [m] beside the body of `other`; inf when all have."""
+    cos, sin = math.cos(other.heading), math.sin(other.heading)
+    aside, back = other.width / 2.0 + room, other.length + room
+    for ahead, (x, y) in enumerate(places):
+        dx, dy = x - other.x, y - other.y
+        # The place in the frame of the other body, which reaches backwards from its bumper.
+        if -aside < dy * cos - dx * sin < aside and -back < dx * cos + dy * sin < room:
+            return float(ahead)
+    return math.inf

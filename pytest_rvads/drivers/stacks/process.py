@@ -1,0 +1,184 @@
+"""Autopilots that run as programs of their own."""
+
+from __future__ import annotations
+
+import math
+import os
+import shlex
+import weakref
+from collections.abc import Mapping, Sequence
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+from pytest_rvads.drivers.commands import Command
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.stacks import messages
+from pytest_rvads.drivers.stacks.child import Child, StackError
+from pytest_rvads.drivers.stacks.connection import Connection
+from pytest_rvads.errors import AutopilotError
+from pytest_rvads.runs.run import DT
+from pytest_rvads.runs.states import Agent
+
+__all__ = ["Pilot", "Process"]
+
+RATE = 20.0
+"""Decisions per second where neither the caller nor the stack says another rate [Hz]."""
+
+
+class Process:
+    """A stack in another process, asked in lock-step: simulated time waits for it.
+
+    It is a factory of autopilots, to be returned by the fixture ``rvads_autopilot`` or given to `simulate`. One process serves
+    many scenarios, one after the other; where several vehicles of a run are its, each has a process of its own. A process
+    that fails ends the run with a fault and is replaced for the next one. What is left is ended when the object goes.
+
+    Args:
+        command: the program and its arguments, or one string with both.
+        rate: decisions per simulated second [Hz], a divisor of 100; by default what the stack says in its hello, else 20.
+        timeout: how long it may take for one decision, in real time [s].
+        startup: how long it may take to start, and to get ready for a scenario [s].
+        cwd: working directory of the program.
+        env: variables to add to its environment.
+
+    Raises:
+        AutopilotError: no command, a rate that does not divide 100 Hz, a time limit that is not positive, or not a POSIX system.
+
+    Example:
+        >>> stack = Process(["./stack", "--quiet"], rate=20, timeout=2.0)
+        >>> run = simulate(Scenario("stop4", "1133", subject=0), stack, traffic=Reference)
+    """
+
+    def __init__(
+        self,
+        command: str | Sequence[str],
+        *,
+        rate: float | None = None,
+        timeout: float = 5.0,
+        startup: float = 30.0,
+        cwd: str | Path | None = None,
+        env: Mapping[str, str] | None = None,
+    ) -> None:
+        if os.name != "posix":
+            raise AutopilotError(f"stacks in other processes need a POSIX system, this one is {os.name!r}")
+        self.command = shlex.split(command) if isinstance(command, str) else [str(part) for part in command]
+        if not self.command:
+            raise AutopilotError("a stack needs a command, such as ['./stack'], got none")
+        for name, limit in (("timeout", timeout), ("startup", startup)):
+            if not (isinstance(limit, Real) and math.isfinite(limit) and limit > 0):
+                raise AutopilotError(f"{name} must be a number of seconds above 0, got {limit!r}")
+        self.label = f"stack {shlex.join(self.command)}"
+        """How reports call it."""
+        self._period = None if rate is None else _period(rate, self.label)
+        self._limits = startup, timeout
+        self._place = cwd, env
+        self.connections: list[Connection] = []
+        """Running processes, by the order of the vehicles of a run."""
+        self._finish = weakref.finalize(self, _close, self.connections)
+
+    def __call__(self) -> Process:
+        """Return the traffic system of the next run."""
+        return self
+
+    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Pilot]:
+        """Return one autopilot per agent, each with a running process.
+
+        Raises:
+            StackError: a process does not start.
+        """
+        while len(self.connections) < len(agents):
+            self.connections.append(self._connect())
+        return [Pilot(self, k) for k in range(len(agents))]
+
+    def drop(self, connection: Connection) -> None:
+        """End a process and forget it; the next run starts another one."""
+        connection.close()
+        if connection in self.connections:
+            self.connections.remove(connection)
+
+    def period(self, connection: Connection) -> float:
+        """Return the time between two decisions [s]."""
+        if self._period is not None:
+            return self._period
+        return _period(RATE if connection.rate is None else connection.rate, self.label)
+
+    def close(self) -> None:
+        """End all processes; a later run starts new ones."""
+        _close(self.connections)
+
+    def __enter__(self) -> Process:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _connect(self) -> Connection:
+        cwd, env = self._place
+        try:
+            return Connection(lambda: Child(self.command, cwd, env), *self._limits)
+        except StackError as error:
+            raise StackError(f"{self.label}: {error}", error.detail) from None
+
+
+class Pilot:
+    """Drives one vehicle in one run by asking a process.
+
+    Args:
+        process: whose.
+        number: which of its connections.
+    """
+
+    def __init__(self, process: Process, number: int) -> None:
+        self._process = process
+        self._connection = process.connections[number]
+        self.label = process.label
+        self.period = process.period(self._connection)
+        self._begun = False
+        self._taken = [0, 0.0, 0.0]
+        """Decisions, their compute time in all, the longest [s]."""
+
+    def control(self, seen: Observation) -> Command:
+        """Return what the process commands.
+
+        Raises:
+            StackError: it failed.
+        """
+        try:
+            if not self._begun:
+                self._connection.reset(messages.reset(seen, self.period))
+                self._connection.serves = self
+                self._begun = True
+            if self._connection.serves is not self:
+                raise StackError("it serves two vehicles at once: give the traffic a Process of its own")
+            command, compute = self._connection.ask(seen)
+        except StackError:
+            self._process.drop(self._connection)
+            raise
+        count, total, longest = self._taken
+        self._taken = [count + 1, total + compute, max(longest, compute)]
+        return command
+
+    def abandon(self) -> str:
+        """End the process because the run ended by a fault of this vehicle, and return what it last wrote to standard error."""
+        detail = self._connection.failed(StackError("")).detail
+        self._process.drop(self._connection)
+        return detail
+
+    def timing(self) -> dict[str, Any]:
+        """Return how long the stack computed in this run: real time, which no verdict depends on."""
+        count, total, longest = self._taken
+        return {"stack": self.label, "decisions": count, "compute": total, "longest": longest}
+
+
+def _close(connections: list[Connection]) -> None:
+    while connections:
+        connections.pop().close(farewell=True)
+
+
+def _period(rate: Any, label: str) -> float:
+    number = float(rate) if isinstance(rate, Real) and not isinstance(rate, bool) else 0.0
+    if 0.0 < number < math.inf:
+        steps = round(1.0 / (number * DT))
+        if steps >= 1 and math.isclose(steps * number * DT, 1.0, rel_tol=1e-9):
+            return steps * DT
+    raise StackError(f"{label}: its rate must divide {1 / DT:g} Hz, such as 10, 20, 25 or 50, got {rate!r}")

@@ -1,0 +1,63 @@
+"""How the reference autopilot behaves at a stop sign."""
+
+from __future__ import annotations
+
+from pytest_rvads.drivers.crossing import exit_blocked, runs_through
+from pytest_rvads.drivers.follower import STANDING
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.order import Queue
+from pytest_rvads.runs.states import ENTRANCE, JUNCTION, Colour
+
+__all__ = ["StopSign"]
+
+HOLD = 0.5
+"""How long to stand at the sign, at least [s]."""
+PATIENCE, PATIENCE_STEP = 1.0, 0.7
+"""How long the first one waits where everybody has to wait for somebody, and how much longer each next one [s]; also how long
+the next one waits for the first to make use of its turn. Next is who was created next, so that rotating a scenario changes
+nothing."""
+
+
+class StopSign:
+    """Stops, waits for its turn, and enters when nobody else is in the junction.
+
+    Args:
+        tie: see `Queue`; no longer than `HOLD`, so that whoever ties is there when the own turn is worked out [s].
+    """
+
+    def __init__(self, tie: float = 0.0) -> None:
+        self._queue = Queue(tie)
+        self._stood_since: float | None = None
+        self._stuck_since: float | None = None
+        self._released = False
+
+    def allows(self, seen: Observation) -> bool:
+        """Return whether to enter the junction; to be called in every step before it."""
+        self._queue.watch(seen)
+        me = seen.me
+        if me.zone is ENTRANCE and self._stood_since is None and me.speed < STANDING:
+            self._stood_since = seen.time
+        if self._stood_since is None or seen.time - self._stood_since < HOLD:
+            return False
+        # Also when it is already on its way: whoever goes out of turn is let in, not met in the junction.
+        if any(other.zone is JUNCTION for other in seen.others) or self._queue.setting_off(seen.others):
+            self._released, self._stuck_since = False, None
+            return False
+        self._released = self._released or self._my_turn(seen)
+        return self._released
+
+    def _my_turn(self, seen: Observation) -> bool:
+        # Where only some entrances have lights, they are obeyed as well.
+        if seen.lights[seen.me.entrance] in (Colour.RED, Colour.YELLOW):
+            return False
+        if any(runs_through(other) for other in seen.others) or exit_blocked(seen):
+            self._stuck_since = None
+            return False
+        first, decided = self._queue.first(seen)
+        place = next((k for k, state in enumerate(first) if state.name == seen.me.name), None)
+        if place is None or (decided and place == 0):
+            self._stuck_since = None
+            return place == 0
+        if self._stuck_since is None:
+            self._stuck_since = seen.time
+        return seen.time - self._stuck_since >= PATIENCE + PATIENCE_STEP * place

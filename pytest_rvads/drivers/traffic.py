@@ -1,0 +1,70 @@
+"""Traffic policies by name: how the vehicles around a subject drive."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from pytest_rvads.drivers.lgsvl import LgsvlLike
+from pytest_rvads.drivers.policies import Hesitant, LateYielder, RedLightRunner, Stopped
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.rolling import RollingStop
+from pytest_rvads.errors import ScenarioError, suggest
+
+__all__ = ["POLICIES", "TIE", "Policy", "traffic"]
+
+TIE = 0.5
+"""What road users take for arriving at once, as the road rulebook does [s]."""
+POLICIES: dict[str, Callable[[], Any]] = {
+    "reference": partial(Reference, tie=TIE),
+    "hesitant": partial(Hesitant, tie=TIE),
+    "rolling_stop": RollingStop,
+    "late_yielder": partial(LateYielder, tie=TIE),
+    "red_light_runner": RedLightRunner,
+    "stopped": Stopped,
+    "lgsvl": LgsvlLike,
+}
+"""What can be named where traffic is asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Policy:
+    """What drives the vehicles around a subject."""
+
+    name: str
+    """As in ids: letters, digits and underscores."""
+    factory: Callable[[], Any]
+    """Makes the autopilot of one vehicle, or the traffic system of a run."""
+
+    @classmethod
+    def of(cls, what: Any) -> Policy:
+        """Return the policy of that name, or one of an autopilot or traffic system of your own.
+
+        Raises:
+            ScenarioError: no such name, or nothing that can be called.
+        """
+        if isinstance(what, str):
+            return cls(what, traffic(what))
+        if not callable(what):
+            raise ScenarioError(f"traffic takes names of policies or classes of autopilots, got {what!r}")
+        inner = getattr(what, "func", what)  # of a functools.partial
+        name = getattr(what, "name", None) or getattr(inner, "__name__", type(inner).__name__)
+        return cls(re.sub(r"\W+", "_", str(name), flags=re.ASCII).strip("_") or "own", what)
+
+
+def traffic(name: str, what: str = "traffic") -> Callable[[], Any]:
+    """Return the traffic policy called `name`, for ``simulate(..., traffic=...)``.
+
+    Args:
+        name: one of `POLICIES`.
+        what: what it is wanted for, in the words of the one who asks.
+
+    Raises:
+        ScenarioError: no such policy.
+    """
+    if name not in POLICIES:
+        raise ScenarioError(f"unknown {what} {name!r}, there are {', '.join(POLICIES)}{suggest(name, POLICIES)}")
+    return POLICIES[name]

@@ -1,0 +1,52 @@
+"""What a driver knows of the way ahead: where it goes, and how fast its bends may be taken."""
+
+from __future__ import annotations
+
+import math
+
+from pytest_rvads.runs.itineraries import Itinerary
+
+__all__ = ["Track"]
+
+BEND = 2.5
+"""Lateral acceleration that bends are taken with [m/s^2]."""
+EASE = 2.0
+"""Deceleration towards a bend [m/s^2]."""
+_BEFORE = 60.0
+"""How far before the junction a track begins, at most [m]."""
+
+
+class Track:
+    """An itinerary, looked up by the metre.
+
+    Args:
+        itinerary: the way.
+        axle: reference point to rear axle [m]; the axle is still in a bend when the reference point has left it.
+    """
+
+    def __init__(self, itinerary: Itinerary, axle: float) -> None:
+        self._first = max(-itinerary.origin, -_BEFORE)
+        count = max(math.ceil(itinerary.end - self._first), 1)
+        poses = [itinerary.pose(self._first + k) for k in range(-3, count + 4)]
+        self._places = [(x, y) for x, y, _ in poses[3:-3]]
+        # Chords of two metres, four metres apart: neither the corners of a polyline nor a joint where one lane begins a
+        # little before the other ends counts as a bend.
+        headings = [math.atan2(b.y - a.y, b.x - a.x) for a, b in zip(poses, poses[2:], strict=False)]
+        changes = [(b - a + math.pi) % (2 * math.pi) - math.pi for a, b in zip(headings, headings[4:], strict=False)]
+        raw = [math.sqrt(BEND * 4.0 / abs(change)) if abs(change) > 1e-3 else math.inf for change in changes]
+        trail = math.ceil(axle)
+        limits = [min(raw[max(k - trail, 0) : k + 1]) for k in range(len(raw))]
+        for k in range(len(limits) - 2, -1, -1):
+            limits[k] = min(limits[k], math.sqrt(limits[k + 1] ** 2 + 2.0 * EASE))
+        self._limits = limits
+
+    def speed(self, station: float) -> float:
+        """Return the highest speed [m/s] at `station` [m]."""
+        k = int(station - self._first)
+        limits = self._limits
+        return limits[k if 0 <= k < len(limits) else -1 if k > 0 else 0]
+
+    def places(self, station: float, reach: float) -> list[tuple[float, float]]:
+        """Return the places (x, y) [m] by the metre, beginning less than 1 m after `station`, up to `reach` beyond it [m]."""
+        k = max(int(station - self._first) + 1, 0)
+        return self._places[k : k + int(reach)]

@@ -1,1 +1,0 @@
-"""The experiment of the paper: its two tables, replicated with a calibrated surrogate."""

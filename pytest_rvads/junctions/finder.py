@@ -1,0 +1,192 @@
+"""The Junction Finder: junctions by name, by map and id, by type, or by the nearest point."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from pytest_rvads.errors import MapError, suggest
+from pytest_rvads.junctions.analysis import JunctionReport
+from pytest_rvads.junctions.builtin import LAYOUTS, path_of
+from pytest_rvads.junctions.junction import Junction, JunctionControl
+from pytest_rvads.junctions.road_map import RoadMap, read_map
+
+__all__ = ["find", "load", "names", "nearest"]
+
+_TYPE = re.compile(
+    r"(?P<ways>\d+)-way\s+(?P<control>(all-way\s+)?stops?|(traffic\s+)?lights?|none|uncontrolled|partial)"
+    r"(\s+with\s+(at\s+least\s+)?(?P<approach>\d+(\.\d+)?)\s*m(\s+of\s+approach)?)?",
+    re.IGNORECASE,
+)
+_PLACE = re.compile(r"nearest(?:\s+to)?\s*\(?\s*(?P<x>[-+.\deE]+)\s*[,\s]\s*(?P<y>[-+.\deE]+)\s*\)?", re.IGNORECASE)
+_maps: dict[tuple[str, int, int], RoadMap] = {}
+_junctions: dict[tuple[tuple[str, int, int], str, str], Junction] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """A junction by type: "4-way all-way stop with 40 m of approach"."""
+
+    ways: int
+    control: JunctionControl
+    approach: float
+    """Shortest approach, from the previous junction to the stopping line [m]."""
+
+    def fits(self, report: JunctionReport) -> bool:
+        """Tell whether a junction is usable, of this type, and its approaches are long enough."""
+        if not report.usable or report.ways != self.ways or report.control is not self.control:
+            return False
+        return all(length - back >= self.approach for length, back in zip(report.approach, report.setbacks, strict=True))
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of the built-in junctions."""
+    return tuple(LAYOUTS)
+
+
+def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
+    """Return a junction; each is read once per process.
+
+    Args:
+        junction: a built-in name, or the id of a ``<junction>`` in `map`, or a type such as "4-way all-way stop",
+            "3-way lights", "4-way none" or "4-way lights with 40 m of approach"; of several that fit, the first
+            in file order is taken; or a place such as "nearest to 52, 149" [m], see `nearest`.
+        map: an OpenDRIVE file, or None for the built-in maps.
+
+    Raises:
+        MapError: an unknown or unusable junction, an unreadable map, or nothing of this type.
+    """
+    wanted = _parse(junction)
+    if map is None:
+        return _builtin(junction, wanted)
+    road_map, key = _load(map)
+    known = any(report.id == junction for report in road_map.junctions)
+    if not known and (place := _PLACE.fullmatch(junction.strip())):
+        return nearest(map, _coordinate(place["x"]), _coordinate(place["y"]))
+    id = junction
+    if wanted and not known:
+        id = _first(road_map, junction, wanted)
+    return _junction(road_map, key, id, _name(map, id))
+
+
+def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
+    """Return the usable junction of `map` whose centre is nearest to the point (`x`, `y`) [m].
+
+    Raises:
+        MapError: an unreadable map, coordinates that are not finite, or no usable junction.
+    """
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise MapError(f"the point ({x!r}, {y!r}) is no place on a map, expected two finite coordinates in metres")
+    road_map, key = _load(map)
+    usable = [report for report in road_map.junctions if report.usable]
+    if not usable:
+        raise MapError(f"map file {map} has no usable junction; {_offer(road_map)}")
+
+    def distance(report: JunctionReport) -> float:
+        arms = report.arms
+        return math.dist((x, y), (sum(a.x for a in arms) / len(arms), sum(a.y for a in arms) / len(arms)))
+
+    id = min(usable, key=distance).id
+    return _junction(road_map, key, id, _name(map, id))
+
+
+def load(map: str | os.PathLike[str]) -> RoadMap:
+    """Return a map file, read once per process and again when it changes.
+
+    Raises:
+        MapError: the file cannot be used.
+    """
+    return _load(map)[0]
+
+
+@lru_cache
+def _builtin(junction: str, wanted: _Wanted | None) -> Junction:
+    """Return a built-in junction; unlike a user's file, its file is not looked at again."""
+    if wanted is None:
+        if junction not in LAYOUTS:
+            raise MapError(
+                f"unknown junction {junction!r}: the built-in ones are {', '.join(LAYOUTS)}, "
+                f"others need a map file{suggest(junction, LAYOUTS)}"
+            )
+        candidates: Iterator[str] = iter([junction])
+    else:
+        candidates = iter(LAYOUTS)
+    for name in candidates:
+        road_map, key = _load(path_of(name))
+        report = road_map.junctions[0]
+        if wanted is None or wanted.fits(report):
+            return _junction(road_map, key, report.id, name)
+    raise MapError(
+        f"no built-in junction fits {junction!r}: they are {', '.join(LAYOUTS)}, with 120 m of approach; give a map file"
+    )
+
+
+def _load(map: str | os.PathLike[str]) -> tuple[RoadMap, tuple[str, int, int]]:
+    try:
+        path = Path(map).resolve()
+        stat = path.stat()
+    except (OSError, ValueError, RuntimeError, TypeError):
+        return read_map(map), ("", 0, 0)
+    key = str(path), stat.st_mtime_ns, stat.st_size
+    if key not in _maps:
+        _maps[key] = read_map(map)
+    return _maps[key], key
+
+
+def _junction(road_map: RoadMap, key: tuple[str, int, int], id: str, name: str) -> Junction:
+    entry = key, id, name
+    if entry not in _junctions:
+        _junctions[entry] = road_map.junction(id, name=name)
+    return _junctions[entry]
+
+
+def _name(map: str | os.PathLike[str], id: str) -> str:
+    return ".".join(re.sub(r"[^A-Za-z0-9_]", "_", part) for part in (Path(map).stem, id))
+
+
+def _parse(text: str) -> _Wanted | None:
+    match = _TYPE.fullmatch(text.strip())
+    if match is None:
+        return None
+    word = match["control"].lower()
+    if "stop" in word:
+        control = JunctionControl.STOP
+    elif "light" in word:
+        control = JunctionControl.LIGHTS
+    else:
+        control = JunctionControl.PARTIAL if word == "partial" else JunctionControl.NONE
+    return _Wanted(int(match["ways"]), control, float(match["approach"] or 0.0))
+
+
+def _coordinate(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise MapError(f"{text!r} is no coordinate, expected two numbers such as in 'nearest to 52, 149'") from None
+
+
+def _first(road_map: RoadMap, text: str, wanted: _Wanted) -> str:
+    for report in road_map.junctions:
+        if wanted.fits(report):
+            return report.id
+    raise MapError(f"map file {road_map.path} has no usable junction that fits {text!r}; {_offer(road_map)}")
+
+
+def _offer(road_map: RoadMap) -> str:
+    """Say what a map has to offer, by type."""
+    table: dict[str, list[JunctionReport]] = {}
+    for report in road_map.junctions:
+        if report.usable:
+            table.setdefault(f"{report.ways}-way {report.control.value}", []).append(report)
+    if not table:
+        return f"none of its {len(road_map.junctions)} junctions is usable, `rvads map {road_map.path}` says why"
+    parts = []
+    for type, reports in table.items():
+        longest = max(min(a - b for a, b in zip(r.approach, r.setbacks, strict=True)) for r in reports)
+        parts.append(f"{len(reports)} {type} with up to {longest:.0f} m of approach")
+    return f"it offers {'; '.join(parts)}"

@@ -1,0 +1,216 @@
+"""Metric graphs (paper, section 4.1): vertices, and edges labelled with segments of lane centre line.
+
+The paper's ``s(-, eta)``, ``s(eta, -)``, ``s[-, eta]`` and ``s[eta, -]`` are `MetricGraph.before`, `after_end`,
+`Segment.head` and `Segment.tail`; its concatenation ``s . s'`` is `Segment.then`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import networkx as nx
+
+from pytest_rvads.errors import MapError
+from pytest_rvads.junctions.arms import turn_type
+from pytest_rvads.maps.network import Network
+from pytest_rvads.maps.segment import Segment, Turn, join
+
+__all__ = ["MetricGraph", "Position", "Ride", "Road"]
+
+_SAME = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """A position on a metric graph, the paper's ``s(-, eta)``."""
+
+    segment: str
+    """Id of the segment."""
+    eta: float
+    """Distance from the beginning of the segment [m]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ride:
+    """A ride: consecutive segments from one position to another, the first and last cut to the positions."""
+
+    segments: tuple[Segment, ...]
+    """Empty for the ride from a position to itself."""
+    length: float
+    """Sum of their lengths [m]."""
+
+    def path(self) -> Segment | None:
+        """Return the concatenation of the segments, None where two are not consecutive or there are none."""
+        return join(self.segments) if self.segments else None
+
+
+@dataclass(frozen=True, slots=True)
+class Road:
+    """A road: a maximal directed path whose inner vertices have one edge in and one edge out."""
+
+    entrance: str
+    """First vertex."""
+    exit: str
+    """Last vertex; the first one where the road is a closed loop."""
+    segments: tuple[str, ...]
+    """Ids of the segments on the way."""
+
+
+class MetricGraph:
+    """A metric graph on `networkx.MultiDiGraph`.
+
+    Nodes are names of vertices. The key of an edge is the id of its segment; it has the attributes ``segment``
+    and ``weight``, its length [m].
+    """
+
+    def __init__(self, graph: nx.MultiDiGraph) -> None:
+        self.graph = graph
+        self._ends: dict[str, tuple[str, str]] = {key: (u, v) for u, v, key in graph.edges(keys=True)}
+
+    @classmethod
+    def of(cls, network: Network) -> MetricGraph:
+        """Build the metric graph of a network.
+
+        Edges inside junctions carry their turn type, edges on roads are straight.
+        """
+        # A vertex is a class of lane ends that links make one; it is named after the first lane that ends or starts there.
+        parent: dict[tuple[str, bool], tuple[str, bool]] = {}
+
+        def root(end: tuple[str, bool]) -> tuple[str, bool]:
+            while parent.setdefault(end, end) != end:
+                parent[end] = parent[parent[end]]
+                end = parent[end]
+            return end
+
+        for edge in network.edges.values():
+            for id in edge.after:
+                parent[root((id, False))] = root((edge.id, True))
+        for pairs in network.direct.values():
+            for one, two in pairs:
+                parent[root((two, False))] = root((one, True))
+        graph = nx.MultiDiGraph()
+        names: dict[tuple[str, bool], str] = {}
+        for edge in network.edges.values():
+            ends = []
+            for end, tag in (((edge.id, False), "start"), ((edge.id, True), "end")):
+                ends.append(names.setdefault(root(end), f"{edge.id}:{tag}"))
+            turn = Turn.STRAIGHT if edge.junction is None else turn_type(edge.turning)
+            segment = Segment(edge.id, edge.points, turn, edge.junction)
+            graph.add_edge(*ends, key=edge.id, segment=segment, weight=segment.length)
+        return cls(graph)
+
+    @property
+    def segments(self) -> tuple[str, ...]:
+        """Ids of all segments."""
+        return tuple(self._ends)
+
+    def segment(self, id: str) -> Segment:
+        """Return the segment with this id.
+
+        Raises:
+            MapError: there is none.
+        """
+        u, v = self.ends(id)
+        segment: Segment = self.graph.edges[u, v, id]["segment"]
+        return segment
+
+    def ends(self, id: str) -> tuple[str, str]:
+        """Return the vertices that segment `id` leads from and to.
+
+        Raises:
+            MapError: there is no such segment.
+        """
+        try:
+            return self._ends[id]
+        except KeyError:
+            raise MapError(f"the metric graph has no segment {id!r} among its {len(self._ends)}") from None
+
+    def before(self, id: str, eta: float) -> Position:
+        """Return the paper's ``s(-, eta)``, the position `eta` after the beginning of segment `id` [m].
+
+        Raises:
+            MapError: no such segment, or it is shorter than `eta`.
+        """
+        length = self.segment(id).length
+        if not -_SAME <= eta <= length + _SAME:
+            raise MapError(f"segment {id!r} is {length:.3f} m long and has no position at {eta:.3f} m")
+        return Position(id, min(max(eta, 0.0), length))
+
+    def after_end(self, id: str, eta: float) -> Position:
+        """Return the paper's ``s(eta, -)``, the position `eta` before the end of segment `id` [m].
+
+        Raises:
+            MapError: no such segment, or it is shorter than `eta`.
+        """
+        return self.before(id, self.segment(id).length - eta)
+
+    def distance(self, one: Position, two: Position) -> float:
+        """Return the paper's ``d_G``: 0 at one place, else the length of the shortest ride, infinite if there is none [m]."""
+        ride = self.ride(one, two)
+        return math.inf if ride is None else ride.length
+
+    def same(self, one: Position, two: Position) -> bool:
+        """Tell whether two positions are one place; the end of a segment and the start of the next are the same vertex."""
+        if one.segment == two.segment and abs(one.eta - two.eta) <= _SAME:
+            return True
+        vertex = self._vertex(one)
+        return vertex is not None and vertex == self._vertex(two)
+
+    def ride(self, one: Position, two: Position) -> Ride | None:
+        """Return the shortest ride from `one` to `two`, None if there is none."""
+        if self.same(one, two):
+            return Ride((), 0.0)
+        first, last = self.segment(one.segment), self.segment(two.segment)
+        if one.segment == two.segment and one.eta < two.eta:
+            part = first.tail(first.length - one.eta).head(two.eta - one.eta)
+            return Ride((part,), part.length)
+        source, target = self._ends[one.segment][1], self._ends[two.segment][0]
+        lead = first.length - one.eta
+        parts = [first.tail(lead)] if lead > _SAME else []
+        try:
+            nodes = nx.dijkstra_path(self.graph, source, target)
+        except nx.NetworkXNoPath:
+            return None
+        for u, v in pairwise(nodes):
+            options = self.graph[u][v]
+            parts.append(options[min(options, key=lambda key: options[key]["weight"])]["segment"])
+        if two.eta > _SAME:
+            parts.append(last.head(two.eta))
+        return Ride(tuple(parts), sum(part.length for part in parts))
+
+    def roads(self) -> Iterator[Road]:
+        """Yield the roads: the maximal directed paths outside junctions, each once."""
+        outside = [(id, *ends) for id, ends in self._ends.items() if self.segment(id).junction is None]
+        starting = {u: id for id, u, _ in outside}
+        inner = {v for _, _, v in outside if self.graph.in_degree(v) == 1 == self.graph.out_degree(v) and v in starting}
+        done: set[str] = set()
+        # Paths first, from their entrances; what is left over are closed loops.
+        for id, u, _ in [row for row in outside if row[1] not in inner] + outside:
+            if id in done:
+                continue
+            way = [id]
+            done.add(id)
+            while self._ends[way[-1]][1] in inner and (following := starting[self._ends[way[-1]][1]]) not in done:
+                way.append(following)
+                done.add(following)
+            yield Road(u, self._ends[way[-1]][1], tuple(way))
+
+    def junction(self, id: str) -> nx.MultiDiGraph:
+        """Return the sub-graph of junction `id`: the edges that lie in it, with their vertices.
+
+        Raises:
+            MapError: no segment lies in such a junction.
+        """
+        keys = [(u, v, key) for key, (u, v) in self._ends.items() if self.segment(key).junction == id]
+        if not keys:
+            raise MapError(f"no segment of the metric graph lies in a junction {id!r}")
+        return self.graph.edge_subgraph(keys)
+
+    def _vertex(self, position: Position) -> str | None:
+        u, v = self.ends(position.segment)
+        if position.eta <= _SAME:
+            return u
+        return v if position.eta >= self.segment(position.segment).length - _SAME else None

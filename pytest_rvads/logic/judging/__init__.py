@@ -1,0 +1,1 @@
+"""Judging a run by a rule: grounding, monitoring, whose doing it was."""

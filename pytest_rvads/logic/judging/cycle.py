@@ -1,0 +1,120 @@
+"""Obligations that contradict each other: four vehicles that each wait for the one on their right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.logic.judging.evaluate import Values
+from pytest_rvads.logic.judging.judge import Judgement
+from pytest_rvads.logic.judging.prepare import Template
+from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.logic.ltl.boolean import evaluate
+from pytest_rvads.logic.ltl.finite import settle
+from pytest_rvads.logic.rules.shape import Kind, agents_of
+
+__all__ = ["Cycle", "find_cycle", "unavoidable"]
+
+
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """Vehicles each of which had to wait for the next one, the last for the first."""
+
+    tick: int
+    """From this tick on."""
+    agents: tuple[str, ...]
+    alone: bool = True
+    """True when the obligations of one rule suffice, False when those of its companions are part of it."""
+
+
+def find_cycle(templates: Iterable[Template], values: Values) -> Cycle | None:
+    """Find the earliest cycle of vehicles that all wait for each other, among instances of the form YIELD.
+
+    Within it every vehicle must stay until another one has entered, so no continuation satisfies all of them.
+    """
+    owed = list(_owed(templates, values))
+    begun = sorted({int(tick) for _, _, held in owed for tick in np.flatnonzero(np.diff(held, prepend=False) & held)})
+    for tick in begun:
+        waits = _waits(owed, tick)
+        for first in sorted(waits):
+            found = _around(first, first, waits, ())
+            if found:
+                return Cycle(tick, found)
+    return None
+
+
+def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], values: Values) -> bool:
+    """Return whether nobody could have kept a rule that is violated: all that was broken were cycles, by one vehicle each.
+
+    Whoever is in a cycle has to break it, or all wait for ever; but one is enough. What was broken when no cycle was left, or
+    by several at once, could have been kept.
+
+    Args:
+        found: what the instances of the rule say.
+        templates: of the rule and of its companions, whose obligations count as well.
+        values: of the run.
+    """
+    owed = list(_owed(templates, values))
+    broken = [j for j in found if j.status is Status.FAIL]
+    breakers: dict[int, set[str]] = {}
+    for j in broken:
+        ends = _ends(j.template)
+        if ends is None or not j.failed:
+            return False
+        one, two = ends
+        waits = _waits(owed, j.failed - 1)
+        if two not in waits.get(one, ()) or not _around(two, one, waits, ()):
+            return False
+        breakers.setdefault(j.failed, set()).add(one)
+    return bool(broken) and all(len(agents) == 1 for agents in breakers.values())
+
+
+_Owed = tuple[str, str, NDArray[np.bool_]]
+"""Who waits, for whom, and in which states, shape ``(steps,)``."""
+
+
+def _owed(templates: Iterable[Template], values: Values) -> Iterator[_Owed]:
+    steps = values.run.steps
+    tick = np.arange(steps)
+    for t in templates:
+        shape, ends = t.shape, _ends(t)
+        if ends is None or shape.premise is None or shape.waits is None or shape.goes is None:
+            continue
+        due = settle(shape.premise, values, steps)
+        if due.any():
+            over = evaluate(shape.goes, values, (steps,)) | ~evaluate(shape.waits, values, (steps,))
+            last_due = np.maximum.accumulate(np.where(due, tick, -1))
+            last_over = np.maximum.accumulate(np.where(over, tick, -1))
+            yield *ends, last_due > last_over
+
+
+def _ends(template: Template) -> tuple[str, str] | None:
+    """Return who waits and for whom in an instance of the form YIELD with one vehicle on either side, else None."""
+    shape = template.shape
+    if shape.kind is not Kind.YIELD or shape.waits is None or shape.goes is None:
+        return None
+    ones, twos = agents_of(shape.waits), agents_of(shape.goes)
+    return (ones[0].name, twos[0].name) if len(ones) == len(twos) == 1 else None
+
+
+def _waits(owed: Iterable[_Owed], tick: int) -> dict[str, list[str]]:
+    """Return whom everybody waits for in a state."""
+    found: dict[str, list[str]] = {}
+    for one, two, held in owed:
+        if held[tick]:
+            found.setdefault(one, []).append(two)
+    return found
+
+
+def _around(here: str, goal: str, waits: Mapping[str, list[str]], path: tuple[str, ...]) -> tuple[str, ...] | None:
+    """Return who waits for whom from one vehicle up to another one, or None where that leads nowhere."""
+    path = (*path, here)
+    for target in sorted(waits.get(here, ())):
+        if target == goal:
+            return path
+        if target not in path and (found := _around(target, goal, waits, path)):
+            return found
+    return None

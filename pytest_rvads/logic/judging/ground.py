@@ -1,0 +1,290 @@
+"""Algorithm 1 of the paper up to the monitor: `unfold` the quantifiers, then `simplify` by what is static.
+
+Every step can be called and printed. `ground` does both at once, variable by variable, so that instances whose static
+part is already decided are never written out; it yields the same as ``simplify(unfold(...))``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from math import prod
+
+from pytest_rvads.conduct.predicates import Static
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.boolean import conj, disj, iff, neg
+from pytest_rvads.logic.ltl.effort import Budget
+from pytest_rvads.logic.ltl.rewrite import rebuild
+from pytest_rvads.logic.ltl.sorts import Sort
+
+__all__ = ["Grounding", "Instance", "domain", "ground", "simplify", "unfold"]
+
+Binding = tuple[tuple[str, f.Element], ...]
+
+LIMIT = 100_000
+"""Atoms that unfolding a formula may look at; a second or two of work. The shipped rules need at most 2,000 where four roads
+meet, and 30,000 where eight do."""
+
+
+def _budget(formula: f.Formula) -> Budget:
+    return Budget(LIMIT, f.size(formula), what="too many instances, one per choice of elements for its variables")
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """A rule with its outermost universal variables replaced by elements of the model."""
+
+    binding: Binding
+    formula: f.Formula
+
+    def __str__(self) -> str:
+        names = ", ".join(f"{name}={element}" for name, element in self.binding)
+        return f"[{names}] {self.formula}" if names else str(self.formula)
+
+
+@dataclass(frozen=True, slots=True)
+class Grounding:
+    """The instances of a rule: their conjunction is the rule without quantifiers."""
+
+    instances: tuple[Instance, ...]
+    collapsed: int = 0
+    """Instances that are true whatever happens, because of what is static."""
+
+    def __str__(self) -> str:
+        lines = [str(i) for i in self.instances]
+        if self.collapsed:
+            lines.append(f"({self.collapsed} more are true by what is static)")
+        return "\n".join(lines)
+
+
+def domain(sort: Sort, static: Static) -> tuple[f.Element, ...]:
+    """Return the elements that a variable of a sort ranges over, at the junction under test."""
+    arms = range(static.ways)
+    match sort:
+        case Sort.AGENT:
+            return tuple(f.Element(sort, i, a.name) for i, a in enumerate(static.agents))
+        case Sort.LIGHT:
+            return tuple(f.Element(sort, i, f"lt{i}") for i in static.lights)
+        case Sort.OBJECT:
+            lights = tuple(f.Element(Sort.LIGHT, i, f"lt{i}") for i in static.lights)
+            return lights + tuple(f.Element(sort, i, f"sign{i}") for i in static.signs)
+        case Sort.JUNCTION:
+            return (f.Element(sort, 0, "j"),)
+        case Sort.ENTRANCE:
+            return tuple(f.Element(sort, i, f"j.en{i}") for i in arms)
+        case Sort.EXIT:
+            return tuple(f.Element(sort, i, f"j.ex{i}") for i in arms)
+        case Sort.VERTEX:
+            return domain(Sort.ENTRANCE, static) + domain(Sort.EXIT, static)
+        case Sort.ROAD:  # the roads into the junction, then those out of it
+            return tuple(f.Element(sort, i, f"r{i}") for i in range(2 * static.ways))
+
+
+def unfold(formula: f.Formula, static: Static) -> Grounding:
+    """Eliminate all quantifiers: one instance per choice of elements for the outermost universal variables.
+
+    Further quantifiers become conjunctions and disjunctions inside the instances.
+
+    Raises:
+        FormulaError: there would be too many.
+    """
+    return Grounding(tuple(_unfold(formula, static, (), _budget(formula))))
+
+
+def _unfold(formula: f.Formula, static: Static, binding: Binding, budget: Budget) -> list[Instance]:
+    if isinstance(formula, f.Forall):
+        first, rest = formula.variables[0], formula.variables[1:]
+        body = f.Forall(rest, formula.body) if rest else formula.body
+        return [i for e in domain(first.sort, static) for i in _unfold(body, static, (*binding, (first.name, e)), budget)]
+    return [Instance(binding, _reduce(formula, dict(binding), static, budget, decide=False, itinerary=False))]
+
+
+def simplify(grounding: Grounding, static: Static, *, itinerary: bool = True) -> Grounding:
+    """Evaluate predicates about what is static, and drop the instances that become true.
+
+    Args:
+        grounding: from `unfold`.
+        static: from `extract`.
+        itinerary: use the agents' known itineraries for ``take``, instead of its definition as a future formula.
+    """
+    found = [
+        Instance(i.binding, _reduce(i.formula, {}, static, _budget(i.formula), decide=True, itinerary=itinerary))
+        for i in grounding.instances
+    ]
+    left = tuple(i for i in found if i.formula != f.TRUE)
+    return Grounding(left, grounding.collapsed + len(found) - len(left))
+
+
+@lru_cache(maxsize=1024)
+def ground(formula: f.Formula, static: Static, *, itinerary: bool = True) -> Grounding:
+    """Return ``simplify(unfold(formula, static), static)``, without writing out what collapses on the way.
+
+    Raises:
+        FormulaError: there would be too many instances.
+    """
+    found: list[Instance] = []
+    collapsed = _ground(formula, static, itinerary, (), found, _budget(formula))
+    return Grounding(tuple(found), collapsed)
+
+
+def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Binding, found: list[Instance], budget: Budget) -> int:
+    if not isinstance(formula, f.Forall):
+        reduced = _reduce(formula, {}, static, budget, decide=True, itinerary=itinerary)
+        if reduced == f.TRUE:
+            return 1
+        found.append(Instance(binding, reduced))
+        return 0
+    first, rest = formula.variables[0], formula.variables[1:]
+    body: f.Formula = f.Forall(rest, formula.body) if rest else formula.body
+    collapsed = 0
+    for element in domain(first.sort, static):
+        # Inner variables may hide the name; they are handled by _reduce.
+        reduced = _reduce(body, {first.name: element}, static, budget, decide=True, itinerary=itinerary)
+        bound = (*binding, (first.name, element))
+        if isinstance(reduced, f.Const) and isinstance(body, f.Forall):
+            count = _count(body, static)
+            if reduced.value or not count:
+                collapsed += count
+                continue
+            reduced = body  # false for all: write the instances out one by one
+        collapsed += _ground(reduced, static, itinerary, bound, found, budget)
+    return collapsed
+
+
+def _count(formula: f.Formula, static: Static) -> int:
+    """Return how many instances the outermost universal variables make."""
+    if not isinstance(formula, f.Forall):
+        return 1
+    return prod(len(domain(v.sort, static)) for v in formula.variables) * _count(formula.body, static)
+
+
+def _reduce(
+    formula: f.Formula, values: Mapping[str, f.Element], static: Static, budget: Budget, *, decide: bool, itinerary: bool
+) -> f.Formula:
+    """Replace variables; with `decide`, evaluate what is static and simplify; quantifiers below the outermost unfold."""
+
+    def go(node: f.Formula, env: Mapping[str, f.Element], prefix: bool) -> f.Formula:
+        match node:
+            case f.Atom(name, terms, at):
+                budget.spend(1)
+                atom = f.Atom(name, tuple(_bind(t, env) for t in terms), at)
+                return _decide(atom, static, itinerary) if decide else atom
+            case f.Forall(variables, body) if prefix:
+                inner = {k: v for k, v in env.items() if k not in {b.name for b in variables}}
+                reduced = go(body, inner, True)
+                return reduced if isinstance(reduced, f.Const) else f.Forall(variables, reduced)
+            case f.Forall(variables, body) | f.Exists(variables, body):
+                first, rest = variables[0], variables[1:]
+                kind = type(node)
+                inner_body = kind(rest, body) if rest else body
+                parts = [go(inner_body, {**env, first.name: e}, False) for e in domain(first.sort, static)]
+                if decide:
+                    return conj(parts) if kind is f.Forall else disj(parts)
+                if not parts:
+                    return f.TRUE if kind is f.Forall else f.FALSE
+                return parts[0] if len(parts) == 1 else f.And(tuple(parts)) if kind is f.Forall else f.Or(tuple(parts))
+        parts_ = tuple(go(c, env, False) for c in f.children(node))
+        return _fold(node, parts_) if decide else rebuild(node, parts_)
+
+    return go(formula, values, True)
+
+
+def _bind(term: f.Term, env: Mapping[str, f.Element]) -> f.Term:
+    if isinstance(term, f.Var):
+        return f.Element(Sort.JUNCTION, 0, "j") if term.name == "j" and "j" not in env else env.get(term.name, term)
+    if isinstance(term, f.Attr) and isinstance(term.of, f.Var):
+        return f.Attr(env.get(term.of.name, term.of), term.name)
+    return term
+
+
+def _fold(node: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
+    """Rebuild a node with constants simplified away, by laws that hold on finite runs as well."""
+    match node:
+        case f.Const():
+            return node
+        case f.Not():
+            return neg(parts[0])
+        case f.And():
+            return conj(parts)
+        case f.Or():
+            return disj(parts)
+        case f.Implies():
+            left, right = parts
+            if isinstance(left, f.Const):
+                return right if left.value else f.TRUE
+            return right if right == f.TRUE else f.Implies(left, right)
+        case f.Iff():
+            return iff(*parts)
+        case f.Next():  # N true is false in the last state of a run
+            return f.FALSE if parts[0] == f.FALSE else f.Next(parts[0])
+        case f.Always() | f.Eventually():
+            return parts[0] if isinstance(parts[0], f.Const) else type(node)(parts[0])
+    left, right = parts
+    if isinstance(right, f.Const):
+        if isinstance(node, f.WeakUntil) and not right.value:
+            return left if isinstance(left, f.Const) else f.Always(left)
+        return right
+    match node, left:
+        case f.Until(), f.Const(value):
+            return f.Eventually(right) if value else right
+        case f.WeakUntil(), f.Const(value):
+            return f.TRUE if value else right
+        case f.Release(), f.Const(value):
+            return right if value else f.Always(right)
+    return rebuild(node, parts)
+
+
+def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
+    """Evaluate an atom about what is static; others come back as they are."""
+    elements = [t for t in atom.terms if isinstance(t, f.Element)]
+    truth: bool | None = None
+    match atom.name, atom.terms:
+        case "@", (f.Element() as thing, f.Element() as place):
+            truth = _place(thing, place, static)
+        case "turn", (f.Element(Sort.AGENT, i), f.Word(direction)):
+            truth = static.turns(i, direction)
+        case "take", (f.Element(Sort.AGENT, i) as agent, f.Element() as place, f.Word(direction)):
+            here = _decide(f.Atom("@", (agent, place)), static, itinerary)
+            if here == f.FALSE or not static.turns(i, direction):
+                return f.FALSE
+            if itinerary:
+                return here
+            inside = f.Atom("@", (agent, f.Element(Sort.JUNCTION, 0, "j")))
+            return f.And((here, f.Until(here, inside)))
+        case "conflict", (f.Element(_, i), f.Element(_, k)) if static.conflicts is not None:
+            one, two = static.agents[i], static.agents[k]
+            truth = ((one.entrance, one.exit), (two.entrance, two.exit)) in static.conflicts
+        case (("collide" | "meet" | "owes" | "obstructs"), (f.Element(_, i), f.Element(_, k))) if i == k:
+            truth = False
+        case (("collide" | "meet"), (f.Element(_, i) as first, f.Element(_, k) as second)) if i > k:
+            return f.Atom(atom.name, (second, first))  # symmetric: both orders are one atom
+        case (("right-of" | "opposite"), (f.Element(a, i), f.Element(b, k))):
+            pairs = static.right_of if atom.name == "right-of" else static.opposite
+            truth = a is b is Sort.ENTRANCE and (i, k) in pairs
+        case "entex", (f.Element(a, i), f.Element(b, k)):
+            truth = a is Sort.ENTRANCE and b is Sort.EXIT and i == k
+        case (("=" | "!="), _) if len(elements) == 2:
+            truth = (elements[0] == elements[1]) is (atom.name == "=")
+        case (("=" | "!="), (f.Attr(f.Element(_, i)) as one, f.Attr(f.Element(_, k)) as two)) if i > k:
+            return f.Atom(atom.name, (two, one))  # symmetric as well
+        case (("=" | "<=" | ">="), (f.Attr(f.Element()) as one, two)) if one == two:
+            truth = True
+        case (("!=" | "<" | ">"), (f.Attr(f.Element()) as one, two)) if one == two:
+            truth = False
+    return atom if truth is None else f.TRUE if truth else f.FALSE
+
+
+def _place(thing: f.Element, place: f.Element, static: Static) -> bool | None:
+    """Say whether a thing is at a place, or None where that changes during the run."""
+    if thing.sort is not Sort.AGENT:
+        return place.sort is Sort.ENTRANCE and place.index == thing.index
+    agent = static.agents[thing.index]
+    match place.sort:
+        case Sort.ENTRANCE:
+            return None if agent.entrance == place.index else False
+        case Sort.EXIT:
+            return None if agent.exit == place.index else False
+        case Sort.ROAD:
+            return None if place.index in (agent.entrance, static.ways + agent.exit) else False
+    return None

@@ -1,0 +1,168 @@
+"""Judging one instance of a rule on a run: its status, what broke, since when, and by how much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.conduct.standing import drives
+from pytest_rvads.logic.judging.evaluate import Values
+from pytest_rvads.logic.judging.prepare import Template
+from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.boolean import evaluate
+from pytest_rvads.logic.ltl.finite import settle
+from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
+from pytest_rvads.logic.ltl.monitor import encode, run_machine
+from pytest_rvads.logic.rules.shape import Kind, conjuncts
+
+__all__ = ["Judgement", "Near", "asked", "judge", "nearest_miss", "walk"]
+
+Near = tuple[Template, int, tuple[f.Formula, ...], int]
+"""Where a rule came closest to being triggered: the instance, the tick, what was false, and for how many ticks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What an instance says about a run; ticks count from 0."""
+
+    template: Template
+    status: Status
+    trigger: int | None = None
+    """First tick of the obligation that was violated, is open, or came first."""
+    failed: int | None = None
+    broken: tuple[tuple[f.Atom, bool], ...] = ()
+    """Atoms and the values they had when it failed, any of which, had it been otherwise, would have saved it."""
+    margin: float | None = None
+    together: bool = False
+    """True when what had to be waited for came in the failing tick itself, too late by one step."""
+
+
+def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
+    """Judge all instances of a rule: monitors first, finite-trace semantics for what they leave open."""
+    found = []
+    for template, states in zip(templates, walk(templates, values), strict=True):
+        outputs = template.machine.output[states]
+        failed = int(np.argmax(outputs == Truth.FALSE)) if outputs[-1] == Truth.FALSE else None
+        before = int(states[failed - 1]) if failed else 0
+        found.append(_judge(template, values, failed, before, bool(outputs[-1] == Truth.TRUE)))
+    return found
+
+
+def asked(template: Template, values: Values, agent: int) -> bool:
+    """Return whether an instance bound an agent, given by column, to act; one that never moves has not acted."""
+    mine = [m for m in template.members if any(e.index == agent for e in m.bound)]
+    applies = any(m.premise is None or settle(m.premise, values, values.run.steps).any() for m in mine)
+    return applies and drives(values.run, agent)
+
+
+def walk(templates: tuple[Template, ...], values: Values) -> list[NDArray[np.int32]]:
+    """Return the states that the monitor of every instance goes through, each of shape ``(steps,)``."""
+    steps = values.run.steps
+    machines: dict[int, list[int]] = {}
+    for i, t in enumerate(templates):
+        machines.setdefault(id(t.machine), []).append(i)
+    found: dict[int, NDArray[np.int32]] = {}
+    for members in machines.values():
+        machine = templates[members[0]].machine
+        rows = [encode(machine, _named(templates[i], values), steps) for i in members]
+        found |= dict(zip(members, run_machine(machine, np.array(rows, dtype=np.int32)), strict=True))
+    return [found[i] for i in range(len(templates))]
+
+
+def _named(template: Template, values: Values) -> dict[f.Atom, NDArray[np.bool_]]:
+    return {f.Atom(f"p{k}"): values[atom] for k, atom in enumerate(template.atoms)}
+
+
+def _judge(template: Template, values: Values, failed: int | None, before: int, satisfied: bool) -> Judgement:
+    steps = values.run.steps
+    if failed is not None:
+        since = _since(template, values, failed + 1)
+        goes = template.shape.goes
+        return Judgement(
+            template,
+            Status.FAIL,
+            since,
+            failed,
+            _broken(template, values, failed, before),
+            _margin(template, values, since),
+            goes is not None and bool(evaluate(goes, values, (steps,))[failed]),
+        )
+    premise = np.zeros(steps, dtype=np.bool_)
+    for p in template.premises:
+        premise |= settle(p, values, steps)
+    if template.premises and not premise.any():
+        return Judgement(template, Status.NA)
+    if satisfied or settle(template.formula, values, steps)[0]:
+        start = int(np.argmax(premise)) if template.premises else None
+        return Judgement(template, Status.PASS, start, margin=_margin(template, values, start))
+    return Judgement(template, Status.OPEN, _since(template, values, steps))
+
+
+def _since(template: Template, values: Values, end: int) -> int:
+    """Return the first tick whose obligation is not met by what happened before tick `end`."""
+    if not isinstance(template.formula, f.Always):
+        return 0
+    cut = {a: values[a][:end] for a in template.atoms}
+    shape = template.shape
+    owed = ~settle(shape.obligation, cut, end)
+    if shape.premise is not None:
+        owed &= settle(shape.premise, cut, end)
+    return int(np.argmax(owed)) if owed.any() else end - 1
+
+
+def _broken(template: Template, values: Values, failed: int, before: int) -> tuple[tuple[f.Atom, bool], ...]:
+    """Return the atoms whose other value in the failing tick would have saved the instance.
+
+    Those that changed in that tick come alone when there are any: they are what happened. When no single atom could
+    have saved it, all that changed are returned, and all atoms when none did.
+    """
+    machine = template.machine
+    now = {a: bool(values[a][failed]) for a in template.atoms}
+    changed = [a for a in template.atoms if failed == 0 or bool(values[a][failed - 1]) != now[a]]
+    saving = [a for a in template.atoms if _after(machine, template, before, {**now, a: not now[a]}) is not Truth.FALSE]
+    chosen = [a for a in saving if a in changed] or saving or changed or list(template.atoms)
+    return tuple((a, now[a]) for a in chosen)
+
+
+def _after(machine: Machine, template: Template, state: int, now: dict[f.Atom, bool]) -> Truth:
+    arrays = {f.Atom(f"p{k}"): np.array([now[a]]) for k, a in enumerate(template.atoms)}
+    letter = int(encode(machine, arrays, 1)[0])
+    # A letter that the guards exclude can't be read; it saves nothing.
+    return Truth(int(machine.output[machine.delta[state, letter]])) if letter >= 0 else Truth.FALSE
+
+
+def _margin(template: Template, values: Values, start: int | None) -> float | None:
+    """Return how long before it was allowed the bound vehicle acted, or how long two were together [s]."""
+    run, shape = values.run, template.shape
+    if shape.kind is Kind.STATE and isinstance(template.formula, f.Always):
+        bad = ~evaluate(template.formula.body, values, (run.steps,))
+        return round(float(bad.sum()) * run.dt, 9)
+    if start is None or shape.waits is None or shape.goes is None:
+        return None
+    left = np.flatnonzero(~evaluate(shape.waits, values, (run.steps,))[start:])
+    went = np.flatnonzero(evaluate(shape.goes, values, (run.steps,))[start:])
+    return round(float(went[0] - left[0]) * run.dt, 9) if len(left) and len(went) else None
+
+
+def nearest_miss(templates: tuple[Template, ...], values: Values) -> Near | None:
+    """Return where a rule came closest to being triggered.
+
+    The tick is the first one with the fewest false conjuncts of the premise, over all instances.
+    """
+    best: tuple[int, int, int] | None = None
+    found = None
+    for i, t in enumerate(templates):
+        for premise in t.premises:
+            parts = conjuncts(premise)
+            truths = np.array([settle(p, values, values.run.steps) for p in parts])
+            missing = (~truths).sum(axis=0)
+            tick = int(np.argmin(missing))
+            key = (int(missing[tick]), tick, i)
+            if best is None or key < best:
+                best = key
+                false = tuple(p for p, v in zip(parts, truths[:, tick], strict=True) if not v)
+                found = (t, tick, false, int((missing == missing[tick]).sum()))
+    return found

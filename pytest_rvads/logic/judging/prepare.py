@@ -1,0 +1,120 @@
+"""What checking a rule needs and no run changes: its instances, merged and taken apart, with one monitor per template."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+
+from pytest_rvads.conduct.predicates import Static
+from pytest_rvads.logic.judging.ground import Binding, Instance, ground
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.boolean import holds
+from pytest_rvads.logic.ltl.ltl3 import Machine, synthesize
+from pytest_rvads.logic.ltl.rewrite import rebuild
+from pytest_rvads.logic.rules.shape import Kind, Shape, agents_of, shape_of, split
+
+__all__ = ["Member", "Prepared", "Template", "prepare", "template"]
+
+_MERGE_LIMIT = 6
+"""Symmetric instances are looked for up to this many atoms (truth tables of 64 rows)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """One of the symmetric instances that a template stands for."""
+
+    binding: Binding
+    premise: f.Formula | None
+    """None where the rule is never vacuous."""
+    bound: tuple[f.Element, ...]
+    """The agents that are bound to act."""
+
+
+@dataclass(frozen=True, slots=True)
+class Template:
+    """An instance ready to be monitored."""
+
+    formula: f.Formula
+    shape: Shape
+    members: tuple[Member, ...]
+    """This instance, and every one merged into it."""
+    machine: Machine
+    """Over propositions p0, p1, ...; shared by all instances that differ only in their atoms."""
+    atoms: tuple[f.Atom, ...]
+    """What the propositions stand for."""
+
+    @property
+    def binding(self) -> Binding:
+        """What the variables of the instance stand for."""
+        return self.members[0].binding
+
+    @property
+    def premises(self) -> tuple[f.Formula, ...]:
+        """Of this and of every instance merged into it; empty where the rule is never vacuous."""
+        found = dict.fromkeys(member.premise for member in self.members)
+        return () if None in found else tuple(p for p in found if p is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A rule on a static model."""
+
+    templates: tuple[Template, ...]
+    collapsed: int
+
+
+def template(formula: f.Formula) -> tuple[f.Formula, tuple[f.Atom, ...]]:
+    """Replace atoms by propositions p0, p1, ... in the order of their occurrence; return the formula and the atoms."""
+    found = f.atoms(formula)
+    names = {atom: f.Atom(f"p{k}") for k, atom in enumerate(found)}
+    return _rename(formula, names), found
+
+
+def _rename(formula: f.Formula, names: dict[f.Atom, f.Atom]) -> f.Formula:
+    if isinstance(formula, f.Atom):
+        return names[formula]
+    return rebuild(formula, tuple(_rename(c, names) for c in f.children(formula)))
+
+
+@lru_cache(maxsize=1024)
+def prepare(formula: f.Formula, static: Static, bound: tuple[str, ...] = (), *, itinerary: bool = True) -> Prepared:
+    """Unfold, simplify, merge symmetric instances, and build the monitors.
+
+    Args:
+        formula: of the rule.
+        static: the model.
+        bound: the variables of the agents that are bound to act; by default those that have to wait, else of the obligation.
+        itinerary: use the agents' known itineraries for ``take``.
+
+    Raises:
+        FormulaError: a monitor would be too large.
+    """
+    grounding = ground(formula, static, itinerary=itinerary)
+    groups: dict[object, list[Instance]] = {}
+    for instance in grounding.instances:
+        for part in split(instance.formula):
+            groups.setdefault(_key(part), []).append(Instance(instance.binding, part))
+    found = []
+    for instances in groups.values():
+        first = instances[0]
+        renamed, atoms = template(first.formula)
+        members = tuple(_member(instance, bound) for instance in instances)
+        found.append(Template(first.formula, shape_of(first.formula), members, synthesize(renamed), atoms))
+    return Prepared(tuple(found), grounding.collapsed)
+
+
+def _member(instance: Instance, bound: tuple[str, ...]) -> Member:
+    shape, values = shape_of(instance.formula), dict(instance.binding)
+    waits = shape.waits if shape.waits is not None else shape.obligation
+    return Member(instance.binding, shape.premise, tuple(values[name] for name in bound) if bound else agents_of(waits))
+
+
+def _key(formula: f.Formula) -> object:
+    """Return the same key for instances that say the same, such as p1 of (a, a') and of (a', a)."""
+    shape = shape_of(formula)
+    atoms = sorted(f.atoms(formula), key=str)
+    if shape.kind is not Kind.STATE or len(atoms) > _MERGE_LIMIT or not isinstance(formula, f.Always):
+        return formula
+    rows = (frozenset(a for a, v in zip(atoms, row, strict=True) if v) for row in product((False, True), repeat=len(atoms)))
+    return tuple(atoms), tuple(holds(formula.body, row) for row in rows)

@@ -1,0 +1,66 @@
+"""What the monitors of a rule went through along a run, for people to look at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pytest_rvads.conduct.predicates import extract
+from pytest_rvads.errors import RunError
+from pytest_rvads.logic.judging.evaluate import Values
+from pytest_rvads.logic.judging.judge import walk
+from pytest_rvads.logic.judging.prepare import prepare
+from pytest_rvads.logic.ltl.ltl3 import Truth
+from pytest_rvads.logic.rules.rule import Rule, get_rule
+from pytest_rvads.logic.telling.story import bound_names
+from pytest_rvads.runs.run import Run
+
+__all__ = ["Timeline", "timelines"]
+
+_WORDS = {Truth.FALSE: "violated", Truth.TRUE: "satisfied"}
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """The monitor of one instance along a run."""
+
+    binding: tuple[tuple[str, str], ...]
+    """Variables of the rule and the names they stand for."""
+    changes: tuple[tuple[int, str], ...]
+    """Since which tick the monitor has been ``watching`` (nothing is due, anything can come), in an obligation that is
+    ``due``, ``violated`` or ``satisfied`` whatever comes (the LTL3 verdicts ?, ?, F and T)."""
+
+    @property
+    def moved(self) -> bool:
+        """Whether anything happened."""
+        return len(self.changes) > 1 or self.changes[0][1] != "watching"
+
+
+def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
+    """Return what the monitor of every instance went through; none where the run does not hold what the rule asks for.
+
+    Args:
+        run: the run.
+        rule: a rule or the name of one.
+
+    Raises:
+        FormulaError: an unknown rule.
+    """
+    rule = get_rule(rule) if isinstance(rule, str) else rule
+    templates = prepare(rule.formula, extract(run), rule.bound).templates
+    try:
+        walked = walk(templates, Values(run, rule.tie))
+    except RunError:
+        return ()
+    found = []
+    for template, states in zip(templates, walked, strict=True):
+        ticks = np.concatenate(([0], np.flatnonzero(np.diff(states)) + 1))
+        changes: list[tuple[int, str]] = []
+        for tick in ticks.tolist():
+            state = int(states[tick])
+            word = _WORDS.get(Truth(int(template.machine.output[state])), "due" if state else "watching")
+            if not changes or changes[-1][1] != word:
+                changes.append((tick, word))
+        found.append(Timeline(bound_names(template), tuple(changes)))
+    return tuple(found)

@@ -1,0 +1,1 @@
+"""Linear temporal logic over finite runs: formulas, automata, LTL3 monitors."""

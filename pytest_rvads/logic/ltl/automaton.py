@@ -1,0 +1,233 @@
+"""From formulas to automata that know which prefixes can still be continued.
+
+A state is a set of obligations (nodes in negation normal form, as a bit mask). Reading a letter, every obligation
+unfolds by the expansion laws ``a U b = b | (a & X(a U b))`` and ``a R b = b & (a | X(a R b))``; an U that is put off is
+marked, and a run is accepting when no U is put off forever: a transition-based generalised Büchi automaton
+(Couvreur, On-the-fly verification of linear temporal logic, FM 1999). Sets of letters are bit masks too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pytest_rvads.logic.ltl.effort import Budget
+from pytest_rvads.logic.ltl.normal import Kind, Pool
+
+__all__ = ["Nfa", "prefixes"]
+
+_Move = tuple[int, int, int]
+"""Letters (mask), obligations for the next state (mask), U nodes put off (mask)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Nfa:
+    """A nondeterministic automaton without acceptance: every state can be continued to a word of the language."""
+
+    initial: int
+    """-1 when the language is empty."""
+    moves: tuple[tuple[tuple[int, int], ...], ...]
+    """Per state (letters, target)."""
+
+    @property
+    def universal(self) -> int:
+        """The state from which every word can be read, or -1; there is at most one, as equivalent states are merged."""
+        return next((q for q, moves in enumerate(self.moves) if len(moves) == 1 and moves[0] == (self._full, q)), -1)
+
+    @property
+    def _full(self) -> int:
+        found = 0
+        for moves in self.moves:
+            for letters, _ in moves:
+                found |= letters
+        return found
+
+
+def prefixes(pool: Pool, root: int, where: tuple[int, ...], full: int, budget: Budget) -> Nfa:
+    """Build the automaton of the prefixes that some continuation turns into a model of node `root`.
+
+    Args:
+        pool: the nodes.
+        root: number of the node.
+        where: per guard, the letters in which it holds (mask).
+        full: all letters (mask).
+        budget: what the construction may cost.
+    """
+    index, edges = _explore(pool, root, where, full, budget)
+    live = _live(edges, [n for n, node in enumerate(pool.nodes) if node.kind is Kind.UNTIL])
+    budget.spend(len(index))
+    return _merge(edges, live, budget)
+
+
+def _explore(
+    pool: Pool, root: int, where: tuple[int, ...], full: int, budget: Budget
+) -> tuple[dict[int, int], list[list[tuple[int, int, int]]]]:
+    """Return the states by number, and per state (letters, target, put off)."""
+    memo: dict[int, list[_Move]] = {}
+
+    def unfold(n: int) -> list[_Move]:
+        if n in memo:
+            return memo[n]
+        node = pool.nodes[n]
+        match node.kind:
+            case Kind.TRUE:
+                moves = [(full, 0, 0)]
+            case Kind.FALSE:
+                moves = []
+            case Kind.GUARD:
+                letters = where[node.parts[0]] if node.positive else full & ~where[node.parts[0]]
+                moves = [(letters, 0, 0)] if letters else []
+            case Kind.AND:
+                moves = [(full, 0, 0)]
+                for part in node.parts:
+                    moves = both(moves, unfold(part))
+            case Kind.OR:
+                moves = prune([m for part in node.parts for m in unfold(part)])
+            case Kind.NEXT:
+                moves = [(full, obligations(node.parts[0]), 0)]
+            case Kind.UNTIL:
+                later = [(full, 1 << n, 1 << n)]
+                moves = prune(unfold(node.parts[1]) + both(unfold(node.parts[0]), later))
+            case Kind.RELEASE:
+                later = [(full, 1 << n, 0)]
+                moves = both(unfold(node.parts[1]), prune(unfold(node.parts[0]) + later))
+        memo[n] = moves
+        return moves
+
+    def obligations(n: int) -> int:
+        node = pool.nodes[n]
+        if node.kind is Kind.TRUE:
+            return 0
+        return sum(1 << p for p in node.parts) if node.kind is Kind.AND else 1 << n
+
+    def both(ones: list[_Move], twos: list[_Move]) -> list[_Move]:
+        budget.spend(1 + len(ones) * len(twos) // 4)
+        return prune([(a & d, b | e, c | g) for a, b, c in ones for d, e, g in twos if a & d])
+
+    def prune(moves: list[_Move]) -> list[_Move]:
+        """Take from every move the letters on which another one leads to fewer obligations and puts off less."""
+        merged: dict[tuple[int, int], int] = {}
+        for letters, target, off in moves:
+            merged[target, off] = merged.get((target, off), 0) | letters
+        kept: list[_Move] = []
+        for (target, off), letters in sorted(merged.items(), key=lambda m: (m[0][0].bit_count() + m[0][1].bit_count(), m[0])):
+            budget.spend(1 + len(kept) // 8)
+            for other, k_target, k_off in kept:
+                if k_target & ~target == 0 and k_off & ~off == 0:
+                    letters &= ~other
+                    if not letters:
+                        break
+            if letters:
+                kept.append((letters, target, off))
+        return kept
+
+    start = obligations(root)
+    index = {start: 0}
+    order = [start]
+    edges: list[list[tuple[int, int, int]]] = []
+    for state in order:  # grows while it is walked
+        moves: list[_Move] = [(full, 0, 0)]
+        rest = state
+        while rest:
+            low = rest & -rest
+            moves = both(moves, unfold(low.bit_length() - 1))
+            rest ^= low
+        found = []
+        for letters, target, off in moves:
+            if target not in index:
+                index[target] = len(order)
+                order.append(target)
+            found.append((letters, index[target], off))
+        budget.spend(20 + 4 * len(found))
+        edges.append(found)
+    return index, edges
+
+
+def _live(edges: list[list[tuple[int, int, int]]], untils: list[int]) -> list[bool]:
+    """Say which states have a non-empty language: those that reach a component in which no U is put off forever."""
+    live = [False] * len(edges)
+    component = _components(edges)
+    groups: dict[int, list[int]] = {}
+    for state, c in enumerate(component):
+        groups.setdefault(c, []).append(state)
+    everything = sum(1 << u for u in untils)
+    for c in sorted(groups):  # Tarjan numbers components in reverse topological order
+        inner = [off for s in groups[c] for _, t, off in edges[s] if component[t] == c]
+        missing = everything
+        for off in inner:
+            missing &= off
+        good = bool(inner) and missing == 0
+        if good or any(live[t] for s in groups[c] for _, t, _ in edges[s]):
+            for s in groups[c]:
+                live[s] = True
+    return live
+
+
+def _components(edges: list[list[tuple[int, int, int]]]) -> list[int]:
+    """Return the strongly connected component of every state (Tarjan, without recursion)."""
+    count = len(edges)
+    number, low, component = [-1] * count, [0] * count, [-1] * count
+    stack: list[int] = []
+    clock = components = 0
+    for root in range(count):
+        if number[root] >= 0:
+            continue
+        work = [(root, 0)]
+        while work:
+            state, k = work.pop()
+            if k == 0:
+                number[state] = low[state] = clock
+                clock += 1
+                stack.append(state)
+            descended = False
+            for i in range(k, len(edges[state])):
+                target = edges[state][i][1]
+                if number[target] < 0:
+                    work += [(state, i + 1), (target, 0)]
+                    descended = True
+                    break
+                if component[target] < 0:
+                    low[state] = min(low[state], number[target])
+            if descended:
+                continue
+            if low[state] == number[state]:
+                while True:
+                    member = stack.pop()
+                    component[member] = components
+                    if member == state:
+                        break
+                components += 1
+            if work:
+                parent = work[-1][0]
+                low[parent] = min(low[parent], low[state])
+    return component
+
+
+def _merge(edges: list[list[tuple[int, int, int]]], live: list[bool], budget: Budget) -> Nfa:
+    """Drop states with empty language, then merge states that read the same words (bisimulation)."""
+    if not live[0]:
+        return Nfa(-1, ())
+    states = [s for s in range(len(edges)) if live[s]]
+    block = dict.fromkeys(states, 0)
+    blocks = 1
+    while True:
+        budget.spend(sum(len(edges[s]) for s in states))
+        signatures: dict[tuple[int, frozenset[tuple[int, int]]], int] = {}
+        fresh: dict[int, int] = {}
+        for s in states:
+            reach: dict[int, int] = {}
+            for letters, target, _ in edges[s]:
+                if live[target]:
+                    reach[block[target]] = reach.get(block[target], 0) | letters
+            fresh[s] = signatures.setdefault((block[s], frozenset(reach.items())), len(signatures))
+        block = fresh
+        if len(signatures) == blocks:
+            break
+        blocks = len(signatures)
+    moves: list[tuple[tuple[int, int], ...]] = [()] * blocks
+    for s in states:
+        reach = {}
+        for letters, target, _ in edges[s]:
+            if live[target]:
+                reach[block[target]] = reach.get(block[target], 0) | letters
+        moves[block[s]] = tuple((letters, target) for target, letters in sorted(reach.items()))
+    return Nfa(block[0], tuple(moves))

@@ -1,0 +1,187 @@
+"""Boolean reasoning on formulas: constructors that simplify, guards, and the valuations that guards can take together.
+
+The letters of a monitor are not the 2^n valuations of its propositions but the joint valuations of its guards, the
+largest subformulas without temporal operators: ``!(a | b | c) U d`` has two guards and three letters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.errors import FormulaError
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.effort import Budget
+
+__all__ = ["LETTER_LIMIT", "assign", "conj", "disj", "evaluate", "holds", "iff", "letters", "neg"]
+
+LETTER_LIMIT = 1024
+"""Most letters a monitor may have."""
+_ATOM_LIMIT = 200
+"""Most propositions that guards may have in common; keeps the recursion over them inside Python's limit."""
+
+
+def neg(body: f.Formula) -> f.Formula:
+    """Return the negation, simplified."""
+    if isinstance(body, f.Const):
+        return f.FALSE if body.value else f.TRUE
+    return body.body if isinstance(body, f.Not) else f.Not(body)
+
+
+def conj(parts: Iterable[f.Formula]) -> f.Formula:
+    """Return the conjunction, without repetitions; FALSE when a part occurs with its negation."""
+    return _join(parts, f.And, f.TRUE, f.FALSE)
+
+
+def disj(parts: Iterable[f.Formula]) -> f.Formula:
+    """Return the disjunction, without repetitions; TRUE when a part occurs with its negation."""
+    return _join(parts, f.Or, f.FALSE, f.TRUE)
+
+
+def _join(parts: Iterable[f.Formula], kind: type[f.And | f.Or], unit: f.Formula, zero: f.Formula) -> f.Formula:
+    found: dict[f.Formula, None] = {}
+    for part in parts:
+        for p in part.parts if isinstance(part, kind) else (part,):
+            if p == zero or neg(p) in found:
+                return zero
+            if p != unit:
+                found[p] = None
+    if not found:
+        return unit
+    return next(iter(found)) if len(found) == 1 else kind(tuple(found))
+
+
+def assign(formula: f.Formula, atom: f.Atom, value: bool) -> f.Formula:
+    """Return a boolean formula with `atom` replaced by `value`, simplified."""
+    match formula:
+        case f.Atom():
+            return (f.TRUE if value else f.FALSE) if formula == atom else formula
+        case f.Not(body):
+            return neg(assign(body, atom, value))
+        case f.And(parts):
+            return conj(assign(p, atom, value) for p in parts)
+        case f.Or(parts):
+            return disj(assign(p, atom, value) for p in parts)
+        case f.Implies(left, right):
+            return disj((neg(assign(left, atom, value)), assign(right, atom, value)))
+        case f.Iff(left, right):
+            return iff(assign(left, atom, value), assign(right, atom, value))
+    return formula
+
+
+def iff(left: f.Formula, right: f.Formula) -> f.Formula:
+    """Return the equivalence, simplified."""
+    if isinstance(left, f.Const):
+        return right if left.value else neg(right)
+    if isinstance(right, f.Const):
+        return left if right.value else neg(left)
+    return f.TRUE if left == right else f.Iff(left, right)
+
+
+def letters(guards: tuple[f.Formula, ...], budget: Budget) -> tuple[int, ...]:
+    """Return every joint valuation of `guards` that some state of the world realises.
+
+    Bit k of a valuation is the value of guard k. Guards without a common atom vary independently; the others are
+    split by Shannon expansion, equal remainders only once.
+
+    Raises:
+        FormulaError: there are more than `LETTER_LIMIT`, or finding them takes more than the budget.
+    """
+    choices = []
+    total = 1
+    for members in _groups(guards):
+        memo: dict[tuple[f.Formula, ...], frozenset[int]] = {}
+        cells = _cells(tuple(guards[k] for k in members), memo, budget, 0)
+        total *= len(cells)
+        _check(total)
+        choices.append([sum((code >> i & 1) << k for i, k in enumerate(members)) for code in sorted(cells)])
+    return tuple(sorted(sum(parts) for parts in product(*choices)))
+
+
+def _groups(guards: tuple[f.Formula, ...]) -> list[list[int]]:
+    """Return the guards that are connected by common atoms, by number."""
+    home: dict[f.Atom, list[int]] = {}
+    for k, guard in enumerate(guards):
+        merged = [k]
+        own = f.atoms(guard)
+        for group in {id(home[a]): home[a] for a in own if a in home}.values():
+            merged += group
+        for a in (*own, *(a for g in merged for a in f.atoms(guards[g]))):
+            home[a] = merged
+    return [sorted(group) for group in {id(g): g for g in home.values()}.values()]
+
+
+def _cells(
+    guards: tuple[f.Formula, ...], memo: dict[tuple[f.Formula, ...], frozenset[int]], budget: Budget, deep: int
+) -> frozenset[int]:
+    if guards in memo:
+        return memo[guards]
+    budget.spend(16 * sum(map(f.size, guards)))  # what simplifying them twice takes
+    if deep > _ATOM_LIMIT:
+        raise FormulaError(f"the formula joins more than {_ATOM_LIMIT} propositions in one state: split it into rules")
+    atom = next((a for g in guards for a in f.atoms(g)), None)
+    if atom is None:
+        found = frozenset([sum(1 << k for k, g in enumerate(guards) if g == f.TRUE)])
+    else:
+        rests = (tuple(assign(g, atom, v) for g in guards) for v in (False, True))
+        found = frozenset().union(*(_cells(rest, memo, budget, deep + 1) for rest in rests))
+        _check(len(found))
+    memo[guards] = found
+    return found
+
+
+def _check(count: int) -> None:
+    if count > LETTER_LIMIT:
+        raise FormulaError(
+            f"the formula distinguishes more than {LETTER_LIMIT} valuations of its propositions, too many for a monitor: "
+            "use fewer propositions, or split it into rules"
+        )
+
+
+def evaluate(formula: f.Formula, values: Mapping[f.Atom, NDArray[np.bool_]], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return a boolean formula over arrays: one truth value per entry of arrays of shape `shape`."""
+    match formula:
+        case f.Atom():
+            return values[formula]
+        case f.Const(value):
+            return np.full(shape, value)
+        case f.Not(body):
+            return ~evaluate(body, values, shape)
+        case f.And(parts):
+            found = evaluate(parts[0], values, shape)
+            for part in parts[1:]:
+                found = found & evaluate(part, values, shape)
+            return found
+        case f.Or(parts):
+            found = evaluate(parts[0], values, shape)
+            for part in parts[1:]:
+                found = found | evaluate(part, values, shape)
+            return found
+        case f.Implies(left, right):
+            return ~evaluate(left, values, shape) | evaluate(right, values, shape)
+        case f.Iff(left, right):
+            return ~(evaluate(left, values, shape) ^ evaluate(right, values, shape))
+    raise TypeError(f"not a boolean formula: {formula}")
+
+
+def holds(formula: f.Formula, true: frozenset[f.Atom]) -> bool:
+    """Return a boolean formula in the state in which exactly the atoms in `true` hold."""
+    match formula:
+        case f.Atom():
+            return formula in true
+        case f.Const(value):
+            return value
+        case f.Not(body):
+            return not holds(body, true)
+        case f.And(parts):
+            return all(holds(p, true) for p in parts)
+        case f.Or(parts):
+            return any(holds(p, true) for p in parts)
+        case f.Implies(left, right):
+            return not holds(left, true) or holds(right, true)
+        case f.Iff(left, right):
+            return holds(left, true) == holds(right, true)
+    raise TypeError(f"not a boolean formula: {formula}")

@@ -1,0 +1,92 @@
+"""Finite-trace semantics: the truth of a formula on a run that has ended, at every one of its states.
+
+U, F and N are strong (what they wait for must come, a next state must exist), G, W and R weak, negation is complement
+(De Giacomo, Vardi: Linear temporal logic and linear dynamic logic on finite traces, IJCAI 2013).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.boolean import evaluate
+
+__all__ = ["settle", "settle_empty"]
+
+Truths = NDArray[np.bool_]
+
+
+def settle(formula: f.Formula, values: Mapping[f.Atom, Truths], steps: int) -> Truths:
+    """Return the truth value at every state of a finite trace, shape ``(steps,)``.
+
+    Args:
+        formula: without quantifiers.
+        values: per atom, its truth values, shape ``(steps,)``.
+        steps: length of the trace, at least 1.
+    """
+    if f.is_boolean(formula):
+        return evaluate(formula, values, (steps,))
+    if isinstance(formula, f.Implies):
+        return ~settle(formula.left, values, steps) | settle(formula.right, values, steps)
+    parts = [settle(c, values, steps) for c in f.children(formula)]
+    match formula:
+        case f.Not():
+            return ~parts[0]
+        case f.And():
+            return ~_some([~p for p in parts])
+        case f.Or():
+            return _some(parts)
+        case f.Iff():
+            return ~(parts[0] ^ parts[1])
+        case f.Next():
+            return np.append(parts[0][1:], False)
+        case f.Eventually():
+            return np.logical_or.accumulate(parts[0][::-1])[::-1]
+        case f.Always():
+            return np.logical_and.accumulate(parts[0][::-1])[::-1]
+        case f.Until():
+            return _until(*parts)
+        case f.WeakUntil():
+            return _until(*parts) | np.logical_and.accumulate(parts[0][::-1])[::-1]
+        case f.Release():
+            return ~_until(~parts[0], ~parts[1])
+    raise TypeError(f"quantifiers must be unfolded before a formula is evaluated: {formula}")
+
+
+def _some(parts: list[Truths]) -> Truths:
+    found: Truths = np.logical_or.reduce(parts)
+    return found
+
+
+def _until(left: Truths, right: Truths) -> Truths:
+    """Strong until: the next `right` comes no later than the next state without `left`."""
+    steps = len(left)
+    return (_next(right) <= _next(~left)) & (_next(right) < steps)
+
+
+def _next(values: Truths) -> NDArray[np.int64]:
+    """Return for every state the first one from it on where `values` holds, or the number of states."""
+    steps = len(values)
+    found = np.where(values, np.arange(steps), steps)
+    return np.minimum.accumulate(found[::-1])[::-1]
+
+
+def settle_empty(formula: f.Formula) -> bool:
+    """Return the truth value on the empty trace: no atom holds, strong operators are false, weak ones true."""
+    match formula:
+        case f.Const(value):
+            return value
+        case f.Not(body):
+            return not settle_empty(body)
+        case f.And(parts):
+            return all(settle_empty(p) for p in parts)
+        case f.Or(parts):
+            return any(settle_empty(p) for p in parts)
+        case f.Implies(left, right):
+            return not settle_empty(left) or settle_empty(right)
+        case f.Iff(left, right):
+            return settle_empty(left) == settle_empty(right)
+    return isinstance(formula, f.Always | f.WeakUntil | f.Release)

@@ -1,0 +1,207 @@
+"""The grammars of rules and of propositional LTL, and the tree builder that runs inside the parser."""
+
+# ruff: noqa: D102 - the methods of the builder are named after the rules of the grammar
+
+from __future__ import annotations
+
+from typing import Any
+
+from lark import Token, Transformer, v_args
+
+from pytest_rvads.errors import suggest
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.sorts import Sort, sort_of
+
+__all__ = ["LTL", "RULE", "Build", "Mistake"]
+
+_OPERATORS = r"""
+?formula: equivalence
+?equivalence: implication | equivalence IFF implication -> iff
+?implication: disjunction | disjunction IMPLIES implication -> implies
+?disjunction: exclusive (OR exclusive)* -> disjunction
+?exclusive: conjunction | exclusive XOR conjunction -> xor
+?conjunction: binary (AND binary)* -> conjunction
+?binary: unary | unary UNTIL binary -> until | unary WEAK binary -> weak | unary RELEASE binary -> release
+?unary: NOT unary -> negation
+      | NEXT unary -> next_
+      | ALWAYS unary -> always
+      | EVENTUALLY unary -> eventually
+      | "(" formula ")"
+      | "[" formula "]"
+      | TRUE -> true
+      | FALSE -> false
+      | atom
+
+IFF: "<->" | "<=>" | "↔" | "⇔"
+IMPLIES: "->" | "=>" | "→" | "⇒"
+OR: "||" | "|" | "\\/" | "∨"
+AND: "&&" | "&" | "/\\" | "∧"
+XOR: "^" | "⊕"
+NOT: "!" | "~" | "¬"
+NEXT.2: /[NX○◯](?![A-Za-z0-9_'])/
+ALWAYS.2: /G(?![A-Za-z0-9_'])/ | "[]" | "□"
+EVENTUALLY.2: /F(?![A-Za-z0-9_'])/ | "<>" | "◇" | "◊"
+UNTIL.2: /U(?![A-Za-z0-9_'])/
+WEAK.2: /W(?![A-Za-z0-9_'])/
+RELEASE.2: /R(?![A-Za-z0-9_'])/
+COMMENT: /#[^\n]*/
+%ignore COMMENT
+%ignore /\s+/
+"""
+
+LTL = (
+    _OPERATORS
+    + r"""
+start: formula
+?atom: NAME -> proposition
+TRUE.2: /true(?![A-Za-z0-9_'])/ | /1(?![A-Za-z0-9_'])/ | "⊤"
+FALSE.2: /false(?![A-Za-z0-9_'])/ | /0(?![A-Za-z0-9_'])/ | "⊥"
+NAME: /[A-Za-z_][A-Za-z0-9_.']*/
+"""
+)
+
+RULE = (
+    _OPERATORS
+    + r"""
+start: definition* formula
+definition: NAME "(" terms ")" ":=" formula ";"
+atom: term AT NAME -> place
+    | term RELATION term -> infix
+    | term COMPARISON term -> infix
+    | NAME "(" terms ")" -> predicate
+    | NAME -> proposition
+    | FORALL binders "." formula -> forall
+    | EXISTS binders "." formula -> exists
+binders: binder ("," binder)*
+binder: NAME (":" NAME)?
+terms: term ("," term)*
+term: NAME -> name
+    | ATTRIBUTE -> attribute
+    | NUMBER -> number
+TRUE.2: /true(?![A-Za-z0-9_'])/ | "⊤"
+FALSE.2: /false(?![A-Za-z0-9_'])/ | "⊥"
+FORALL.2: /forall(?![A-Za-z0-9_'])/ | "∀"
+EXISTS.2: /exists(?![A-Za-z0-9_'])/ | "∃"
+AT: "@"
+RELATION.2: /right-of(?![A-Za-z0-9_'])/ | /opposite(?![A-Za-z0-9_'])/ | /entex(?![A-Za-z0-9_'])/
+COMPARISON: "=" | "!=" | "≠" | "<" | "<=" | "≤" | ">" | ">=" | "≥"
+ATTRIBUTE.1: /[A-Za-z_][A-Za-z0-9_]*'*\.(?!(?:en|ex)[0-9]*'*(?![A-Za-z0-9_']))[a-z]+'*(?![A-Za-z0-9_'(@])/
+NAME: /[A-Za-z_][A-Za-z0-9_]*'*(?:\.(?:en|ex)[0-9]*'*(?![A-Za-z0-9_']))?/
+NUMBER: /[0-9]+(\.[0-9]+)?/
+"""
+)
+
+_SIGNS = {"≠": "!=", "≤": "<=", "≥": ">="}
+_WORDS = ("left", "straight", "right", "near", "far", "green", "yellow", "red")
+
+
+class Mistake(Exception):
+    """A mistake found while building the tree, with its place."""
+
+    def __init__(self, at: int, message: str) -> None:
+        self.at = at
+        self.message = message
+
+
+@v_args(inline=True)
+class Build(Transformer[Token, Any]):
+    """Builds the tree bottom-up while the parser runs, so that nesting costs no recursion."""
+
+    def start(self, *parts: Any) -> Any:
+        return parts
+
+    def definition(self, name: Token, terms: tuple[f.Term, ...], body: f.Formula) -> Any:
+        for term in terms:
+            if not isinstance(term, f.Var):
+                raise Mistake(name.start_pos or 0, f"the parameters of {name!s} must be variables, got {term}")
+        return (str(name), terms, body)
+
+    def iff(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
+        return f.Iff(left, right)
+
+    def xor(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
+        return f.Not(f.Iff(left, right))
+
+    def implies(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
+        return f.Implies(left, right)
+
+    def disjunction(self, *parts: f.Formula | Token) -> f.Formula:
+        return f.Or(tuple(p for p in parts if isinstance(p, f.Formula))) if len(parts) > 1 else parts[0]  # type: ignore[return-value]
+
+    def conjunction(self, *parts: f.Formula | Token) -> f.Formula:
+        return f.And(tuple(p for p in parts if isinstance(p, f.Formula))) if len(parts) > 1 else parts[0]  # type: ignore[return-value]
+
+    def until(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
+        return f.Until(left, right)
+
+    def weak(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
+        return f.WeakUntil(left, right)
+
+    def release(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
+        return f.Release(left, right)
+
+    def negation(self, _: Token, body: f.Formula) -> f.Formula:
+        return f.Not(body)
+
+    def next_(self, _: Token, body: f.Formula) -> f.Formula:
+        return f.Next(body)
+
+    def always(self, _: Token, body: f.Formula) -> f.Formula:
+        return f.Always(body)
+
+    def eventually(self, _: Token, body: f.Formula) -> f.Formula:
+        return f.Eventually(body)
+
+    def true(self, _: Token) -> f.Formula:
+        return f.TRUE
+
+    def false(self, _: Token) -> f.Formula:
+        return f.FALSE
+
+    def proposition(self, name: Token) -> f.Formula:
+        return f.Atom(str(name), (), name.start_pos or 0)
+
+    def place(self, term: f.Term, sign: Token, where: Token) -> f.Formula:
+        return f.Atom("@", (term, f.Var(str(where), where.start_pos or 0)), sign.start_pos or 0)
+
+    def infix(self, left: f.Term, sign: Token, right: f.Term) -> f.Formula:
+        return f.Atom(_SIGNS.get(str(sign), str(sign)), (left, right), sign.start_pos or 0)
+
+    def predicate(self, name: Token, terms: tuple[f.Term, ...]) -> f.Formula:
+        return f.Atom(str(name), terms, name.start_pos or 0)
+
+    def terms(self, *terms: f.Term) -> tuple[f.Term, ...]:
+        return terms
+
+    def name(self, name: Token) -> f.Term:
+        return f.Word(str(name)) if name in _WORDS else f.Var(str(name), name.start_pos or 0)
+
+    def attribute(self, text: Token) -> f.Term:
+        of, _, name = text.rpartition(".")
+        return f.Attr(f.Var(of, text.start_pos or 0), name)
+
+    def number(self, text: Token) -> f.Term:
+        return f.Number(float(text))
+
+    def binder(self, name: Token, declared: Token | None = None) -> f.Binder:
+        if name in _WORDS:
+            raise Mistake(name.start_pos or 0, f"{name!s} is a value, it can't be a variable")
+        if declared is not None:
+            if declared not in set(Sort):
+                raise Mistake(declared.start_pos or 0, f"unknown sort {declared!s}{suggest(declared, [s.value for s in Sort])}")
+            return f.Binder(str(name), Sort(declared))
+        sort = sort_of(name)
+        if sort is None:
+            raise Mistake(
+                name.start_pos or 0, f"the letters of {name!s} tell no sort: declare one, such as `forall {name!s}: agent.`"
+            )
+        return f.Binder(str(name), sort)
+
+    def binders(self, *binders: f.Binder) -> tuple[f.Binder, ...]:
+        return binders
+
+    def forall(self, _: Token, binders: tuple[f.Binder, ...], body: f.Formula) -> f.Formula:
+        return f.Forall(binders, body)
+
+    def exists(self, _: Token, binders: tuple[f.Binder, ...], body: f.Formula) -> f.Formula:
+        return f.Exists(binders, body)

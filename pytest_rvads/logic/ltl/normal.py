@@ -1,0 +1,173 @@
+"""Negation normal form over guards: the shape in which automata are built.
+
+Nodes are numbered; equal nodes get the same number, so that sets of nodes are bit masks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum, auto
+
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.boolean import conj, disj, iff, neg
+
+__all__ = ["Kind", "Node", "Pool"]
+
+
+class Kind(Enum):
+    """What a node is."""
+
+    TRUE = auto()
+    FALSE = auto()
+    GUARD = auto()
+    AND = auto()
+    OR = auto()
+    NEXT = auto()
+    UNTIL = auto()
+    RELEASE = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A formula in negation normal form; a guard may be negated, nothing else is."""
+
+    kind: Kind
+    parts: tuple[int, ...] = ()
+    """Numbers of the parts; of a guard, its number."""
+    positive: bool = True
+    """False for a negated guard."""
+
+
+@dataclass(slots=True)
+class Pool:
+    """All nodes of one synthesis, and the guards among them."""
+
+    nodes: list[Node] = field(default_factory=list)
+    guards: list[f.Formula] = field(default_factory=list)
+    _numbers: dict[Node, int] = field(default_factory=dict)
+    _guard_numbers: dict[f.Formula, int] = field(default_factory=dict)
+    _known: dict[tuple[int, bool], int] = field(default_factory=dict)
+    _alive: list[f.Formula] = field(default_factory=list)
+    """What `_known` knows by identity must not be collected."""
+
+    def add(self, formula: f.Formula, positive: bool = True) -> int:
+        """Return the number of the node for `formula`, or for its negation."""
+        key = (id(formula), positive)  # equivalences ask for both signs of both sides, again and again
+        if key not in self._known:
+            self._known[key] = self._add(formula, positive)
+            self._alive.append(formula)
+        return self._known[key]
+
+    def _add(self, formula: f.Formula, positive: bool) -> int:
+        if f.is_boolean(formula):
+            return self._guard(formula, positive)
+        match formula:
+            case f.Not(body):
+                return self.add(body, not positive)
+            case f.Next(body):
+                return self._next(self.add(body, positive))
+            case f.Always(body):
+                return self._always(self.add(body, True)) if positive else self._eventually(self.add(body, False))
+            case f.Eventually(body):
+                return self._eventually(self.add(body, True)) if positive else self._always(self.add(body, False))
+            case f.Until(left, right):
+                a, b = self.add(left, positive), self.add(right, positive)
+                return self._until(a, b) if positive else self._release(a, b)
+            case f.Release(left, right):
+                a, b = self.add(left, positive), self.add(right, positive)
+                return self._release(a, b) if positive else self._until(a, b)
+            case f.WeakUntil(left, right):  # a W b = b R (a | b)
+                a, b = self.add(right, positive), self.add(f.Or((left, right)), positive)
+                return self._release(a, b) if positive else self._until(a, b)
+            case f.Implies(left, right):
+                return self._join((f.Not(left), right), positive, conjunction=False)
+            case f.Iff(left, right):  # (a & b) | (!a & !b), and its negation (a & !b) | (!a & b)
+                same = self.join(Kind.AND, [self.add(left, True), self.add(right, positive)])
+                other = self.join(Kind.AND, [self.add(left, False), self.add(right, not positive)])
+                return self.join(Kind.OR, [same, other])
+            case f.And(parts) | f.Or(parts):
+                return self._join(parts, positive, conjunction=isinstance(formula, f.And))
+        raise TypeError(f"quantifiers must be unfolded before a monitor is built: {formula}")
+
+    def _join(self, parts: tuple[f.Formula, ...], positive: bool, *, conjunction: bool) -> int:
+        # The parts without temporal operators make one guard together.
+        plain = [p for p in parts if f.is_boolean(p)]
+        numbers = [self.add(p, positive) for p in parts if not f.is_boolean(p)]
+        if plain:
+            numbers.insert(0, self._guard(conj(plain) if conjunction else disj(plain), positive))
+        return self.join(Kind.AND if conjunction is positive else Kind.OR, numbers)
+
+    def join(self, kind: Kind, numbers: list[int]) -> int:
+        """Return the conjunction or disjunction of nodes, flat and without repetitions."""
+        unit, zero = (Kind.TRUE, Kind.FALSE) if kind is Kind.AND else (Kind.FALSE, Kind.TRUE)
+        flat: set[int] = set()
+        for n in numbers:
+            node = self.nodes[n]
+            if node.kind is zero:
+                return n
+            if node.kind is kind:
+                flat.update(node.parts)
+            elif node.kind is not unit:
+                flat.add(n)
+        if not flat:
+            return self._number(Node(unit))
+        return flat.pop() if len(flat) == 1 else self._number(Node(kind, tuple(sorted(flat))))
+
+    def _guard(self, formula: f.Formula, positive: bool) -> int:
+        formula = _fold(formula)
+        if isinstance(formula, f.Const):
+            return self._number(Node(Kind.TRUE if formula.value is positive else Kind.FALSE))
+        if isinstance(formula, f.Not):
+            formula, positive = formula.body, not positive
+        k = self._guard_numbers.setdefault(formula, len(self.guards))
+        if k == len(self.guards):
+            self.guards.append(formula)
+        return self._number(Node(Kind.GUARD, (k,), positive))
+
+    def _next(self, a: int) -> int:
+        return a if self.nodes[a].kind in (Kind.TRUE, Kind.FALSE) else self._number(Node(Kind.NEXT, (a,)))
+
+    def _eventually(self, a: int) -> int:
+        return self._until(self._number(Node(Kind.TRUE)), a)
+
+    def _always(self, a: int) -> int:
+        return self._release(self._number(Node(Kind.FALSE)), a)
+
+    def _until(self, a: int, b: int) -> int:
+        one, two = self.nodes[a], self.nodes[b]
+        if two.kind in (Kind.TRUE, Kind.FALSE) or one.kind is Kind.FALSE or a == b:
+            return b
+        # a U (a U b) = a U b, and F (c U b) = F b
+        if two.kind is Kind.UNTIL and (two.parts[0] == a or one.kind is Kind.TRUE):
+            return self._until(a, two.parts[1])
+        return self._number(Node(Kind.UNTIL, (a, b)))
+
+    def _release(self, a: int, b: int) -> int:
+        one, two = self.nodes[a], self.nodes[b]
+        if two.kind in (Kind.TRUE, Kind.FALSE) or one.kind is Kind.TRUE or a == b:
+            return b
+        if two.kind is Kind.RELEASE and (two.parts[0] == a or one.kind is Kind.FALSE):
+            return self._release(a, two.parts[1])
+        return self._number(Node(Kind.RELEASE, (a, b)))
+
+    def _number(self, node: Node) -> int:
+        n = self._numbers.setdefault(node, len(self.nodes))
+        if n == len(self.nodes):
+            self.nodes.append(node)
+        return n
+
+
+def _fold(formula: f.Formula) -> f.Formula:
+    """Simplify the constants out of a boolean formula."""
+    match formula:
+        case f.Not(body):
+            return neg(_fold(body))
+        case f.And(parts):
+            return conj(map(_fold, parts))
+        case f.Or(parts):
+            return disj(map(_fold, parts))
+        case f.Implies(left, right):
+            return disj((neg(_fold(left)), _fold(right)))
+        case f.Iff(left, right):
+            return iff(_fold(left), _fold(right))
+    return formula

@@ -1,0 +1,147 @@
+"""From text to formulas: the language of rules, and propositional LTL as other tools spell it.
+
+Both are LALR(1) grammars that share operators and precedence: unary operators bind tightest, then U, W and R, then
+and, or, ``->``, ``<->``; a quantifier reaches as far to the right as it can.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from lark import Lark, UnexpectedInput
+
+from pytest_rvads.errors import FormulaError, suggest
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.grammar import LTL, RULE, Build, Mistake
+from pytest_rvads.logic.ltl.rewrite import rebuild, substitute
+
+__all__ = ["DEPTH_LIMIT", "LENGTH_LIMIT", "caret", "parse_ltl", "parse_rule"]
+
+LENGTH_LIMIT = 20_000
+"""Longest text of a formula [characters]."""
+DEPTH_LIMIT = 150
+"""Deepest nesting of operators; keeps recursion over formulas well inside Python's limit."""
+
+_KEYWORDS = {
+    LTL: ("true", "false"),
+    RULE: ("forall", "exists", "right-of", "opposite", "entex", "true", "false", "take", "turn"),
+}
+_SIGNS = {
+    "not": "!",
+    "and": "&",
+    "or": "|",
+    "xor": "^",
+    "implies": "->",
+    "iff": "<->",
+    "next": "N",
+    "always": "G",
+    "globally": "G",
+    "eventually": "F",
+    "finally": "F",
+    "until": "U",
+    "release": "R",
+}
+"""Operators that people write as words."""
+
+
+@cache
+def _parser(grammar: str) -> Lark:
+    return Lark(grammar, parser="lalr", transformer=Build(), maybe_placeholders=False)
+
+
+def parse_ltl(text: str) -> f.Formula:
+    """Parse propositional LTL; any identifier but ``G F X N U W R true false`` is a proposition.
+
+    Raises:
+        FormulaError: the text is not a formula, too long, or nested too deeply.
+    """
+    (formula,) = _parse(LTL, text)
+    return _bounded(formula, text)
+
+
+def parse_rule(text: str) -> f.Formula:
+    """Parse a rule: definitions ``name(x, y) := ...;`` and a formula; sorts are not checked yet.
+
+    Raises:
+        FormulaError: the text is not a rule, too long, or nested too deeply.
+    """
+    *definitions, formula = _parse(RULE, text)
+    known: dict[str, tuple[tuple[f.Var, ...], f.Formula]] = {}
+    for name, parameters, body in definitions:
+        known[name] = (parameters, _bounded(_expand(body, known, text), text))
+    return _bounded(_expand(_bounded(formula, text), known, text), text)
+
+
+def _parse(grammar: str, text: str) -> tuple[Any, ...]:
+    if len(text) > LENGTH_LIMIT:
+        raise FormulaError(f"the formula has {len(text):,} characters, at most {LENGTH_LIMIT:,} are read: split it into rules")
+    try:
+        parsed: tuple[Any, ...] = _parser(grammar).parse(text)  # type: ignore[assignment]
+    except UnexpectedInput as error:
+        raise FormulaError(_unexpected(error, text, _KEYWORDS[grammar])) from None
+    except Mistake as error:
+        raise FormulaError(caret(error.message, text, error.at)) from None
+    return parsed
+
+
+def _bounded(formula: f.Formula, text: str) -> f.Formula:
+    deep = f.depth(formula)
+    if deep > DEPTH_LIMIT:
+        shown = text if len(text) <= 40 else text[:40] + "..."
+        raise FormulaError(f"the formula {shown!r} nests {deep} operators, at most {DEPTH_LIMIT} are read: split it into rules")
+    return formula
+
+
+def _unexpected(error: UnexpectedInput, text: str, keywords: tuple[str, ...]) -> str:
+    """Say what was got and expected; a misspelt keyword is often read as a name, and the mistake shows one word later."""
+    at = error.pos_in_stream if isinstance(error.pos_in_stream, int) and error.pos_in_stream >= 0 else len(text)
+    token = getattr(error, "token", None)
+    wanted = set(getattr(error, "accepts", None) or getattr(error, "expected", None) or getattr(error, "allowed", None) or ())
+    if token is not None and token.type == "$END":
+        at, got = len(text.rstrip()), "the end"
+    else:
+        got = repr(str(token) if token is not None else text[at : at + 1])
+    before = re.search(r"([A-Za-z_][A-Za-z_-]*)\s*$", text[:at])
+    for word, place in ((before and before[1], before and before.start(1)), (str(token or ""), at)):
+        if not word or place is None:
+            continue
+        sign = _SIGNS.get(word.lower())
+        hint = f"; did you mean {sign!r}?" if sign else suggest(word, [k for k in keywords if k != word]) if len(word) > 2 else ""
+        if hint:
+            return caret(f"unexpected {word!r}{hint}", text, place)
+    expected = "a formula" if "ALWAYS" in wanted else "a closing bracket or an operator" if wanted & {"RPAR", "RSQB"} else ""
+    expected = expected or ("a name" if wanted == {"NAME"} else "an operator or the end" if "$END" in wanted else "")
+    return caret(f"unexpected {got}{', expected ' + expected if expected else ''}", text, at)
+
+
+def caret(message: str, text: str, at: int) -> str:
+    """Return `message` with the line of `text` that position `at` is in and a caret below it."""
+    start = text.rfind("\n", 0, at) + 1
+    end = text.find("\n", at)
+    line = text[start : len(text) if end < 0 else end]
+    column = at - start
+    cut = max(0, column - 60)
+    shown = ("..." if cut else "") + line[cut : cut + 100] + ("..." if len(line) > cut + 100 else "")
+    place = column - cut + (3 if cut else 0)
+    where = f" in line {text.count(chr(10), 0, at) + 1}" if "\n" in text.strip() else ""
+    return f"{message}{where}\n  {shown}\n  {' ' * place}^"
+
+
+_Definitions = Mapping[str, tuple[tuple[f.Var, ...], f.Formula]]
+
+
+def _expand(formula: f.Formula, known: _Definitions, text: str) -> f.Formula:
+    """Replace defined predicates by their bodies."""
+    if not known:
+        return formula
+    if isinstance(formula, f.Atom) and formula.name in known:
+        parameters, body = known[formula.name]
+        if len(parameters) != len(formula.terms):
+            raise FormulaError(
+                caret(f"{formula.name} takes {len(parameters)} arguments, got {len(formula.terms)}", text, formula.at)
+            )
+        return substitute(body, dict(zip((p.name for p in parameters), formula.terms, strict=True)))
+    return rebuild(formula, tuple(_expand(c, known, text) for c in f.children(formula)))

@@ -1,0 +1,52 @@
+"""Rewriting formulas: other subformulas, terms for variables, definitions for their names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pytest_rvads.logic.ltl import formula as f
+
+__all__ = ["rebuild", "substitute"]
+
+
+def rebuild(formula: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
+    """Return `formula` with other direct subformulas."""
+    match formula:
+        case f.And() | f.Or():
+            return type(formula)(parts)
+        case f.Forall(variables, _) | f.Exists(variables, _):
+            return type(formula)(variables, parts[0])
+        case f.Const() | f.Atom():
+            return formula
+    return type(formula)(*parts)
+
+
+def substitute(formula: f.Formula, terms: Mapping[str, f.Term]) -> f.Formula:
+    """Replace free variables by terms; bound variables are renamed where they would capture one of them."""
+    match formula:
+        case f.Atom(name, arguments, at):
+            return f.Atom(name, tuple(_substitute(t, terms) for t in arguments), at)
+        case f.Forall(variables, body) | f.Exists(variables, body):
+            inner = {name: term for name, term in terms.items() if name not in {v.name for v in variables}}
+            taken = {str(t.of if isinstance(t, f.Attr) else t) for t in inner.values()}
+            fresh: dict[str, f.Term] = {}
+            renamed = []
+            for v in variables:
+                new = v.name
+                while new in taken:
+                    new += "'"
+                if new != v.name:
+                    fresh[v.name] = f.Var(new)
+                taken.add(new)
+                renamed.append(f.Binder(new, v.sort))
+            return type(formula)(tuple(renamed), substitute(body, {**inner, **fresh}))
+    return rebuild(formula, tuple(substitute(c, terms) for c in f.children(formula)))
+
+
+def _substitute(term: f.Term, terms: Mapping[str, f.Term]) -> f.Term:
+    if isinstance(term, f.Var):
+        return terms.get(term.name, term)
+    if isinstance(term, f.Attr) and isinstance(term.of, f.Var):
+        of = terms.get(term.of.name, term.of)
+        return f.Attr(of, term.name) if isinstance(of, f.Var | f.Element) else term
+    return term

@@ -1,0 +1,230 @@
+"""The shipped rulebooks: ``paper``, as published, and ``road``, what a road user is held to."""
+
+from __future__ import annotations
+
+from pytest_rvads.conduct.standing import TIE
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.logic.rules.rule import Rule
+
+__all__ = ["PAPER", "ROAD", "VARIANTS"]
+
+_STOP, _LIGHTS = JunctionControl.STOP, JunctionControl.LIGHTS
+_SOURCE = "Li et al., Simulation-based Validation for Autonomous Driving Systems, table of traffic rules"
+
+PAPER = (
+    Rule(
+        "p1",
+        "forall a, a'. G(a@j & a != a' -> !a'@j)",
+        "no two vehicles in the junction",
+        "If a vehicle is in the junction, then no other vehicle can be in the junction.",
+        source=_SOURCE,
+        responsible="the vehicle that enters while another is inside; both, if they enter in the same step",
+        bound=("a'",),
+        about=_STOP,
+    ),
+    Rule(
+        "p2",
+        "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt = a'.wt & j.en right-of j.en' -> (N a'@j.en') U a@j)",
+        "right-of-way",
+        "If a vehicle arrives at the same time as another vehicle, the vehicle on the right has the right-of-way.",
+        source=_SOURCE,
+        responsible="the vehicle on the left",
+        bound=("a'",),
+        about=_STOP,
+        companions=("p3",),
+    ),
+    Rule(
+        "p3",
+        "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt < a'.wt -> (N a@j.en) U a'@j)",
+        "first come, first served",
+        "The vehicle that arrives first at the entrance will pass before other vehicles.",
+        source=_SOURCE,
+        responsible="the vehicle that arrived later",
+        bound=("a",),
+        about=_STOP,
+        companions=("p2",),
+    ),
+    Rule(
+        "p4",
+        "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & !take(a, j.en, right) -> a@j.en U lt.cl = green)",
+        "red light",
+        "Any vehicle facing a red light must stop until the traffic light turns green, unless the vehicle is turning right.",
+        source=_SOURCE,
+        responsible="the vehicle at the red light",
+        bound=("a",),
+        about=_LIGHTS,
+    ),
+    Rule(
+        "p5",
+        "forall j.en, j.en', a, a', lt. G(a@j.en & a'@j.en' & j.en right-of j.en' & lt@j.en & lt.cl = red"
+        " & take(a, j.en, right) -> (N a@j.en) U a'@j)",
+        "right turn on red",
+        "If a vehicle facing a red light is turning right, then the vehicle should wait until there is no vehicle on the left.",
+        source=_SOURCE,
+        responsible="the vehicle turning right at the red light",
+        bound=("a",),
+        about=_LIGHTS,
+    ),
+    Rule(
+        "p6",
+        "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & j.en opposite j.en' & take(a, j.en, left)"
+        " & !take(a', j.en', left) -> (N a@j.en) U a'@j)",
+        "left turn yields",
+        "If two vehicles arrive at opposite entrances, the vehicle turning left must give way to the other.",
+        source=_SOURCE + "; as its formula, which does not ask for green lights",
+        responsible="the vehicle turning left",
+        bound=("a",),
+        about=_LIGHTS,
+    ),
+)
+
+VARIANTS = (
+    Rule(
+        "p6g",
+        "forall j.en, j.en', a, a', lt, lt'. G(a@j.en & a'@j.en' & j.en opposite j.en' & lt@j.en & lt'@j.en'"
+        " & lt.cl = green & lt'.cl = green & take(a, j.en, left) & !take(a', j.en', left) -> (N a@j.en) U a'@j)",
+        "left turn yields on green",
+        "If two vehicles arrive at opposite entrances and the lights are green, the vehicle turning left must give way.",
+        source=_SOURCE + "; as its text, which asks for green lights",
+        responsible="the vehicle turning left",
+        bound=("a",),
+        about=_LIGHTS,
+    ),
+)
+
+_VIENNA = "Vienna Convention on Road Traffic 1968"
+_SIGNS = "Vienna Convention on Road Signs and Signals 1968"
+_CVC = "California Vehicle Code"
+_UVC = "Uniform Vehicle Code (US model law)"
+_STVO = "German road traffic regulations (StVO)"
+
+ROAD = (
+    Rule(
+        "full_stop",
+        "forall a, j.en. G(a@j.en -> !a@j W stopped(a))",
+        "full stop",
+        "At a stop sign a vehicle comes to a full stop before the line before it enters the junction.",
+        source=f"{_SIGNS}, Art. 10(3), sign B, 2; {_CVC} 22450(a)",
+        responsible="the vehicle that enters",
+        bound=("a",),
+        about=_STOP,
+    ),
+    Rule(
+        "first_come",
+        "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt < a'.wt -> (N a@j.en) U a'@j)",
+        "first come, first served",
+        "At an all-way stop, of two vehicles at the entrances the one that arrived clearly earlier enters first.",
+        source=f"{_CVC} 21800(a); California Driver's Handbook on four-way stops",
+        responsible="the vehicle that arrived later",
+        bound=("a",),
+        about=_STOP,
+        tie=TIE,
+        companions=("right_first",),
+    ),
+    Rule(
+        "right_first",
+        "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt = a'.wt & j.en right-of j.en' -> (N a'@j.en') U a@j)",
+        "right before left",
+        "At an all-way stop, of two vehicles that arrive at about the same time the one on the near side enters first.",
+        source=f"{_CVC} 21800(c); {_UVC} 11-401; {_VIENNA}, Art. 18(4)",
+        responsible="the vehicle on the far side: on the left, where traffic keeps to the right",
+        bound=("a'",),
+        about=_STOP,
+        tie=TIE,
+        companions=("first_come",),
+    ),
+    Rule(
+        "red",
+        "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & !turn(a, near) -> a@j.en U lt.cl = green)",
+        "red light",
+        "A vehicle facing a red light waits for green, unless it turns to the near side: right, where traffic keeps right.",
+        source=f"{_SIGNS}, Art. 23 on light signals; {_CVC} 21453(a)",
+        responsible="the vehicle at the red light",
+        bound=("a",),
+        about=_LIGHTS,
+    ),
+    Rule(
+        "right_on_red",
+        "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & turn(a, near) -> (!a@j W (stopped(a) | lt.cl = green))"
+        " & (forall a'. !obstructs(a, a') W (a@j.en & lt.cl = green)))",
+        "turn on red",
+        "A vehicle turning to the near side at a red light first comes to a full stop, and lets pass who is due on green.",
+        source=f"national law only: {_CVC} 21453(b); {_UVC} 11-202(c)",
+        responsible="the vehicle turning at the red light",
+        bound=("a",),
+        about=_LIGHTS,
+    ),
+    Rule(
+        "left_yields",
+        "forall a, a'. G(turn(a, far) & owes(a, a') -> !obstructs(a, a'))",
+        "left turn yields",
+        "A vehicle turning across oncoming traffic gives way to whoever of it has the right to go and is due.",
+        source=f"{_VIENNA}, Art. 16(2); {_CVC} 21801(a); {_STVO}, section 9(3)",
+        responsible="the vehicle turning left; right, where traffic keeps left",
+        bound=("a",),
+        about=_LIGHTS,
+    ),
+    Rule(
+        "no_collision",
+        "forall a, a'. G(a != a' -> !collide(a, a'))",
+        "no collision",
+        "No two vehicles touch.",
+        source=f"{_VIENNA}, Art. 7(1) and 13(1)",
+        responsible="the vehicle that caused it; both, where nothing tells them apart",
+        bound=("a", "a'"),
+    ),
+    Rule(
+        "no_conflict",
+        "forall a, a'. G(inside(a) & a != a' & conflict(a, a') -> !meet(a, a'))",
+        "no meeting in the junction",
+        "No two vehicles are at the same time where their ways cross or join; others may pass side by side.",
+        source=f"{_CVC} 21800(a); in its spirit {_VIENNA}, Art. 18(1)",
+        responsible="the vehicle that lacked the right of way; else the one that entered last; both, if they entered together",
+        bound=("a",),
+    ),
+    Rule(
+        "keep_clear",
+        "forall a. G(inside(a) -> !blocks(a))",
+        "keep clear",
+        "No vehicle loses time in the junction, but to let others pass.",
+        source=f"{_VIENNA}, Art. 18(5); {_CVC} 22526(a)",
+        responsible="the vehicle that stands or creeps",
+        bound=("a",),
+    ),
+    Rule(
+        "progress",
+        "forall a. G(may_go(a) -> !idles(a))",
+        "progress",
+        "Whoever can go goes: nobody waits without a reason, and none wait for each other.",
+        source=f"{_STVO}, section 3(2); {_CVC} 22400(a)",
+        responsible="the vehicle that could go; all that wait for each other",
+        bound=("a",),
+    ),
+    Rule(
+        "keep_lane",
+        "forall a. G !off_lane(a)",
+        "keep to the lane",
+        "The body of a vehicle stays in its lane on the roads, its front on its way through the junction.",
+        source=f"{_VIENNA}, Art. 10(3) and 11(6); {_CVC} 21650 and 21658(a)",
+        responsible="the vehicle outside its lane",
+        bound=("a",),
+    ),
+    Rule(
+        "on_route",
+        "forall a. G !off_route(a)",
+        "on the route",
+        "No vehicle leaves its route.",
+        source="the itinerary that the vehicle was given",
+        responsible="the vehicle off its route",
+        bound=("a",),
+    ),
+    Rule(
+        "speed_limit",
+        "forall a. G !speeding(a)",
+        "speed limit",
+        "No vehicle drives faster than the limit.",
+        source=f"limits are national law: {_CVC} 22349 and 22352; in general {_VIENNA}, Art. 13",
+        responsible="the vehicle that speeds",
+        bound=("a",),
+    ),
+)

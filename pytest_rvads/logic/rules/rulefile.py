@@ -1,0 +1,76 @@
+"""Files of rules, in the form of an INI file with one section per rule.
+
+Example::
+
+    [gives_way]
+    text = forall a, j.en. G(a@j.en -> F a@j)
+    title = nobody waits forever
+    requirement = REQ-7
+"""
+
+from __future__ import annotations
+
+from configparser import ConfigParser
+from configparser import Error as IniError
+from pathlib import Path
+
+from pytest_rvads.errors import FormulaError, suggest
+from pytest_rvads.logic.rules.rule import Rule, rule
+
+__all__ = ["load_rules"]
+
+_KEYS = ("text", "title", "meaning", "source", "responsible", "bound", "about", "tie", "requirement")
+
+
+def load_rules(path: str | Path) -> tuple[Rule, ...]:
+    """Register every rule of a file and return them in order.
+
+    Args:
+        path: of the file; keys are those of `rule`, ``text`` is required and may go over several indented lines.
+
+    Raises:
+        FormulaError: a file that can't be read, an unknown key, a rule without text or with a wrong one.
+    """
+    path = Path(path)
+    parser = ConfigParser(interpolation=None, comment_prefixes=("#", ";"), default_section="")
+    try:
+        parser.read_string(path.read_text(encoding="utf-8"), source=str(path))
+    except OSError as error:
+        raise FormulaError(f"{path}: can't be read: {error.strerror}") from error
+    except (IniError, UnicodeDecodeError) as error:
+        raise FormulaError(f"{path}: not a file of rules: {' '.join(str(error).split())}") from error
+    found = []
+    for name in parser.sections():
+        section = dict(parser.items(name))
+        for key in section:
+            if key not in _KEYS:
+                raise FormulaError(
+                    f"{path}: rule {name!r}: unknown key {key!r}{suggest(key, _KEYS)}; known are {', '.join(_KEYS)}"
+                )
+        if not section.get("text"):
+            raise FormulaError(f"{path}: rule {name!r} has no text: add `text = ` and a formula")
+        try:
+            found.append(_rule(name, section, path))
+        except FormulaError as error:
+            raise FormulaError(f"{path}: {error}") from None
+    return tuple(found)
+
+
+def _rule(name: str, section: dict[str, str], path: Path) -> Rule:
+    try:
+        tie = float(section.get("tie", "0"))
+    except ValueError:
+        raise FormulaError(f"rule {name!r}: tie must be a number of seconds, got {section['tie']!r}") from None
+    return rule(
+        name,
+        section["text"],
+        title=section.get("title", ""),
+        meaning=section.get("meaning", ""),
+        source=section.get("source", ""),
+        responsible=section.get("responsible", ""),
+        bound=section.get("bound", "").replace(",", " ").split(),
+        about=section.get("about"),
+        tie=tie,
+        requirement=section.get("requirement"),
+        place=f"{path}, section [{name}]",
+    )

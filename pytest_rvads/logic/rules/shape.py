@@ -1,0 +1,117 @@
+"""The shape of an instance: what triggers it, what it obliges to, who has to wait for what."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.boolean import conj
+from pytest_rvads.logic.ltl.sorts import Sort
+
+__all__ = ["Kind", "Shape", "agents_of", "conjuncts", "outermost", "shape_of", "split", "untimed"]
+
+
+class Kind(StrEnum):
+    """The templates of the rules."""
+
+    YIELD = "yield"
+    """``G(t -> (N w) U g)``: w must still hold in the step in which g comes."""
+    HOLD = "hold"
+    """``G(t -> w U g)`` or ``G(t -> w W g)``: w may end in the very step in which g comes."""
+    STATE = "state"
+    """``G c`` or ``G(t -> c)`` with no temporal operator inside."""
+    OTHER = "other"
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """An instance taken apart."""
+
+    kind: Kind
+    premise: f.Formula | None
+    """None for an instance that is not of the form ``G(premise -> obligation)``: it is never vacuous."""
+    obligation: f.Formula
+    waits: f.Formula | None = None
+    """The w of YIELD and HOLD."""
+    goes: f.Formula | None = None
+    """The g of YIELD and HOLD."""
+
+
+def shape_of(formula: f.Formula) -> Shape:
+    """Take a formula apart; outermost universal quantifiers don't matter."""
+    while isinstance(formula, f.Forall):
+        formula = formula.body
+    if not isinstance(formula, f.Always):
+        return Shape(Kind.OTHER, None, formula)
+    premise, obligation = None, formula.body
+    if isinstance(formula.body, f.Implies):
+        premise, obligation = formula.body.left, formula.body.right
+    match obligation:
+        case f.Until(f.Next(waits), goes) if f.is_boolean(waits) and f.is_boolean(goes):
+            return Shape(Kind.YIELD, premise, obligation, waits, goes)
+        case f.Until(waits, goes) | f.WeakUntil(waits, goes) if f.is_boolean(waits) and f.is_boolean(goes):
+            return Shape(Kind.HOLD, premise, obligation, waits, goes)
+    return Shape(Kind.STATE if f.is_boolean(formula.body) else Kind.OTHER, premise, obligation)
+
+
+def split(formula: f.Formula) -> tuple[f.Formula, ...]:
+    """Write ``G(t -> (p & (q -> r)))`` as ``G(t -> p)`` and ``G(t & q -> r)``: what happened is then told part by part."""
+    if not (isinstance(formula, f.Always) and isinstance(formula.body, f.Implies)):
+        return (formula,)
+    premise, obligation = formula.body.left, formula.body.right
+    if isinstance(obligation, f.And):
+        parts = obligation.parts
+        return tuple(g for part in parts for g in split(f.Always(f.Implies(premise, part))))
+    if isinstance(obligation, f.Implies):
+        return split(f.Always(f.Implies(conj((premise, obligation.left)), obligation.right)))
+    return (formula,)
+
+
+def conjuncts(formula: f.Formula) -> tuple[f.Formula, ...]:
+    """Return the parts of a conjunction, or the formula alone."""
+    return formula.parts if isinstance(formula, f.And) else (formula,)
+
+
+def agents_of(formula: f.Formula) -> tuple[f.Element, ...]:
+    """Return the agents a ground formula speaks about, by first occurrence."""
+    found: dict[f.Element, None] = {}
+    for atom in f.atoms(formula):
+        for term in atom.terms:
+            element = term.of if isinstance(term, f.Attr) else term
+            if isinstance(element, f.Element) and element.sort is Sort.AGENT:
+                found[element] = None
+    return tuple(found)
+
+
+def outermost(formula: f.Formula) -> tuple[f.Binder, ...]:
+    """Return the variables that the outermost universal quantifiers bind."""
+    found: list[f.Binder] = []
+    while isinstance(formula, f.Forall):
+        found += formula.variables
+        formula = formula.body
+    return tuple(found)
+
+
+def untimed(formula: f.Formula, sorts: Mapping[str, Sort] | None = None) -> f.Atom | None:
+    """Return an atom that changes during a run and stands outside every temporal operator: only its first state counts."""
+    sorts = sorts or {}
+    match formula:
+        case f.Atom():
+            return None if _static(formula, sorts) else formula
+        case f.Forall(variables, body) | f.Exists(variables, body):
+            return untimed(body, {**sorts, **{v.name: v.sort for v in variables}})
+        case f.Next() | f.Always() | f.Eventually() | f.Until() | f.WeakUntil() | f.Release():
+            return None
+    return next((found for child in f.children(formula) if (found := untimed(child, sorts))), None)
+
+
+def _static(atom: f.Atom, sorts: Mapping[str, Sort]) -> bool:
+    """Return whether the value of an atom is the same in every state."""
+    if atom.name == "@":
+        thing = atom.terms[0]
+        return isinstance(thing, f.Var) and sorts.get(thing.name) in (Sort.LIGHT, Sort.OBJECT)
+    if atom.name in ("=", "!="):
+        return all(isinstance(term, f.Var) for term in atom.terms)
+    return atom.name in ("turn", "conflict", "right-of", "opposite", "entex")

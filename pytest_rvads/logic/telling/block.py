@@ -1,0 +1,167 @@
+"""The block of text that explains a verdict.
+
+It shows the rule, the instance, who has to act and since when, where it broke, and the last good and the first bad state
+side by side. Names are the user's (a0, entrance 1), never generated ones.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pytest_rvads.logic.judging.evaluate import Values
+from pytest_rvads.logic.judging.judge import Judgement
+from pytest_rvads.logic.judging.verdicts import NearMiss
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.boolean import evaluate
+from pytest_rvads.logic.ltl.sorts import Sort
+from pytest_rvads.logic.rules.shape import Kind, agents_of
+from pytest_rvads.logic.telling.phrase import clock, colour_at, place, position, say, zone
+from pytest_rvads.logic.telling.story import Story, bound_names, happened, responsible
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
+
+__all__ = ["block"]
+
+
+def block(story: Story, worst: Judgement | None, miss: NearMiss | None) -> list[str]:
+    """Return the lines of the explanation."""
+    rule, run = story.rule, story.run
+    lines = [f"rule      {rule.name}  {rule.title + ':  ' if rule.title else ''}{rule.text}"]
+    if rule.requirement:
+        lines.append(f"traces to {rule.requirement}")
+    if worst is None:
+        if story.reason:
+            lines.append(f"{story.status.lower():<9} {story.reason}")
+        if story.counts:
+            lines.append(f"instances {_count(story)}")
+        if miss:
+            who = ", ".join(f"{k}={v}" for k, v in miss.binding)
+            lines.append(f"nearest   at {clock(run, miss.tick)} s for {who}; false: {', '.join(miss.missing)}")
+        return lines + [f"note      {note}" for note in story.notes]
+    who = ", ".join(f"{k}={v}" for k, v in bound_names(worst.template))
+    lines.append(f"instance  {who}   ({_count(story)})")
+    lines += _roles(story, worst)
+    lines += _table(run, worst, story.values)
+    return lines + [f"note      {note}" for note in story.notes]
+
+
+def _count(story: Story) -> str:
+    total = sum(story.counts.values())
+    return f"{total} instance{'s' if total != 1 else ''}: " + ", ".join(f"{n} {word}" for word, n in story.counts.items())
+
+
+def _roles(story: Story, j: Judgement) -> list[str]:
+    """Return who yields to whom, since when, and where it broke."""
+    run, shape = story.run, j.template.shape
+    tick = j.failed if j.failed is not None else run.steps - 1
+    lines = []
+    if shape.waits is None or shape.goes is None:
+        for e in agents_of(j.template.formula):
+            inside = np.flatnonzero(run.zone[: tick + 1, e.index] == Zone.JUNCTION)
+            entered = f"   entered {clock(run, int(inside[0]))} s" if len(inside) else ""
+            agent = run.agents[e.index]
+            fast = f"   v = {run.speed[tick, e.index]:.1f} m/s" if run.speed is not None else ""
+            blame = "   <- acts" if e in responsible(j, run) else ""
+            lines.append(f"vehicle   {e.name} from entrance {agent.entrance}, {agent.turn}{entered}{fast}{blame}")
+        if j.failed is None:
+            lines.append(f"open      {say(shape.obligation)}, owed since {clock(run, j.trigger or 0)} s")
+        else:
+            lines.append(f"broken at {clock(run, tick)} s: {happened(j)}{_overlap(j)}")
+        return lines
+    waiting = agents_of(shape.waits)
+    going = tuple(e for e in agents_of(shape.goes) if e not in waiting)
+    for word, agents in (("yields" if shape.kind is Kind.YIELD else "must wait", waiting), ("priority", going)):
+        lines += [f"{word:<9} {_arrival(run, e, tick)}{_relation(run, e, waiting) if e in going else ''}" for e in agents]
+    stay = say(shape.waits, be="stays")
+    lines.append(f"obligation since {clock(run, j.trigger or 0)} s: {stay} until {say(shape.goes)}")
+    verb = "broken at" if j.failed is not None else "open at  "
+    lines.append(f"{verb} {clock(run, tick)} s: {_scene(run, waiting, going, shape.goes, tick)}{_early(j)}")
+    return lines
+
+
+def _overlap(j: Judgement) -> str:
+    return f"; {j.margin:.2f} s in all" if j.margin and j.template.shape.premise is not None else ""
+
+
+def _early(j: Judgement) -> str:
+    if j.together:
+        return "; both in the same step"
+    return f"; {j.margin:.2f} s too early" if j.margin and j.margin > 0 and j.failed is not None else ""
+
+
+def _arrival(run: Run, e: f.Element, tick: int) -> str:
+    """Return an agent with its entrance, turn, arrival and waiting time up to `tick`."""
+    agent = run.agents[e.index]
+    here = np.flatnonzero(run.zone[: tick + 1, e.index] == Zone.ENTRANCE)
+    text = f"{e.name} @ entrance {agent.entrance}, {agent.turn}"
+    if len(here):
+        last = int(here[-1])
+        away = np.flatnonzero(run.zone[:last, e.index] != Zone.ENTRANCE)
+        arrived = int(away[-1]) + 1 if len(away) else 0
+        text += f"   arrived {clock(run, arrived)} s, waited {int(run.wt[last, e.index]) * run.dt:.2f} s"
+    return text
+
+
+def _relation(run: Run, e: f.Element, others: tuple[f.Element, ...]) -> str:
+    """Return how the entrance of an agent lies to that of the one that waits for it."""
+    if len(others) != 1:
+        return ""
+    here, there = run.agents[e.index].entrance, run.agents[others[0].index].entrance
+    # Where traffic keeps left, right-of is mirrored.
+    side = "left of" if run.junction.left_hand else "right of"
+    for word, pairs in ((side, run.junction.right_of), ("opposite", run.junction.opposite)):
+        if (here, there) in pairs:
+            return f"   entrance {here} is {word} {there}"
+    return f"   entrance {there} is {side} {here}" if (there, here) in run.junction.right_of else ""
+
+
+def _scene(run: Run, waiting: tuple[f.Element, ...], going: tuple[f.Element, ...], goes: f.Formula, tick: int) -> str:
+    """Return where everybody is in a tick."""
+
+    def one(e: f.Element, still: bool) -> str:
+        where = zone(run.agents[e.index], Zone(int(run.zone[tick, e.index])))
+        at = "in the junction" if where == "junction" else f"on the {where}" if where == "approach" else f"at {where}"
+        detail = [] if run.station is None else [f"{run.station[tick, e.index]:.2f} m"]
+        if still and run.speed is not None:
+            detail.append(f"v = {run.speed[tick, e.index]:.1f} m/s")
+        waits = still and going and where.startswith("entrance")
+        return f"{e.name} {'is still ' if waits else 'is ' if still else ''}{at}" + (f" ({', '.join(detail)})" if detail else "")
+
+    left = ", ".join(one(e, not going) for e in waiting)
+    right = ", ".join(one(e, True) for e in going)
+    lights = dict.fromkeys(
+        t.of
+        for a in f.atoms(goes)
+        for t in a.terms
+        if isinstance(t, f.Attr) and isinstance(t.of, f.Element) and t.of.sort is Sort.LIGHT
+    )
+    seen = [f"{place(e)} is {colour_at(run, e.index, tick)}" for e in lights if isinstance(e, f.Element)]
+    return " while ".join(filter(None, (left, ", ".join(filter(None, (right, *seen))))))
+
+
+def _table(run: Run, j: Judgement, values: Values | None) -> list[str]:
+    """Return the states in which the obligation began, was last kept, and broke, side by side."""
+    if values is None:
+        return []
+    last = j.failed if j.failed is not None else run.steps - 1
+    ticks = sorted({t for t in (j.trigger, last - 1, last) if t is not None and t >= 0})
+    agents = agents_of(j.template.formula)
+    atoms = j.template.atoms
+    head = [" t [s]", *(e.name for e in agents), *map(str, atoms)]
+    rows = [
+        [
+            f"{clock(run, t):>6}",
+            *(position(run, e.index, t) for e in agents),
+            *("x" if evaluate(a, values, (run.steps,))[t] else "." for a in atoms),
+        ]
+        for t in ticks
+    ]
+    widths = [max(len(r[k]) for r in (head, *rows)) for k in range(len(head))]
+    centred = 1 + len(agents)
+
+    def line(row: list[str]) -> str:
+        cells = [c.ljust(w) if k < centred else c.center(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
+        return "  ".join(cells).rstrip()
+
+    marks = {last: "<- violated, no continuation can repair it" if j.failed is not None else "<- the run ends"}
+    return [line(head), *(f"{line(row)}   {marks[t]}" if t in marks else line(row) for t, row in zip(ticks, rows, strict=True))]

@@ -1,0 +1,143 @@
+"""From judgements to verdicts people can act on: one line, a block, and a cause that groups failures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from pytest_rvads.logic.judging.judge import Judgement
+from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Status, Verdict
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.sorts import Sort
+from pytest_rvads.logic.telling.block import block
+from pytest_rvads.logic.telling.phrase import clock, element_name, literal, say
+from pytest_rvads.logic.telling.story import Story, bound_names, cause_between, happened, responsible
+from pytest_rvads.runs.run import Run
+
+__all__ = ["tell"]
+
+
+_OWN = {Sort.ENTRANCE: "its entrance", Sort.LIGHT: "its light"}
+"""What a cause calls the places of a vehicle: their numbers differ among the rotations of a scenario."""
+
+
+def tell(story: Story) -> Verdict:
+    """Return the verdict of a story."""
+    run, rule = story.run, story.rule
+    ordered = story.ordered()
+    worst = ordered[0] if ordered and story.status in (Status.FAIL, Status.OPEN) and not story.reason else None
+    if story.cycle:
+        around = " -> ".join((*story.cycle.agents, story.cycle.agents[0]))
+        story.notes.insert(0, f"{_cyclic(story)} ({around}): each has to wait for the next, so no continuation could pass")
+    cause = worst and cause_between(worst, run)
+    if cause:
+        story.notes.append(f"who is to blame: {' and '.join(cause.agents)} {cause.reason}")
+    if story.provoked:
+        story.notes.append(f"provoked by traffic: {story.subject}, the subject, is not to blame")
+    near = story.near
+    miss = None
+    if near:
+        missing = tuple(say(p) for p in near[2])
+        miss = NearMiss(bound_names(near[0]), near[1], missing, near[3])
+    time = None
+    if worst is not None:
+        tick = worst.failed if worst.failed is not None else worst.trigger
+        time = None if tick is None else round(tick * run.dt, 9)
+    return Verdict(
+        rule.name,
+        story.status,
+        _message(story, worst),
+        reason=story.reason,
+        final=story.status is Status.FAIL,
+        time=time,
+        counts=story.counts,
+        collapsed=story.collapsed,
+        instances=tuple(_instance(j, run) for j in ordered),
+        near=miss,
+        violated=_violated(story, worst),
+        roles=_roles(story, worst),
+        asked=story.asked,
+        unavoidable=story.unavoidable,
+        notes=tuple(story.notes),
+        explanation="\n".join(block(story, worst, miss)),
+        requirement=rule.requirement,
+        dt=run.dt,
+        subject=story.subject,
+        provoked=story.provoked,
+    )
+
+
+def _cyclic(story: Story) -> str:
+    what = "right-of relation" if story.cycle and story.cycle.alone else "order"
+    return f"the {what} of the arrivals is a cycle"
+
+
+def _instance(j: Judgement, run: Run) -> InstanceVerdict:
+    return InstanceVerdict(
+        bound_names(j.template),
+        j.status,
+        tuple(e.name for e in responsible(j, run)),
+        j.trigger,
+        j.failed,
+        tuple(literal(a, v) for a, v in j.broken),
+        j.margin,
+    )
+
+
+def _message(story: Story, worst: Judgement | None) -> str:
+    name, run, status = story.rule.name, story.run, story.status
+    if status in (Status.NA, Status.ERROR):
+        return f"{name} {status}: {story.reason}"
+    if status is Status.OPEN and story.reason:
+        return f"{name} open: {story.reason}"
+    if worst is None:
+        kept, total = story.kept()
+        binding = f" that bind {story.subject}" if story.subject else ""
+        rest = ", the others were not triggered" if kept < total else ""
+        return f"{name} PASS: kept in {kept} of {total} instances{binding}{rest}"
+    fails = sum(j.status is status for j in story.found)
+    more = f" (the first of {fails} instances)" if fails > 1 else ""
+    hint = f"; {_cyclic(story)}, no continuation could pass" if story.cycle else ""
+    hint += "; provoked by traffic" if story.provoked else ""
+    if status is Status.FAIL:
+        return f"{name} at t={clock(run, worst.failed or 0)} s: {happened(worst)}{more}{hint}"
+    shape = worst.template.shape
+    since = clock(run, worst.trigger or 0)
+    end = clock(run, run.steps - 1)
+    if shape.waits is not None and shape.goes is not None:
+        wait = f"{say(shape.waits, be='is still')} and waits until {say(shape.goes)}"
+    else:
+        wait = f"still owed: {say(shape.obligation)}"
+    return f"{name} open: {wait}, since t={since} s when the run ended at {end} s: deadlock, or too short a run{more}{hint}"
+
+
+def _violated(story: Story, worst: Judgement | None) -> str:
+    """Return what was violated in words that are the same whoever did it."""
+    if worst is None:
+        return story.reason
+    if story.cycle:
+        return f"{_cyclic(story)}, no continuation could pass"
+    variables = {e: name for name, e in worst.template.binding}
+
+    def name(element: f.Element) -> str:
+        if element.sort in _OWN:
+            return _OWN[element.sort]
+        return variables.get(element, "another vehicle" if element.sort is Sort.AGENT else element_name(element))
+
+    shape, run = worst.template.shape, story.run
+    if worst.status is Status.OPEN:
+        owed = f"{say(shape.waits, name)} until {say(shape.goes, name)}" if shape.waits and shape.goes else str(shape.obligation)
+        return f"open: {owed}"
+    by = cause_between(worst, run)
+    blame = [name(e) for e in responsible(worst, run)] if by else []
+    # Whether it was one step too early or many is no other violation.
+    return happened(replace(worst, together=False), name) + (f", caused by {' and '.join(blame)}" if blame else "")
+
+
+def _roles(story: Story, worst: Judgement | None) -> str:
+    """Return which vehicles it was, in words that are the same for all rotations of a scenario."""
+    if worst is None or story.cycle:
+        return ""
+    run = story.run
+    agents = [(name, run.agents[e.index]) for name, e in worst.template.binding if e.sort is Sort.AGENT]
+    first = agents[0][1].entrance if agents else 0
+    return ", ".join(f"{name} {a.turn} from entrance +{(a.entrance - first) % run.junction.ways}" for name, a in agents)

@@ -1,0 +1,252 @@
+"""Lane centre lines: laneOffset, inner widths and half the own width, sampled along the reference line.
+
+Records (geometry, laneOffset, width) hold from their station up to the next one; at the end of a lane section
+the left limit counts, else lanes jump where the next record starts just there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.errors import MapError
+from pytest_rvads.maps.doubts import Doubt, MapWarning
+from pytest_rvads.opendrive.records import Cubic, Lane, Road, Section, Shape
+from pytest_rvads.opendrive.reference_line import Line, evaluate
+
+__all__ = ["SPACING", "LaneLine", "lane_lines", "sample_count"]
+
+Array = NDArray[np.float64]
+
+SPACING = 0.5
+"""Distance between samples [m]; together with all breakpoints lengths are within 0.01 m on whole towns."""
+JOINT = 0.1
+"""Gap between two pieces of a reference line from which on a warning is given [m]."""
+_STRAIGHT_SPACING = 50.0
+_LOOKS_PER_SAMPLE = 20
+_BEND = 0.06
+"""Change of heading from sample to sample from which on curves are sampled finer: chords stay within 5 mm [rad]."""
+_FINEST = 8
+_MERGE = 1e-3
+_KINK = 0.02
+_EPS = 1e-6
+
+
+class LaneLine(NamedTuple):
+    """Centre line of one drivable lane in one lane section, in the direction of the reference line."""
+
+    points: Array
+    """Shape ``(k, 2)`` [m]."""
+    s: Array
+    """Station of each point on the road, shape ``(k,)`` [m]."""
+    turning: float
+    """Total unwrapped change of heading [rad]."""
+    width: float
+    """At mid-length [m]."""
+
+
+def sample_count(road: Road) -> int:
+    """Return about how many samples the lanes of `road` take; to bound work before it is done."""
+    tables = [
+        road.offsets,
+        *(cubics for section in road.sections for lane in section.lanes.values() for cubics in (lane.widths, lane.borders)),
+    ]
+    curved = any(row.c or row.d for rows in tables for row in rows)
+    # A curve is integrated from its start anew for every lane section.
+    again = len(road.sections) if any(shape.kind in ("spiral", "poly3", "paramPoly3") for shape in road.shapes) else 0
+    lanes = max((sum(lane.drivable for lane in section.lanes.values()) for section in road.sections), default=0)
+    straight = not curved and all(shape.kind == "line" for shape in road.shapes)
+    spacing = _STRAIGHT_SPACING if straight else SPACING
+    records = len(road.shapes) + sum(map(len, tables))
+    # Every lane section looks at all pieces and offsets of its road.
+    looks = len(road.sections) * (len(road.shapes) + len(road.offsets)) // _LOOKS_PER_SAMPLE
+    return int(road.length / spacing * max(1, lanes, again)) + records * max(1, lanes) + looks
+
+
+def lane_lines(road: Road, warnings: list[MapWarning]) -> list[dict[int, LaneLine]]:
+    """Return the centre lines of the drivable lanes of `road`, per lane section by lane id.
+
+    Args:
+        road: the road, with geometry if any lane is drivable.
+        warnings: gaps, kinks and length mismatches of the reference line are appended here.
+
+    Raises:
+        MapError: coordinates that are not finite.
+    """
+    if not any(lane.drivable for section in road.sections for lane in section.lanes.values()):
+        return [{} for _ in road.sections]
+    found = []
+    with np.errstate(all="ignore"):
+        _check_shapes(road, warnings)
+        for section, start, end in _spans(road):
+            drivable = any(lane.drivable for lane in section.lanes.values())
+            found.append(_section(road, section, start, end, warnings) if drivable else {})
+    return found
+
+
+def _spans(road: Road) -> Iterator[tuple[Section, float, float]]:
+    bounds = [min(max(section.s, 0.0), road.length) for section in road.sections[1:]]
+    yield from zip(road.sections, [0.0, *bounds], [*bounds, road.length], strict=True)
+
+
+def _check_shapes(road: Road, warnings: list[MapWarning]) -> None:
+    ends = [*(shape.s for shape in road.shapes[1:]), road.length]
+    total = sum(shape.length for shape in road.shapes)
+    for one, two, at in zip(road.shapes, road.shapes[1:], ends, strict=False):
+        line = evaluate(one, np.array([0.0, max(at - one.s, 0.0)]))
+        gap = math.hypot(two.x - line.x[-1], two.y - line.y[-1])
+        if not gap <= JOINT:
+            warnings.append(
+                MapWarning(
+                    Doubt.GAP, f"the reference line of road {road.id!r} has a gap of {gap:.2f} m at station {at:.2f} m", road.id
+                )
+            )
+    if abs(total - road.length) > max(0.05, 0.002 * road.length):
+        warnings.append(
+            MapWarning(
+                Doubt.LENGTH,
+                f"road {road.id!r} says it is {road.length:.2f} m long, its geometry adds up to {total:.2f} m",
+                road.id,
+            )
+        )
+
+
+def _section(road: Road, section: Section, start: float, end: float, warnings: list[MapWarning]) -> dict[int, LaneLine]:
+    s, line, joints = _reference(road, section, start, end)
+    if not (np.isfinite(line.x).all() and np.isfinite(line.y).all() and np.isfinite(line.heading).all()):
+        raise MapError(f"road {road.id!r} has coordinates that are not finite between stations {start:.2f} and {end:.2f} m")
+    heading = np.unwrap(line.heading)
+    shift = _cubic(road.offsets, s, 0.0, end)
+    lines = {}
+    for ids in (sorted(i for i in section.lanes if i > 0), sorted((i for i in section.lanes if i < 0), reverse=True)):
+        inner = np.zeros_like(s)
+        for id in ids:
+            lane = section.lanes[id]
+            outer = _outer(lane, inner, s, start, end)
+            if lane.drivable:
+                offset = shift + math.copysign(0.5, id) * (inner + outer)
+                lines[id] = _line(road, id, s, line, heading, offset, outer - inner, joints, warnings)
+            inner = outer
+    return lines
+
+
+def _outer(lane: Lane, inner: Array, s: Array, start: float, end: float) -> Array:
+    if lane.widths or not lane.borders:
+        return inner + _cubic(lane.widths, s, start, end)
+    return math.copysign(1.0, lane.id) * _cubic(lane.borders, s, start, end)
+
+
+def _cubic(rows: Sequence[Cubic], s: Array, base: float, end: float) -> Array:
+    """Evaluate piecewise cubics at stations `s`; at `end` the left limit."""
+    if not rows:
+        return np.zeros_like(s)
+    if len(rows) == 1 and rows[0].s + base <= s[0] + _EPS:
+        (_, a, b, c, d), ds = rows[0], s - rows[0].s - base
+        single: Array = a + ds * (b + ds * (c + ds * d))
+        return single
+    table = np.array(rows)
+    starts = table[:, 0] + base
+    row = np.searchsorted(starts, np.minimum(s + _EPS, end - _EPS), side="right") - 1
+    picked = table[np.maximum(row, 0)]
+    ds = s - picked[:, 0] - base
+    value: Array = picked[:, 1] + ds * (picked[:, 2] + ds * (picked[:, 3] + ds * picked[:, 4]))
+    value[row < 0] = 0.0
+    return value
+
+
+def _reference(road: Road, section: Section, start: float, end: float) -> tuple[Array, Line, list[int]]:
+    """Sample the reference line of a section; a joint of two pieces is sampled twice, once from each side."""
+    breaks = [row.s for row in road.offsets]
+    curved = any(row.c or row.d for row in road.offsets)
+    for lane in section.lanes.values():
+        breaks += [row.s + start for row in (*lane.widths, *lane.borders)]
+        curved = curved or any(row.c or row.d for row in (*lane.widths, *lane.borders))
+    cuts = np.unique([b for b in breaks if start < b < end])
+    stations: list[Array] = []
+    lines: list[Line] = []
+    for shape, low, high in _pieces(road.shapes, start, end):
+        count = 1 if shape.kind == "line" and not curved else max(1, math.ceil((high - low) / SPACING))
+        s = np.linspace(low, high, count + 1)
+        if shape.kind != "line":
+            turn = np.diff(evaluate(shape, np.maximum(s - shape.s, 0.0)).heading)
+            bend = float(np.max(np.abs(np.remainder(turn + np.pi, 2 * np.pi) - np.pi)))
+            if bend > _BEND:
+                s = np.linspace(low, high, count * min(math.ceil(bend / _BEND), _FINEST) + 1)
+        inside = cuts[(cuts > low) & (cuts < high)]
+        if len(inside):
+            s = np.unique(np.concatenate((s, inside)))
+        stations.append(s)
+        lines.append(evaluate(shape, np.maximum(s - shape.s, 0.0)))
+    joints = np.cumsum([len(s) for s in stations[:-1]]).tolist()
+    return np.concatenate(stations), Line(*(np.concatenate(parts) for parts in zip(*lines, strict=True))), joints
+
+
+def _pieces(shapes: Sequence[Shape], start: float, end: float) -> Iterator[tuple[Shape, float, float]]:
+    """Yield each piece of the reference line with the stations it covers between `start` and `end`."""
+    bounds = [shape.s for shape in shapes[1:]] + [math.inf]
+    found = False
+    for i, (shape, bound) in enumerate(zip(shapes, bounds, strict=True)):
+        # The first piece also covers what lies before it, the last one what lies after it.
+        low, high = start if i == 0 else max(shape.s, start), min(bound, end)
+        if high - low > _EPS:
+            found = True
+            yield shape, low, high
+    if not found:
+        yield max((shape for shape in shapes if shape.s <= start + _EPS), default=shapes[0]), start, end
+
+
+def _line(
+    road: Road,
+    id: int,
+    s: Array,
+    line: Line,
+    heading: Array,
+    offset: Array,
+    width: Array,
+    joints: list[int],
+    warnings: list[MapWarning],
+) -> LaneLine:
+    points = np.column_stack((line.x - offset * np.sin(line.heading), line.y + offset * np.cos(line.heading)))
+    if not np.isfinite(points).all():
+        raise MapError(f"lane {id} of road {road.id!r} has widths or offsets that are not finite")
+    slope = np.diff(offset) / np.maximum(np.diff(s), _MERGE)
+    turning = float(heading[-1] - heading[0] + math.atan(slope[-1]) - math.atan(slope[0]))
+    keep = np.ones(len(s), dtype=bool)
+    for joint in joints:
+        kink = float(heading[joint] - heading[joint - 1])
+        if abs(kink) > _KINK:
+            _mitre(points, keep, s, offset, line, joint, kink)
+    if not keep.all():
+        warnings.append(
+            MapWarning(
+                Doubt.KINK, f"lane {id} of road {road.id!r} folds at a kink of the reference line and was cut there", road.id
+            )
+        )
+    points, s = points[keep], s[keep]
+    far = np.concatenate(([True], np.hypot(*np.diff(points, axis=0).T) > _MERGE))
+    if not far[-1] and len(far) > 2:
+        far[-2:] = False, True
+    far[-1] = True
+    middle = float(width[len(width) // 2])
+    return LaneLine(points[far], s[far], turning, middle)
+
+
+def _mitre(points: Array, keep: NDArray[np.bool_], s: Array, offset: Array, line: Line, joint: int, kink: float) -> None:
+    """Cut the fold of a lane on the inner side of a kink: the offset lines cross before the joint and after it."""
+    t = float(offset[joint])
+    reach = t * math.tan(kink / 2)
+    if reach <= _MERGE or abs(kink) > 2.0:
+        return
+    at = s[joint]
+    inside = (np.abs(s - at) < reach) & keep
+    inside[0] = inside[-1] = False
+    inside[joint - 1] = False
+    keep[inside] = False
+    if joint > 1:
+        middle = float(line.heading[joint - 1]) + kink / 2
+        stretch = t / math.cos(kink / 2)
+        points[joint - 1] = (line.x[joint] - stretch * math.sin(middle), line.y[joint] + stretch * math.cos(middle))

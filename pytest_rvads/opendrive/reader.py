@@ -1,0 +1,250 @@
+"""Reading the records of an OpenDRIVE file.
+
+Follows ASAM OpenDRIVE 1.4 to 1.8. Ids are strings, elements may stand in any order, stations are sorted here.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from xml.etree.ElementTree import Element
+
+from pytest_rvads.errors import MapError
+from pytest_rvads.maps.doubts import Doubt, MapWarning
+from pytest_rvads.opendrive.records import (
+    Connection,
+    Cubic,
+    Document,
+    JunctionRecord,
+    Lane,
+    LaneLink,
+    Road,
+    RoadLink,
+    Section,
+    Shape,
+    Signal,
+)
+from pytest_rvads.opendrive.xmlfile import integer, load, number
+
+__all__ = ["read"]
+
+_STOP_LINE = ("stopline", "stop_line", "stop line", "haltlinie", "holdingline")
+_SHAPES = ("line", "arc", "spiral", "poly3", "paramPoly3")
+
+
+def read(path: str | os.PathLike[str]) -> Document:
+    """Read the records of an OpenDRIVE file.
+
+    Raises:
+        MapError: not a readable OpenDRIVE file, a number that is none, an id used twice, or no ``<junction>`` at all.
+    """
+    root = load(path)
+    warnings: list[MapWarning] = []
+    roads: dict[str, Road] = {}
+    for element in root.findall("road"):
+        road = _road(element, f"map file {path}, road {element.get('id', '?')!r}")
+        if road.id in roads:
+            raise MapError(f"map file {path} has two roads with id {road.id!r}, expected unique ids")
+        roads[road.id] = road
+    junctions: dict[str, JunctionRecord] = {}
+    for element in root.findall("junction"):
+        junction = _junction(element, f"map file {path}, junction {element.get('id', '?')!r}")
+        if junction.id in junctions:
+            raise MapError(f"map file {path} has two junctions with id {junction.id!r}, expected unique ids")
+        junctions[junction.id] = junction
+    if not junctions:
+        raise MapError(
+            f"map file {path} has {len(roads)} roads but no <junction>, so it offers nothing to test; "
+            "add junctions with connecting roads, or use another map"
+        )
+    controllers = {
+        element.get("id", ""): tuple(control.get("signalId", "") for control in element.findall("control"))
+        for element in root.findall("controller")
+    }
+    _adopt(roads, junctions, warnings)
+    _header(root.find("header"), warnings)
+    return Document(str(path), roads, junctions, controllers, tuple(warnings))
+
+
+def _adopt(roads: dict[str, Road], junctions: dict[str, JunctionRecord], warnings: list[MapWarning]) -> None:
+    """Put connecting roads into the junction whose table names them, and take roads out of junctions that do not exist."""
+    for road in list(roads.values()):
+        if road.junction is not None and road.junction not in junctions:
+            roads[road.id] = replace(road, junction=None)
+            message = (
+                f"road {road.id!r} says it lies in junction {road.junction!r}, which does not exist; taken as outside of any"
+            )
+            warnings.append(MapWarning(Doubt.LINK, message, road.id))
+    for junction in junctions.values():
+        for row in junction.connections if junction.type in ("default", "") else ():
+            connecting = roads.get(row.connecting)
+            if connecting is not None and connecting.junction is None:
+                roads[connecting.id] = replace(connecting, junction=junction.id)
+                message = f"road {connecting.id!r} connects roads in junction {junction.id!r} but does not say that it lies in it"
+                warnings.append(MapWarning(Doubt.TABLE, message, connecting.id, junction.id))
+
+
+def _header(header: Element | None, warnings: list[MapWarning]) -> None:
+    if header is None:
+        return
+    unit = header.get("unit") or header.get("units") or "m"
+    for word in (header.findtext("geoReference") or "").split():
+        if word.startswith("+units="):
+            unit = word.removeprefix("+units=")
+    if unit not in ("m", "meter", "metre"):
+        warnings.append(
+            MapWarning(
+                Doubt.UNITS, f"the header names the unit {unit[:20]!r}; coordinates were read in metres, as the standard says"
+            )
+        )
+
+
+def _road(element: Element, place: str) -> Road:
+    id = element.get("id")
+    if not id:
+        raise MapError(f"{place}: <road> has no id")
+    length = number(element, "length", place)
+    if length < 0:
+        raise MapError(f"{place}: length {length:g} m is negative")
+    junction = element.get("junction", "-1")
+    rule = element.get("rule", "").upper()
+    lanes = element.find("lanes")
+    links = element.find("link")
+    return Road(
+        id,
+        length,
+        None if junction in ("-1", "") else junction,
+        rule if rule in ("RHT", "LHT") else None,
+        tuple(sorted(_shape(g, place) for g in element.iterfind("planView/geometry"))),
+        () if lanes is None else _cubics(lanes, "laneOffset", "s", place),
+        () if lanes is None else _sections(lanes, place),
+        _link(links, "predecessor"),
+        _link(links, "successor"),
+        tuple(_signals(element, id, place)),
+    )
+
+
+def _shape(element: Element, place: str) -> Shape:
+    def get(part: Element, *names: str) -> tuple[float, ...]:
+        return tuple(number(part, n, place, 0.0) for n in names)
+
+    kind, normalized = "", False
+    values: tuple[float, ...] = ()
+    for kind in _SHAPES:
+        part = element.find(kind)
+        if part is None:
+            continue
+        if kind == "arc":
+            values = get(part, "curvature")
+        elif kind == "spiral":
+            values = get(part, "curvStart", "curvEnd")
+        elif kind == "poly3":
+            values = get(part, "a", "b", "c", "d")
+        elif kind == "paramPoly3":
+            values = get(part, "aU", "bU", "cU", "dU", "aV", "bV", "cV", "dV")
+            normalized = part.get("pRange", "normalized") != "arcLength"
+        break
+    else:
+        raise MapError(f"{place}: a <geometry> has none of {', '.join(_SHAPES)}")
+    length = number(element, "length", place)
+    if length < 0:
+        raise MapError(f"{place}: a <geometry> has the negative length {length:g} m")
+    s, x, y, heading = (number(element, n, place) for n in ("s", "x", "y", "hdg"))
+    return Shape(s, x, y, heading, length, kind, values, normalized)
+
+
+def _cubics(parent: Element, tag: str, station: str, place: str) -> tuple[Cubic, ...]:
+    rows = [Cubic(*(number(e, n, place, 0.0) for n in (station, "a", "b", "c", "d"))) for e in parent.iterfind(tag)]
+    rows.sort(key=lambda row: row.s)
+    return tuple(rows)
+
+
+def _sections(lanes: Element, place: str) -> tuple[Section, ...]:
+    found = []
+    for element in lanes.iterfind("laneSection"):
+        table: dict[int, Lane] = {}
+        for side in ("left", "right"):
+            for lane in element.iterfind(f"{side}/lane"):
+                id = integer(lane, "id", place)
+                link = lane.find("link")
+                before, after = (
+                    () if link is None else tuple(integer(e, "id", place) for e in link.iterfind(tag))
+                    for tag in ("predecessor", "successor")
+                )
+                if id in table:
+                    raise MapError(f"{place}: a lane section has two lanes with id {id}")
+                table[id] = Lane(
+                    id,
+                    lane.get("type", "none").lower(),
+                    _cubics(lane, "width", "sOffset", place),
+                    _cubics(lane, "border", "sOffset", place),
+                    before,
+                    after,
+                    reversed=lane.get("direction") == "reversed",
+                )
+        found.append(Section(number(element, "s", place), table))
+    found.sort(key=lambda section: section.s)
+    return tuple(found)
+
+
+def _link(links: Element | None, tag: str) -> RoadLink | None:
+    element = None if links is None else links.find(tag)
+    if element is None or not element.get("elementId"):
+        return None
+    return RoadLink(element.get("elementType") == "junction", element.get("elementId", ""), element.get("contactPoint", ""))
+
+
+def _signals(road: Element, id: str, place: str) -> list[Signal]:
+    found = []
+    for element in road.iterfind("signals/*"):
+        if element.tag not in ("signal", "signalReference"):
+            continue
+        reference = element.tag == "signalReference"
+        type = "" if reference else element.get("type", "").strip().lower()
+        text = element.get("name", "").lower()
+        found.append(
+            Signal(
+                element.get("id", ""),
+                id,
+                number(element, "s", place),
+                number(element, "t", place, 0.0),
+                element.get("orientation", ""),
+                reference,
+                type,
+                element.get("subtype", "").strip().lower(),
+                element.get("dynamic", "").lower() in ("yes", "true", "1"),
+                _validity(element, place),
+                not reference and (type == "294" or any(word in text for word in _STOP_LINE)),
+                element.get("country", "").lower(),
+                text,
+            )
+        )
+    for element in road.iterfind("objects/object"):
+        text = " ".join(element.get(n, "") for n in ("name", "type", "subtype")).lower()
+        if any(word in text for word in _STOP_LINE):
+            s, t = number(element, "s", place), number(element, "t", place, 0.0)
+            lanes = _validity(element, place)
+            found.append(
+                Signal(element.get("id", ""), id, s, t, element.get("orientation", ""), False, "", "", False, lanes, True)
+            )
+    return found
+
+
+def _validity(element: Element, place: str) -> tuple[tuple[int, int], ...]:
+    ranges = []
+    for part in element.iterfind("validity"):
+        one, two = integer(part, "fromLane", place), integer(part, "toLane", place)
+        ranges.append((min(one, two), max(one, two)))
+    return tuple(ranges)
+
+
+def _junction(element: Element, place: str) -> JunctionRecord:
+    id = element.get("id")
+    if not id:
+        raise MapError(f"{place}: <junction> has no id")
+    rows = []
+    for row in element.iterfind("connection"):
+        links = tuple(LaneLink(integer(e, "from", place), integer(e, "to", place)) for e in row.iterfind("laneLink"))
+        connecting = row.get("connectingRoad") or row.get("linkedRoad") or ""
+        rows.append(Connection(row.get("incomingRoad", ""), connecting, row.get("contactPoint", ""), links))
+    return JunctionRecord(id, element.get("type", "default").lower(), tuple(rows))

@@ -1,0 +1,104 @@
+"""Where two runs part: the first state and the first field in which they differ, bit for bit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.junctions.junction import digest
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Colour, Zone
+
+__all__ = ["Divergence", "diverge"]
+
+
+@dataclass(frozen=True, slots=True)
+class Divergence:
+    """The first difference between two runs."""
+
+    what: str
+    """Field and vehicle, such as ``speed of a1``; or what else the runs do not share."""
+    one: str
+    other: str
+    """Its value in either run."""
+    tick: int | None = None
+    """Index of the first state that differs; None where it is not the states."""
+    time: float | None = None
+    """Of this state [s]."""
+
+    def __str__(self) -> str:
+        at = "" if self.time is None else f"t={self.time:.2f} s (tick {self.tick}): "
+        return f"{at}{self.what} is {self.one} in one run, {self.other} in the other"
+
+
+def diverge(one: Run, other: Run) -> Divergence | None:
+    """Return the first difference between two runs, or None where they are the same, which their hashes tell.
+
+    What the runs are of comes first (label, step, vehicles), then the states in order of time, then how the runs end.
+    """
+    found = _unlike(
+        label=(one.label, other.label),
+        step=(one.dt, other.dt),
+        vehicles=(_vehicles(one), _vehicles(other)),
+        facts=(one.facts, other.facts),
+        junction=(digest(one.junction)[:12], digest(other.junction)[:12]),
+    )
+    if found:
+        return found
+    states = [d for field in _FIELDS if (d := _first(one, other, field))]
+    if states:
+        return min(states, key=lambda d: -1 if d.tick is None else d.tick)
+    return _unlike(
+        length=(one.steps, other.steps),
+        fault=(one.fault, other.fault),
+        collisions=(one.collisions, other.collisions),
+    )
+
+
+def _unlike(**pairs: tuple[object, object]) -> Divergence | None:
+    """Return the first of some named pairs whose two values differ."""
+    return next((Divergence(what, str(a), str(b)) for what, (a, b) in pairs.items() if a != b), None)
+
+
+_FIELDS = ("zone", "lights", "station", "speed", "pose", "controls")
+_PARTS = {"pose": ("x", "y", "heading"), "controls": ("throttle", "brake", "steering")}
+_NAMED = {"zone": Zone, "lights": Colour}
+
+
+def _vehicles(run: Run) -> str:
+    return " ".join(f"{a.name}:{a.entrance}->{a.exit}" for a in run.agents)
+
+
+def _first(one: Run, other: Run, field: str) -> Divergence | None:
+    """Return the first difference in one field of the states."""
+    a: NDArray[Any] | None = getattr(one, field)
+    b: NDArray[Any] | None = getattr(other, field)
+    if a is None or b is None:
+        return None if a is b else Divergence(field, _recorded(a), _recorded(b))
+    steps = min(len(a), len(b))
+    differs = _bits(a[:steps]) != _bits(b[:steps])
+    if not differs.any():
+        return None
+    tick, column, *part = (int(i) for i in np.argwhere(differs)[0])
+    name = f"{_PARTS[field][part[0]]}" if part else field
+    where = f"light of entrance {column}" if field == "lights" else f"{name} of {one.agents[column].name}"
+    index = (tick, column, *part)
+    return Divergence(where, _value(field, a[index]), _value(field, b[index]), tick, round(tick * one.dt, 9))
+
+
+def _recorded(values: NDArray[Any] | None) -> str:
+    return "not recorded" if values is None else "recorded"
+
+
+def _bits(values: NDArray[Any]) -> NDArray[np.integer[Any]]:
+    """Return integers that are equal where the values are the same bit for bit, NaN included."""
+    contiguous = np.ascontiguousarray(values)
+    return contiguous.view(np.int64) if contiguous.dtype == np.float64 else contiguous
+
+
+def _value(field: str, value: Any) -> str:
+    kind = _NAMED.get(field)
+    return kind(int(value)).name.lower() if kind else repr(float(value))

@@ -1,0 +1,90 @@
+"""Itineraries: the way of one vehicle along an approach, through the junction, down an exit road.
+
+An itinerary neither begins nor ends in a junction (paper, section 4.2). Its stations are measured from the
+entrance vertex: negative before it, 0..length on the movement, more on the exit road.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from pytest_rvads.errors import MapError
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.segment import Pose, Segment, Turn, join
+from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, GONE, JUNCTION, Zone
+
+__all__ = ["ENTRANCE_ZONE", "EXIT_LENGTH", "LEAVE", "Itinerary"]
+
+ENTRANCE_ZONE = 1.0
+"""A vehicle is at the entrance from this far before the stopping line up to the entrance vertex [m]."""
+LEAVE = 15.0
+"""A vehicle has left when its reference point is this far down the exit road [m]."""
+EXIT_LENGTH = 60.0
+"""How much of the exit road belongs to the itinerary, at most [m]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Itinerary:
+    """The path of one vehicle: approach . movement . exit road."""
+
+    entrance: int
+    exit: int
+    turn: Turn
+    path: Segment
+    """The whole centre line, from the farthest usable point of the approach."""
+    origin: float
+    """Arc length of the entrance vertex on `path` [m]."""
+    length: float
+    """Of the movement [m]."""
+    line: float
+    """Station of the stopping line, 0 or negative [m]."""
+    end: float = field(init=False)
+    """Station of the end of the itinerary, on the exit road [m]."""
+    leave: float = field(init=False)
+    """Station from which on the vehicle counts as having left [m]."""
+
+    def __post_init__(self) -> None:
+        end = self.path.length - self.origin
+        object.__setattr__(self, "end", end)
+        object.__setattr__(self, "leave", min(self.length + LEAVE, end))
+
+    @classmethod
+    def through(cls, junction: Junction, entrance: int, exit: int) -> Itinerary:
+        """Build the itinerary from `entrance` to `exit` of `junction`.
+
+        Raises:
+            MapError: the junction has no geometry, or its pieces do not meet.
+        """
+        geometry = junction.geometry
+        if geometry is None:
+            raise MapError(f"junction {junction.name!r} comes from a recording without positions, so nothing can drive there")
+        approach, movement = geometry.approaches[entrance], geometry.movements[entrance, exit]
+        road = geometry.exits[exit]
+        road = road if road.length <= EXIT_LENGTH else road.head(EXIT_LENGTH)
+        path = join((approach, movement, road))
+        if path is None:
+            raise MapError(f"junction {junction.name!r}: the lanes from entrance {entrance} to exit {exit} do not meet")
+        return cls(
+            entrance, exit, junction.turn(entrance, exit), path, approach.length, movement.length, -junction.setbacks[entrance]
+        )
+
+    def pose(self, station: float) -> Pose:
+        """Return the pose of the centre line at `station` [m]."""
+        return self.path.pose(station + self.origin)
+
+    def project(self, x: float, y: float, near: float) -> tuple[float, float]:
+        """Return station and lateral offset (left positive) of a point, looked for around station `near` [m]."""
+        station, offset = self.path.project(x, y, near + self.origin)
+        return station - self.origin, offset
+
+    def zone(self, station: float) -> Zone:
+        """Return the part of the itinerary that `station` [m] lies in."""
+        if station <= 0.0:
+            return ENTRANCE if station >= self.line - ENTRANCE_ZONE else APPROACH
+        if station < self.length:
+            return JUNCTION
+        return EXIT if station < self.end else GONE
+
+    def start(self, distance: float) -> float:
+        """Return the station `distance` [m] before the stopping line."""
+        return self.line - distance

@@ -1,0 +1,233 @@
+"""Runs: the sequence of states that a simulation or a recording yields (paper, section 4.2)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.junction import Junction, digest
+from pytest_rvads.runs.states import Agent, Zone
+
+__all__ = ["DT", "Collision", "Facts", "Fault", "Halt", "Run"]
+
+DT = 0.01
+"""Time between two states, and the physics step [s]."""
+_ARRAYS = ("zone", "lights", "station", "speed", "pose", "controls")
+"""The states."""
+
+
+@dataclass(frozen=True, slots=True)
+class Collision:
+    """Two bodies touching for the first time."""
+
+    time: float
+    """[s]."""
+    agents: tuple[str, str]
+    speed: float
+    """Relative speed of the two bodies at impact [m/s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Why a run ended before its time: the verdict of every rule is then ERROR."""
+
+    time: float
+    """[s]."""
+    agent: str
+    """The vehicle concerned."""
+    reason: str
+    """One sentence naming autopilot or plant and what went wrong."""
+    detail: str = field(default="", compare=False)
+    """What a stack in another process last wrote to its standard error; not part of the run's hash."""
+
+
+class Halt(RunError):
+    """Ends a run with a fault; raised and caught within a simulation.
+
+    Args:
+        agent: the vehicle concerned.
+        reason: one sentence, see `Fault.reason`.
+        detail: see `Fault.detail`.
+    """
+
+    def __init__(self, agent: str, reason: str, detail: str = "") -> None:
+        super().__init__(reason)
+        self.agent = agent
+        self.reason = reason
+        self.detail = detail
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What a verdict can depend on beside the states; part of a run's hash. What is not known is None."""
+
+    subject: str | None = None
+    """Name of the vehicle under test where the others are traffic, else None."""
+    sizes: tuple[tuple[float, float], ...] | None = None
+    """Length and width of every vehicle, in the order of the agents [m]."""
+    speed_limit: float | None = None
+    """[m/s]."""
+    strayed: tuple[str, ...] = ()
+    """Names of the vehicles that left their routes, which ended the run."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run:
+    """A run of the system: states every `dt` seconds, as arrays with one row per state; they can't be written to.
+
+    What a recording does not hold is None, never guessed.
+    """
+
+    label: str
+    """Names the scenario or the recording, as in test ids."""
+    junction: Junction
+    agents: tuple[Agent, ...]
+    """In the order of the columns; simulated runs list them by entrance."""
+    zone: NDArray[np.int8]
+    """`Zone` of every agent, shape ``(steps, agents)``."""
+    lights: NDArray[np.int8]
+    """`Colour` at every entrance, shape ``(steps, entrances)``."""
+    dt: float = DT
+    """Time between two states [s]."""
+    station: NDArray[np.float64] | None = None
+    """Reference point along the itinerary, 0 at the entrance vertex, shape ``(steps, agents)`` [m]."""
+    speed: NDArray[np.float64] | None = None
+    """Forward speed, shape ``(steps, agents)`` [m/s]."""
+    pose: NDArray[np.float64] | None = None
+    """x [m], y [m], heading [rad] of the reference point, shape ``(steps, agents, 3)``."""
+    controls: NDArray[np.float64] | None = None
+    """Throttle, brake, steering commanded in each step, shape ``(steps, agents, 3)``."""
+    collisions: tuple[Collision, ...] | None = None
+    """None where nobody recorded them: they are then worked out from poses and sizes."""
+    fault: Fault | None = None
+    facts: Facts = Facts()
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    """Where the run comes from, as builtins: the scenario's fields, autopilot, versions. No verdict depends on it."""
+
+    def __post_init__(self) -> None:
+        for name in _ARRAYS:
+            array = getattr(self, name)
+            if array is not None and array.flags.writeable:
+                # A view, so that whoever made the array may go on writing to it.
+                shown = array.view()
+                shown.flags.writeable = False
+                object.__setattr__(self, name, shown)
+
+    def __eq__(self, other: object) -> bool:
+        """Tell whether two runs are the same bit for bit."""
+        return self.hash == other.hash if isinstance(other, Run) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.hash)
+
+    def __repr__(self) -> str:
+        return f"<Run {self.label}: {len(self.agents)} vehicles, {self.duration:.2f} s>"
+
+    @property
+    def steps(self) -> int:
+        """Number of states."""
+        return len(self.zone)
+
+    @property
+    def duration(self) -> float:
+        """Time of the last state [s]."""
+        return max(self.steps - 1, 0) * self.dt
+
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """Time of every state, shape ``(steps,)`` [s]."""
+        return np.arange(self.steps, dtype=np.float64) * np.float64(self.dt)
+
+    @cached_property
+    def wt(self) -> NDArray[np.int32]:
+        """Waiting time of every agent in ticks, shape ``(steps, agents)``.
+
+        Zero in the first state and outside the entrance zone, one more for every further state spent in
+        it; it does not restart when the vehicle starts to move inside the zone.
+        """
+        tick = np.arange(self.steps, dtype=np.int32)[:, None]
+        restart = np.where(self.zone == Zone.ENTRANCE, 0, tick)
+        waited = tick - np.maximum.accumulate(restart, axis=0)
+        waited.flags.writeable = False
+        return waited
+
+    @cached_property
+    def entered(self) -> NDArray[np.int64]:
+        """First tick of every agent in the junction or beyond, shape ``(agents,)``; the number of states where there is none."""
+        there = self.zone >= Zone.JUNCTION
+        first = np.where(there.any(axis=0), there.argmax(axis=0), self.steps)
+        first.flags.writeable = False
+        return first
+
+    @cached_property
+    def facing(self) -> NDArray[np.int8]:
+        """Colour of the light at the entrance of every agent, shape ``(steps, agents)``; from its entry on, as it was then."""
+        colours = self.lights[:, [agent.entrance for agent in self.agents]]
+        tick = np.minimum(np.arange(self.steps)[:, None], self.entered)
+        faced: NDArray[np.int8] = np.take_along_axis(colours, tick, axis=0)
+        faced.flags.writeable = False
+        return faced
+
+    @cached_property
+    def advance(self) -> NDArray[np.float64]:
+        """How fast every agent gets on along its itinerary, shape ``(steps, agents)``; negative when it backs off [m/s].
+
+        Raises:
+            RunError: the run does not record positions and speeds.
+        """
+        station = self.need("station")
+        rate = np.vstack((self.need("speed")[:1], np.diff(station, axis=0) / self.dt))
+        rate.flags.writeable = False
+        return rate
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 over states, collisions, fault, facts and junction: equal hashes mean bit-identical runs, judged alike."""
+        found = hashlib.sha256()
+        agents = [[a.name, a.entrance, a.exit, a.turn.value] for a in self.agents]
+        head = [self.label, self.dt, agents, astuple(self.facts), digest(self.junction)]
+        tail = None if self.collisions is None else [[c.time, *c.agents, c.speed] for c in self.collisions]
+        fault = self.fault and [self.fault.time, self.fault.agent, self.fault.reason]
+        found.update(json.dumps([head, tail, fault]).encode())
+        for array in (getattr(self, name) for name in _ARRAYS):
+            found.update(b"-" if array is None else str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
+        return found.hexdigest()
+
+    @property
+    def subject(self) -> str | None:
+        """Name of the vehicle under test where the others are traffic, else None."""
+        return self.facts.subject
+
+    def need(self, name: str) -> NDArray[np.float64]:
+        """Return ``station``, ``speed`` or ``pose``.
+
+        Raises:
+            RunError: the run does not record it.
+        """
+        array: NDArray[np.float64] | None = getattr(self, name)
+        if array is None:
+            raise RunError(f"the run holds no {'speeds' if name == 'speed' else 'positions'}")
+        return array
+
+    def size(self, agent: int) -> tuple[float, float]:
+        """Return length and width of the vehicle in column `agent` [m].
+
+        Raises:
+            RunError: the run does not record them.
+        """
+        if self.facts.sizes is None:
+            raise RunError("the run holds no size of its vehicles")
+        return self.facts.sizes[agent]
+
+    def entry(self, agent: int) -> float | None:
+        """Return when the agent in column `agent` enters the junction [s], or None."""
+        inside = np.flatnonzero(self.zone[:, agent] == Zone.JUNCTION)
+        return float(inside[0]) * self.dt if len(inside) else None

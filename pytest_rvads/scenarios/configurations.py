@@ -1,0 +1,156 @@
+"""Configurations: distances and speeds per entrance, as the paper's A..J or as a user's grid.
+
+The grid keeps to the braking envelope: a vehicle that starts d metres before the stopping line is no faster
+than v(d)max, else it would break rules by its speed alone (paper, section 5.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+from pytest_rvads.errors import ScenarioError, suggest
+from pytest_rvads.junctions.junction import JunctionControl
+
+__all__ = [
+    "PAPER",
+    "Configuration",
+    "Envelope",
+    "configuration",
+    "explicit",
+    "explicit_label",
+    "grid",
+    "outside",
+    "per_entrance",
+    "probe",
+]
+
+Envelope = Callable[[float], float | None]
+"""v(d)max: distance to the stopping line [m] to the greatest safe speed [m/s], None where even 0 m/s is unsafe."""
+
+PAPER = {JunctionControl.STOP: "ABCDE", JunctionControl.LIGHTS: "FGHIJ"}
+"""The paper's configurations by control; A and F are deliberate probes of a controller that launches before it looks."""
+
+_NEAR, _CLOSE, _FAR, _FAST = 0.01, 0.3, 20.0, 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """Distances and speeds of one scenario, per entrance before rotation."""
+
+    label: str
+    distances: tuple[float, ...]
+    """Reference point to stopping line [m]."""
+    speeds: tuple[float, ...]
+    """[m/s]."""
+
+
+def configuration(letter: str, ways: int) -> Configuration:
+    """Return the paper's configuration `letter` (A..J) for `ways` entrances.
+
+    Raises:
+        ScenarioError: an unknown letter.
+    """
+    first = (ways + 1) // 2
+    near, close, far = (_NEAR,) * ways, (_CLOSE,) * ways, (_FAR,) * ways
+    distances = {
+        **dict.fromkeys("AF", near),
+        **dict.fromkeys("BG", close),
+        **dict.fromkeys("CHDI", far),
+        "E": (_CLOSE,) * first + (_FAR,) * (ways - first),
+        "J": tuple(_CLOSE if i % 2 else _FAR for i in range(ways)),
+    }
+    if letter not in distances:
+        hint = suggest(letter.upper(), distances)
+        raise ScenarioError(f"unknown configuration {letter!r}: the paper's are A..J, or give distances= and speeds={hint}")
+    return Configuration(letter, distances[letter], (_FAST if letter in "DI" else 0.0,) * ways)
+
+
+def grid(names: str | Iterable[str], ways: int, control: JunctionControl) -> tuple[Configuration, ...]:
+    """Return the configurations of a named grid.
+
+    Args:
+        names: ``"paper"`` for the five of the paper that belong to `control` (those of the stop junction
+            where the control is neither stop nor lights), a string of letters, or a sequence of either.
+        ways: number of entrances.
+        control: of the junction.
+    """
+    letters: list[str] = []
+    for name in [names] if isinstance(names, str) else names:
+        letters += PAPER.get(control, PAPER[JunctionControl.STOP]) if name == "paper" else name
+    if not letters:
+        raise ScenarioError("a grid needs at least one configuration, such as 'paper', 'D' or ('C', 'D')")
+    return tuple(configuration(letter, ways) for letter in dict.fromkeys(letters))
+
+
+Axis = float | tuple[float, ...] | list[float | tuple[float, ...]]
+
+
+def explicit(distances: Axis, speeds: Axis, ways: int) -> tuple[Configuration, ...]:
+    """Return the product of explicit distances and speeds.
+
+    Args:
+        distances: a number for all entrances, a tuple with one number per entrance, or a list of either.
+        speeds: likewise.
+        ways: number of entrances.
+
+    Raises:
+        ScenarioError: a number that is negative or not finite, or a tuple of another length.
+    """
+    points = product(_points("distances", distances, ways), _points("speeds", speeds, ways))
+    return tuple(Configuration(explicit_label(d, v), d, v) for d, v in points)
+
+
+def explicit_label(distances: Sequence[float], speeds: Sequence[float]) -> str:
+    """Return the label of explicit values: ``d20.00_00.30v00.00``, one value where all are equal."""
+
+    def text(values: Sequence[float]) -> str:
+        return "_".join(f"{v:05.2f}" for v in (values[:1] if len(set(values)) == 1 else values))
+
+    return f"d{text(distances)}v{text(speeds)}"
+
+
+def outside(point: Configuration, envelope: Envelope) -> tuple[float, float] | None:
+    """Return the first (distance, speed) of `point` beyond the braking envelope, or None."""
+    for distance, speed in zip(point.distances, point.speeds, strict=True):
+        limit = envelope(distance) if speed > 0 else 0.0
+        if limit is None or speed > limit:
+            return distance, speed
+    return None
+
+
+def probe(point: Configuration, envelope: Envelope) -> str:
+    """Return what `point` deliberately probes, as a sentence; an empty one where it is a fair start like any other."""
+    beyond = outside(point, envelope)
+    if beyond is not None:
+        distance, speed = beyond
+        limit = envelope(distance) or 0.0
+        return f"a deliberate probe: at {speed:g} m/s nobody stops within {distance:g} m, v(d)max is {limit:.2f} m/s"
+    if min(point.distances) <= _NEAR:
+        return f"a deliberate probe: {_NEAR:g} m before the line nobody stays who drives off before looking"
+    return ""
+
+
+def per_entrance(name: str, value: float | Sequence[float], ways: int) -> tuple[float, ...]:
+    """Return `value` as one finite number of 0 or more per entrance.
+
+    Raises:
+        ScenarioError: another count, or a number that is negative or not finite.
+    """
+    if isinstance(value, str) or not isinstance(value, int | float | Sequence):
+        raise ScenarioError(f"{name} takes numbers, got {value!r}")
+    values = (value,) * ways if isinstance(value, int | float) else tuple(value)
+    if len(values) != ways:
+        raise ScenarioError(f"{name} needs one value, or one per entrance ({ways}), got {len(values)}: {values!r}")
+    for number in values:
+        if isinstance(number, bool) or not isinstance(number, int | float) or not 0 <= number < float("inf"):
+            raise ScenarioError(f"{name} must be 0 or more and finite, got {number!r}")
+    return tuple(float(v) for v in values)
+
+
+def _points(name: str, axis: Axis, ways: int) -> list[tuple[float, ...]]:
+    entries: list[float | tuple[float, ...]] = axis if isinstance(axis, list) else [axis]
+    if not entries:
+        raise ScenarioError(f"{name} is an empty list: give at least one value")
+    return [per_entrance(name, entry, ways) for entry in entries]

@@ -1,1 +1,0 @@
-"""The semantic model (G, S) of the paper: states, runs, itineraries, lights."""

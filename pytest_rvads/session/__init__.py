@@ -1,0 +1,1 @@
+"""A session of pytest: what it planned, what came of it, how it ends."""

@@ -1,0 +1,279 @@
+"""The records of a whole session: gathered where its reports arrive, summed up and written at the end."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from pytest_rvads.errors import RvadsError
+from pytest_rvads.report.record import JUDGED, Record, conclude, not_run
+from pytest_rvads.report.session_report import Report, in_order
+from pytest_rvads.session.items import OPTIONS
+from pytest_rvads.session.plan import Planner
+from pytest_rvads.session.time_budget import BUDGET
+
+__all__ = ["Session"]
+
+
+class Session:
+    """Lives in the main process, also under xdist, where the reports come from the workers."""
+
+    def __init__(self, config: pytest.Config, planner: Planner) -> None:
+        self.config = config
+        self.options = config.stash[OPTIONS]
+        self.planner = planner
+        self.baseline = _load(self.options.baseline)
+        self.records: dict[str, Record] = {}
+        """By node id; an item that is repeated counts as it ended."""
+        self.seconds: dict[str, float] = {}
+        """Node id to how long its phases took [s]."""
+        self.crashed: set[str] = set()
+        """Node ids of items that a worker died in."""
+        self.turned: set[str] = set()
+        """Node ids of items that failed until somebody changed their reports."""
+        self.others: set[str] = set()
+        """Failures that no verdict accounts for: of other tests, of collection, of clearing up."""
+        self.undriven: dict[str, str] = {}
+        """Node ids of items that nothing was named to drive in, and where what was meant may be."""
+        self.troubles: list[str] = []
+        self.report: Report | None = None
+        """Of the whole session, once it is over."""
+        self.index = ""
+        """Where the page of the session is, if it could be written."""
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Keep the record of an item."""
+        record = getattr(report, "rvads", None)
+        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
+        if record is not None:
+            self.records[report.nodeid] = record
+            if record["outcome"] == "failed" and (report.passed or report.skipped):
+                self.turned.add(report.nodeid)
+            self._tell(record)
+        elif report.when not in ("setup", "call", "teardown"):
+            self.crashed.add(report.nodeid)
+        if hasattr(report, "rvads_undriven"):
+            self.undriven[report.nodeid] = report.rvads_undriven
+        if report.failed and (record is None or report.when == "teardown"):
+            self.others.add(report.nodeid)
+
+    def _tell(self, record: Record) -> None:
+        """Tell users' hooks of a verdict; one that fails costs no other verdict."""
+        try:
+            self.config.hook.pytest_rvads_verdict(record=record, config=self.config)
+        except Exception as error:
+            said = f"a hook pytest_rvads_verdict raised {type(error).__name__}: {error}"
+            self.troubles += [] if said in self.troubles else [said]
+            self.others.add("pytest_rvads_verdict")
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        """Remember what could not be collected."""
+        if report.failed:
+            self.others.add(report.nodeid)
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
+        """Write what was asked for, whatever ended the session, and keep its exit status honest."""
+        if self.config.option.collectonly:
+            return
+        ended = int(exitstatus)
+        missing = self._complete()
+        if ended not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED, pytest.ExitCode.NO_TESTS_COLLECTED):
+            self.troubles.append(f"the session did not end by itself (exit status {ended}): {_items(missing)} did not run")
+        elif missing:
+            self.troubles.append(f"the session stopped early: {_items(missing)} did not run")
+            ended = ended or pytest.ExitCode.TESTS_FAILED
+        if vanished := len(self.planner.plan().vanished):
+            self.troubles.append(f"{_items(vanished)} vanished: a plugin or conftest.py dropped them without deselecting them")
+            ended = ended or pytest.ExitCode.TESTS_FAILED
+        if self.undriven:
+            self.troubles.append(_undriven(self.undriven))
+            ended = ended or pytest.ExitCode.TESTS_FAILED
+        if self.records and not any(r["status"] in JUDGED for r in self.records.values()):
+            self.troubles.append("nothing was judged: no rule asked anything of what was to be tested, or no item ran")
+            ended = ended or pytest.ExitCode.NO_TESTS_COLLECTED
+        if hushed := self._hushed():
+            self.troubles.append(f"{_items(len(hushed))} passed though not kept: something catches failures, first {hushed[0]}")
+            ended = ended or pytest.ExitCode.TESTS_FAILED
+        unkept = [r["unkept"] for r in self.records.values() if "unkept" in r]
+        if unkept:
+            self.troubles.append(f"the runs of {_items(len(unkept))} could not be kept: {unkept[0]}")
+            ended = ended or pytest.ExitCode.TESTS_FAILED
+        budget = self.config.stash[BUDGET]
+        if budget:
+            late = sum(r["message"] == budget.reason for r in self.records.values())
+            self.troubles += [f"{budget.reason.partition(': ')[2]}: {_items(late)} did not run"] if late else []
+            budget.remember(self.records.values())
+        if "pytest_rvads_verdict" in self.others:
+            ended = ended or pytest.ExitCode.TESTS_FAILED
+        self.report = self._report(
+            ended, cut=bool(missing or vanished or self.undriven or unkept or hushed or session.shouldfail)
+        )
+        ended = self.report.exitstatus
+        self._index(self.report)
+        if not self._write(self.report):
+            ended = ended or pytest.ExitCode.TESTS_FAILED
+        if ended != exitstatus:
+            session.exitstatus = ended
+
+    def _hushed(self) -> list[str]:
+        """Return the node ids of items that failed, and that a plugin or conftest.py made pass."""
+        bad = ("ERROR", "FAIL", "NOT JUDGED", *(("OPEN",) if self.options.open == "fail" else ()))
+        hidden = (n for n, r in self.records.items() if r["status"] in bad and r["outcome"] != "failed" and not r["known"])
+        return sorted({*hidden, *self.turned})
+
+    def _complete(self) -> int:
+        """Add a record for every item that was selected and gave none; return how many never ran."""
+        missing = 0
+        plan = self.planner.plan()
+        for nodeid, record in plan.vanished.items():
+            self.records[nodeid] = not_run(record, "dropped after collection")
+        for nodeid, record in plan.items.items():
+            if nodeid in self.crashed:
+                self.records[nodeid] = record
+                conclude(record, [], "", "failed", text="the worker process crashed while it ran this item")
+            elif nodeid not in self.records:
+                self.records[nodeid] = not_run(record, "the session ended before")
+                missing += 1
+        return missing
+
+    def _report(self, ended: int, cut: bool) -> Report:
+        """Return the report of the session, with the exit status that its gates make of it."""
+        from pytest_rvads.report.coverage import shortfall
+        from pytest_rvads.scenarios.classes import count_classes, count_scenarios
+        from pytest_rvads.versions import versions
+
+        ways = sorted({r["ways"] for r in self.records.values()})
+        totals = {n: (count_classes(n), count_scenarios(n)) for n in ways}
+        plan = self.planner.plan()
+        records = in_order(list(self.records.values()))
+        report = Report(records, totals, tuple(plan.cells), versions(), left_out=plan.left_out, seconds=self._by_run())
+        if self.baseline:
+            report = self._compare(report, self.baseline)
+            if ended in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
+                ended = self._judge_changes(report, ended, cut)
+        least = self.options.cov_fail_under
+        short = "" if least is None else shortfall(report, least)
+        if short:
+            self.troubles.append(short)
+            ended = ended or pytest.ExitCode.TESTS_FAILED
+        return replace(report, notes=tuple(self.troubles), exitstatus=ended)
+
+    def _by_run(self) -> dict[str, float]:
+        """Return how long the items of every run took together [s]."""
+        found: dict[str, float] = {}
+        for nodeid, record in self.records.items():
+            if "run" in record:
+                name = f"{record['test']}[{record['run']}]"
+                found[name] = found.get(name, 0.0) + self.seconds.get(nodeid, 0.0)
+        return found
+
+    def _compare(self, report: Report, baseline: Report) -> Report:
+        from pytest_rvads.report.baseline import compare, with_baseline
+
+        name = self.options.baseline.name if self.options.baseline else ""
+        return with_baseline(report, compare(report, baseline, name, self.options.erosion, self.planner.gone))
+
+    def _judge_changes(self, report: Report, ended: int, cut: bool) -> int:
+        """Return the exit status where only some changes since the baseline are failures; what is `cut` is no success."""
+        kinds = {"any": (), "new": ("NEW", "LOST"), "eroded": ("NEW", "LOST", "ERODED")}[self.options.fail_on]
+        if not kinds or not report.comparison:
+            return ended
+        errors = any(r["status"] in ("ERROR", "NOT JUDGED") for r in report.records)
+        if report.comparison.count(*kinds) or errors:
+            return pytest.ExitCode.TESTS_FAILED
+        old = sum(r["outcome"] == "failed" for r in report.records)
+        if ended and old and not self.others and not cut:
+            self.troubles.append(
+                f"{_items(old)} failed as in the baseline, which --rvads-fail-on={self.options.fail_on} lets pass"
+            )
+            return pytest.ExitCode.OK
+        return ended
+
+    def _index(self, report: Report) -> None:
+        """Write the page that leads from the verdicts to the replays; one that can't be written costs no verdict."""
+        if not self.options.artefacts or not any(r["status"] != "NOT RUN" for r in report.records):
+            return
+        from pytest_rvads.report.files import save
+        from pytest_rvads.session.artefacts import prepare_folder
+
+        folder = self.config.invocation_params.dir / self.options.artefacts
+        try:
+            prepare_folder(folder)
+            save(folder / "index.html", report)
+        except OSError as error:
+            self.troubles.append(f"the index of the session could not be written: {error}")
+        else:
+            self.index = f"{Path(self.options.artefacts).as_posix()}/index.html"
+
+    def _write(self, report: Report) -> bool:
+        """Write the reports and return whether that went well."""
+        summary = os.environ.get("GITHUB_STEP_SUMMARY")
+        if not self.options.reports and not (summary and self.records):
+            return True
+        from pytest_rvads.report.files import append_summary, save
+
+        jobs = [partial(save, path, report) for path in self.options.reports]
+        if summary and self.records:
+            jobs.append(partial(append_summary, Path(summary), report))
+        failures = 0
+        for job in jobs:
+            try:
+                job()
+            except OSError as error:
+                self.troubles.append(f"the report could not be written: {error}")
+                failures += 1
+        return not failures
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """Print the verdict matrix, the causes and the coverage lines, if anything of ours ran."""
+        if self.report and any(r["status"] != "NOT RUN" for r in self.report.records):
+            from pytest_rvads.report.terminal import summary
+
+            width = shutil.get_terminal_size().columns
+            unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+            full = self.options.summary == "full"
+            terminalreporter.section("rvads verdicts")
+            terminalreporter.write(
+                summary(self.report, colour=terminalreporter.hasmarkup, width=width, unicode=unicode, full=full)
+            )
+            if self.index:
+                terminalreporter.write_line(f"look: {self.index}")
+        for trouble in self.troubles:
+            terminalreporter.write_line(f"rvads: {trouble}", red=True)
+
+
+def _undriven(items: dict[str, str]) -> str:
+    """Return that nobody said what drives, and where it may be, if anything looks like it."""
+    where = next(filter(None, items.values()), "")
+    return (
+        f"nothing says what drives in {_items(len(items))}, so the bundled reference autopilot did, and nothing of yours was "
+        "tested: override the fixture rvads_autopilot, or name what drives by --rvads-autopilot=module:name or --rvads-sut "
+        f"(--rvads-autopilot=reference if you mean the reference){'; ' if where else ''}{where}"
+    )
+
+
+def _load(path: Path | None) -> Report | None:
+    """Return the baseline, before anything runs.
+
+    Raises:
+        pytest.UsageError: it is no report.
+    """
+    if path is None:
+        return None
+    from pytest_rvads.report.files import load
+
+    try:
+        return load(path)
+    except RvadsError as error:
+        raise pytest.UsageError(f"rvads_baseline: {error}") from error
+
+
+def _items(count: int) -> str:
+    return f"{count} item{'' if count == 1 else 's'}"

@@ -1,0 +1,150 @@
+"""What the tests of a session expand to, known before anything runs and also where workers do the collecting."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, cast
+
+import pytest
+
+from pytest_rvads.collection.expansion import LEFT_OUT
+from pytest_rvads.report.record import Record, cell_record
+from pytest_rvads.report.session_report import Cell, cell_from, cell_of
+
+if TYPE_CHECKING:
+    from pytest_rvads.collection import Cell as Parameter
+
+__all__ = ["Plan", "Planner", "in_part", "start"]
+
+_WIRE = "rvads_plan"
+"""Attribute of a worker's first report, or key of its output, that carries the plan to the main process."""
+
+
+@dataclass(slots=True)
+class Plan:
+    """The cells that the collected tests ask for, and the items that were selected to run."""
+
+    cells: dict[Cell, None] = field(default_factory=dict)
+    """Before ``-k`` and ``-m`` deselect, in the order of collection."""
+    items: dict[str, Record] = field(default_factory=dict)
+    """Node id to the start of the record, of the selected items."""
+    deselected: set[str] = field(default_factory=set)
+    """Node ids of the other items."""
+    vanished: dict[str, Record] = field(default_factory=dict)
+    """Those of them that nobody has said to have deselected, with the starts of their records."""
+    files: set[str] = field(default_factory=set)
+    """Every file that something was collected from, ours or not."""
+    left_out: dict[str, int] = field(default_factory=dict)
+    """Test to how many points of its grid were left out, because nobody could stop there."""
+
+    def pack(self) -> str:
+        """Return the plan as one string of JSON."""
+        records = list(self.items.values()), list(self.vanished.values())
+        return json.dumps([list(self.cells), *records, sorted(self.deselected), sorted(self.files), self.left_out])
+
+    def unpack(self, text: str) -> None:
+        """Take in a packed plan; all workers send the same one."""
+        cells, records, vanished, deselected, files, left_out = json.loads(text)
+        self.cells |= dict.fromkeys(map(cell_from, cells))
+        self.items |= {record["nodeid"]: record for record in records}
+        self.vanished |= {record["nodeid"]: record for record in vanished}
+        self.deselected |= set(deselected)
+        self.files |= set(files)
+        self.left_out |= left_out
+
+
+def in_part(config: pytest.Config) -> bool:
+    """Return whether the session collects only parts of files."""
+    return bool(getattr(config.option, "lf", False)) or any("::" in argument for argument in config.args)
+
+
+def start(item: pytest.Item) -> Record | None:
+    """Return the start of an item's record, or None where the item is not ours."""
+    if not (isinstance(item, pytest.Function) and hasattr(item, "callspec") and "rvads_cell" in item.callspec.params):
+        return None
+    cell = cast("Parameter", item.callspec.params["rvads_cell"])
+    return cell_record(item.nodeid, item.location[1] or 0, item.originalname, cell.keys, cell.scenario.ways, cell.requirements)
+
+
+class Planner:
+    """Notes the plan in every process that collects, and sends it from a worker to the main process."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._plan = Plan()
+        self._config = config
+        self._collected: list[pytest.Item] = []
+        self._selected: list[pytest.Item] = []
+        self._told: set[str] = set()
+        """Node ids of items that somebody deselected as one should."""
+        self._unsent = hasattr(config, "workerinput")
+
+    def plan(self) -> Plan:
+        """Return the plan; it is put together when first asked for, so that collecting costs nothing more."""
+        starts = {item.nodeid: record for item in self._collected if (record := start(item))}
+        self._plan.cells |= dict.fromkeys(map(cell_of, starts.values()))
+        self._plan.items |= {item.nodeid: starts[item.nodeid] for item in self._selected if item.nodeid in starts}
+        left = starts.keys() - self._plan.items.keys()
+        self._plan.deselected |= left
+        self._plan.vanished |= {nodeid: starts[nodeid] for nodeid in starts if nodeid in left - self._told}
+        self._plan.files |= {_file(item.nodeid) for item in self._collected}
+        left_out: dict[str, int] = self._config.stash.setdefault(LEFT_OUT, {})
+        self._plan.left_out |= left_out
+        self._collected, self._selected = [], []
+        return self._plan
+
+    def gone(self, nodeid: str) -> bool:
+        """Tell whether an item that was not selected does not exist any more, as far as this session can tell.
+
+        That is so when its file is not there, or was collected as a whole without giving the item.
+        """
+        plan = self.plan()
+        if nodeid in plan.deselected:
+            return False
+        if not (self._config.rootpath / _file(nodeid)).exists():
+            return True
+        return _file(nodeid) in plan.files and not in_part(self._config)
+
+    def pytest_itemcollected(self, item: pytest.Item) -> None:
+        """Note every item, before anybody can deselect or drop it."""
+        self._collected.append(item)
+
+    def pytest_deselected(self, items: list[pytest.Item]) -> None:
+        """Note what was deselected by an option, or by a plugin that says so."""
+        self._told |= {item.nodeid for item in items}
+
+    def pytest_collection_finish(self, session: pytest.Session) -> None:
+        """Note what was selected."""
+        self._selected = session.items
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(self) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+        """Send the plan with a worker's first report: what was planned is known whatever becomes of the worker."""
+        report = yield
+        if self._unsent:
+            setattr(report, _WIRE, self.plan().pack())
+            self._unsent = False
+        return report
+
+    def pytest_sessionfinish(self) -> None:
+        """Send the plan of a worker that ran nothing."""
+        if self._unsent:
+            self._config.workeroutput[_WIRE] = self.plan().pack()  # type: ignore[attr-defined]
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Take the plan off a worker's report in the main process, before anybody else reads it."""
+        if not hasattr(self._config, "workerinput") and hasattr(report, _WIRE):
+            self._plan.unpack(report.__dict__.pop(_WIRE))
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any) -> None:
+        """Take the plan of a worker that ran nothing."""
+        text = getattr(node, "workeroutput", {}).get(_WIRE)
+        if text:
+            self._plan.unpack(text)
+
+
+def _file(nodeid: str) -> str:
+    return nodeid.partition("::")[0]

@@ -1,0 +1,1 @@
+"""From a scenario and its drivers to a run."""

@@ -1,0 +1,113 @@
+"""Perception: what an autopilot gets to see of the other vehicles when its senses are not ideal."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from random import Random
+
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
+from pytest_rvads.runs.run import DT
+from pytest_rvads.runs.states import VehicleState, Zone
+from pytest_rvads.scenarios.senses import Senses
+
+__all__ = ["Perception", "hidden"]
+
+
+class Perception:
+    """Looks at the world through the senses of one vehicle.
+
+    Args:
+        senses: how imperfect they are.
+        key: what the random draws depend on beside the seed: the scenario and the vehicle.
+    """
+
+    def __init__(self, senses: Senses, key: str) -> None:
+        self._senses = senses
+        self._random = Random(f"{senses.seed} {key} perception")
+        self._past: deque[tuple[VehicleState, ...]] = deque(maxlen=round(senses.delay / DT) + 1)
+        self._earlier: set[str] = set()
+        """Vehicles that were created before the own one."""
+
+    def watch(self, seen: Observation) -> None:
+        """Take note of a state; to be called in every step."""
+        self._past.append(seen.others)
+        self._earlier.update(other.name for other in seen.others[: seen.created])
+
+    def view(self, seen: Observation) -> Observation:
+        """Return what is perceived when the true state is `seen`, the last one watched."""
+        senses, draw = self._senses, self._random
+        bodies = self._past[0]
+        perceived = []
+        for other in bodies:
+            # Drawn for every vehicle, seen or not, so that no draw depends on who is in sight.
+            lost, along, across, faster = draw.random(), draw.gauss(), draw.gauss(), draw.gauss()
+            if lost < senses.dropout or math.hypot(other.x - seen.me.x, other.y - seen.me.y) > senses.range:
+                continue
+            if senses.occlusion and hidden(seen.me, other, bodies):
+                continue
+            if senses.position_noise or senses.speed_noise:
+                other = _blurred(
+                    other,
+                    seen.junction,
+                    senses.position_noise * along,
+                    senses.position_noise * across,
+                    senses.speed_noise * faster,
+                )
+            perceived.append(other)
+        return seen._replace(others=tuple(perceived), created=sum(other.name in self._earlier for other in perceived))
+
+
+def hidden(me: VehicleState, other: VehicleState, bodies: tuple[VehicleState, ...]) -> bool:
+    """Return whether `other` can't be seen from the own front: a third body is in every line to its front, centre and rear."""
+    return all(
+        any(_crosses((me.x, me.y), point, body) for body in bodies if body.name not in (me.name, other.name))
+        for point in (_along(other, share) for share in (0.0, 0.5, 1.0))
+    )
+
+
+def _along(state: VehicleState, share: float) -> tuple[float, float]:
+    """Return a point of the centre line of a body, 0 at the front, 1 at the rear."""
+    back = share * state.length
+    return state.x - back * math.cos(state.heading), state.y - back * math.sin(state.heading)
+
+
+def _crosses(one: tuple[float, float], two: tuple[float, float], body: VehicleState) -> bool:
+    """Return whether the line between two points meets a body: clipped by the slabs of its rectangle (Liang and Barsky)."""
+    cos, sin = math.cos(body.heading), math.sin(body.heading)
+    begin, end = 0.0, 1.0
+    (ax, ay), (bx, by) = ((x - body.x, y - body.y) for x, y in (one, two))
+    ends = (
+        (ax * cos + ay * sin, bx * cos + by * sin, -body.length, 0.0),
+        (ay * cos - ax * sin, by * cos - bx * sin, -body.width / 2, body.width / 2),
+    )
+    for a, b, low, high in ends:
+        if a == b:
+            if not low <= a <= high:
+                return False
+            continue
+        enter, leave = sorted(((low - a) / (b - a), (high - a) / (b - a)))
+        begin, end = max(begin, enter), min(end, leave)
+    return begin <= end
+
+
+def _blurred(state: VehicleState, junction: Junction, along: float, across: float, faster: float) -> VehicleState:
+    """Return a state that is off along and across its way [m] and in speed [m/s]; its zone is that of the place."""
+    cos, sin = math.cos(state.heading), math.sin(state.heading)
+    station = state.station + along
+    return state._replace(
+        station=station,
+        zone=_zone(state, junction, station) if along else state.zone,
+        x=state.x + along * cos - across * sin,
+        y=state.y + along * sin + across * cos,
+        speed=max(state.speed + faster, 0.0),
+    )
+
+
+def _zone(state: VehicleState, junction: Junction, station: float) -> Zone:
+    if station <= 0.0:
+        return Zone.ENTRANCE if station >= -junction.setbacks[state.entrance] - ENTRANCE_ZONE else Zone.APPROACH
+    lengths = [m.length for m in junction.movements.values() if m.entrance == state.entrance and m.turn is state.turn]
+    return Zone.JUNCTION if station < min(lengths) else Zone.EXIT

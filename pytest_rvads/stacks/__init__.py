@@ -1,5 +1,0 @@
-"""Autopilots in other processes: a stack in any language, asked in lock-step over its standard input and output."""
-
-from pytest_rvads.stacks.process import Process
-
-__all__ = ["Process"]

@@ -1,0 +1,82 @@
+"""Which rule, and which metamorphic relation, tells a mutant of the reference autopilot from the reference itself?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.rules.rule import rules_for
+from pytest_rvads.scenarios.configurations import configuration
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.search.falsify import broken
+from pytest_rvads.search.metamorphic import compare
+from pytest_rvads.search.relations import RELATIONS
+from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.seat import Factory
+from pytest_rvads.studies.mutants import MUTANTS
+from pytest_rvads.studies.pool import Progress, spread
+
+__all__ = ["CELLS", "Killing", "kill_all", "killed_by"]
+
+CELLS = (
+    ("stop4", "1231", "C"),
+    ("stop4", "2222", "E"),
+    ("stop4", "2323", "D"),
+    ("stop4", "0033", "D"),
+    ("light4", "3121", "I"),
+    ("light4", "1232", "J"),
+    ("light4", "3222", "H"),
+    ("light4", "3313", "I"),
+)
+"""Junction, directions, configuration: each turn meets each, at rest and on the move, together and one after the other."""
+TURNED = (("stop4", "2200", "C"),)
+"""Where the relations are tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class Killing:
+    """What kills a mutant."""
+
+    mutant: str
+    fault: str
+    """What is wrong with it, in a sentence."""
+    rules: tuple[str, ...]
+    relations: tuple[str, ...]
+
+
+def kill_all(workers: int | None = None, progress: Progress | None = None) -> list[Killing]:
+    """Try every mutant."""
+    return list(spread(killed_by, list(MUTANTS), workers, progress, batch=1))
+
+
+def killed_by(name: str) -> Killing:
+    """Return the rules that a mutant breaks where the reference autopilot keeps them, and the relations that it breaks."""
+    mutant = MUTANTS[name]
+    rules: dict[str, None] = {}
+    for cell in CELLS:
+        scenario = _scenario(*cell)
+        rules |= dict.fromkeys(r for r in _broken(scenario, mutant) if r not in _by_reference(scenario))
+    relations = [
+        relation
+        for relation in RELATIONS
+        if any(compare(_scenario(*cell), mutant, ("paper", "road"), relations=relation).differences for cell in TURNED)
+    ]
+    return Killing(name, " ".join((mutant.__doc__ or "").split()), tuple(rules), tuple(relations))
+
+
+def _scenario(junction: str, directions: str, letter: str) -> Scenario:
+    point = configuration(letter, len(directions))
+    return Scenario(junction, directions, distance=point.distances, speed=point.speeds, configuration=letter)
+
+
+@lru_cache(maxsize=len(CELLS))
+def _by_reference(scenario: Scenario) -> list[str]:
+    return _broken(scenario, Reference)
+
+
+def _broken(scenario: Scenario, factory: Factory) -> list[str]:
+    run = simulate(scenario, factory)
+    rules = rules_for(("paper", "road"), run.junction.control)
+    return [rule.name for rule in rules if broken(run, check(run, rule))]

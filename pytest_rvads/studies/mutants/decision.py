@@ -1,0 +1,245 @@
+"""Mutants that decide wrongly when to enter the junction."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from pytest_rvads.drivers.at_light import Light
+from pytest_rvads.drivers.crossing import in_the_way
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.order import Queue
+from pytest_rvads.drivers.reference import Gate, Reference
+from pytest_rvads.drivers.stop_sign import HOLD, PATIENCE, StopSign
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.segment import Turn
+from pytest_rvads.runs.states import Colour, VehicleState, Zone
+
+__all__ = [
+    "Anticipates",
+    "Backwards",
+    "Deadlocks",
+    "EqualPatience",
+    "HalfYield",
+    "IgnoresStop",
+    "Jostles",
+    "LeftFirst",
+    "NoRightOnRedStop",
+    "NoRightOnRedYield",
+    "NoYield",
+    "NumberFirst",
+    "ShortStop",
+    "Tailgates",
+]
+
+_SHORT = 1.5
+"""Slower than this, the short stop counts as one [m/s]."""
+
+
+class _Gated(Reference):
+    """Has other gates than the reference autopilot at stop signs, at lights, or at both."""
+
+    sign: ClassVar[type[Gate]] = StopSign
+    light: ClassVar[type[Gate]] = Light
+
+    def make_gate(self, seen: Observation) -> Gate:
+        return self.light() if seen.junction.control is JunctionControl.LIGHTS else self.sign()
+
+
+class _Open:
+    def allows(self, seen: Observation) -> bool:
+        mine = (seen.itinerary.entrance, seen.itinerary.exit)
+        return not any(in_the_way(seen.junction, mine, other) for other in seen.others)
+
+
+class IgnoresStop(_Gated):
+    """Does not stop at a stop sign, unless somebody in the junction is in its way."""
+
+    sign = _Open
+
+
+class _Short(StopSign):
+    def allows(self, seen: Observation) -> bool:
+        if self._stood_since is None and seen.me.zone is Zone.ENTRANCE and seen.me.speed < _SHORT:
+            self._stood_since = seen.time - HOLD
+        return super().allows(seen)
+
+
+class ShortStop(_Gated):
+    """Slows down to 1.5 m/s at a stop sign and calls that a stop."""
+
+    sign = _Short
+
+
+class _QueueMutant(StopSign):
+    queue: ClassVar[type[Queue]]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._queue = self.queue()
+
+
+class _ByNumber(Queue):
+    def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
+        waiting = [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
+        return [min(waiting, key=lambda s: s.entrance)], True
+
+
+class _NumberSign(_QueueMutant):
+    queue = _ByNumber
+
+
+class NumberFirst(_Gated):
+    """At a stop sign, whoever waits at the entrance with the lowest number goes first."""
+
+    sign = _NumberSign
+
+
+class _LastFirst(Queue):
+    def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
+        waiting = [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
+        return [max(waiting, key=lambda s: (self._outside[s.name], -s.entrance))], True
+
+
+class _BackwardsSign(_QueueMutant):
+    queue = _LastFirst
+
+
+class Backwards(_Gated):
+    """At a stop sign, the last to come goes first."""
+
+    sign = _BackwardsSign
+
+
+class _LeftQueue(Queue):
+    def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
+        waiting = [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
+        earliest = min(self._outside[s.name] for s in waiting)
+        tied = [s for s in waiting if self._outside[s.name] == earliest]
+        right_of = seen.junction.right_of
+        free = [s for s in tied if not any((s.entrance, o.entrance) in right_of for o in tied)]
+        return ([min(free, key=lambda s: s.entrance)], True) if free else (tied, False)
+
+
+class _LeftSign(_QueueMutant):
+    queue = _LeftQueue
+
+
+class LeftFirst(_Gated):
+    """Of two that arrive together at a stop sign, lets the one on the left go first."""
+
+    sign = _LeftSign
+
+
+class _Polite(StopSign):
+    def _my_turn(self, seen: Observation) -> bool:
+        _, decided = self._queue.first(seen)
+        return decided and super()._my_turn(seen)
+
+
+class Deadlocks(_Gated):
+    """Waits for ever where everybody has somebody to the right."""
+
+    sign = _Polite
+
+
+class _Equal(StopSign):
+    def _my_turn(self, seen: Observation) -> bool:
+        # Standing at entrance 0 in this respect: everybody's patience ends in the same tick.
+        mine = super()._my_turn(seen)
+        return mine or (self._stuck_since is not None and seen.time - self._stuck_since >= PATIENCE)
+
+
+class EqualPatience(_Gated):
+    """Waits as long as everybody else where everybody has somebody to the right."""
+
+    sign = _Equal
+
+
+class _EarlySign(StopSign):
+    def allows(self, seen: Observation) -> bool:
+        mine = (seen.itinerary.entrance, seen.itinerary.exit)
+        junction = seen.junction
+        left = [o for o in seen.others if o.zone is not Zone.JUNCTION or in_the_way(junction, mine, o)]
+        return super().allows(seen._replace(others=tuple(left)))
+
+
+class Tailgates(_Gated):
+    """At a stop sign, enters as soon as who is in the junction is out of its own way."""
+
+    sign = _EarlySign
+
+
+class _Deaf(Queue):
+    def setting_off(self, others: object) -> bool:
+        return False
+
+
+class _JostleSign(_QueueMutant):
+    queue = _Deaf
+
+
+class Jostles(_Gated):
+    """At a stop sign, does not notice that another one has set off already."""
+
+    sign = _JostleSign
+
+
+class _Rushes(Light):
+    def __init__(self) -> None:
+        super().__init__()
+        self._stood = True
+
+
+class NoRightOnRedStop(_Gated):
+    """Turns right on red without stopping, but yields."""
+
+    light = _Rushes
+
+
+class _NoRedYield(Light):
+    def _has_priority(self, seen: Observation, other: VehicleState, colour: Colour) -> bool:
+        on_red = colour is Colour.RED and seen.me.turn is Turn.RIGHT
+        return not on_red and super()._has_priority(seen, other, colour)
+
+
+class NoRightOnRedYield(_Gated):
+    """Turns right on red after a stop, without yielding to the left."""
+
+    light = _NoRedYield
+
+
+class _NoYield(Light):
+    def _has_priority(self, seen: Observation, other: VehicleState, colour: Colour) -> bool:
+        return seen.me.turn is not Turn.LEFT and super()._has_priority(seen, other, colour)
+
+
+class NoYield(_Gated):
+    """Turns left without yielding to oncoming traffic."""
+
+    light = _NoYield
+
+
+class _HalfYield(Light):
+    def _has_priority(self, seen: Observation, other: VehicleState, colour: Colour) -> bool:
+        right = seen.me.turn is Turn.LEFT and other.turn is Turn.RIGHT
+        return not right and super()._has_priority(seen, other, colour)
+
+
+class HalfYield(_Gated):
+    """Turning left, yields to who comes straight on and not to who turns right."""
+
+    light = _HalfYield
+
+
+class _Early(Light):
+    def allows(self, seen: Observation) -> bool:
+        if all(colour is Colour.RED for colour in seen.lights):
+            # Everybody has red: the next green is the own one, as long as nobody else thinks so first.
+            seen = seen._replace(lights=tuple(Colour.GREEN for _ in seen.lights))
+        return super().allows(seen)
+
+
+class Anticipates(_Gated):
+    """Sets off while all lights are red."""
+
+    light = _Early
