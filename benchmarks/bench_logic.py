@@ -33,7 +33,7 @@ def made(junction: str) -> Run:
     place = find(junction)
     agents, zones = [], []
     for e in range(4):
-        agents.append(Agent(f"a{e}", e, place.exit_of(e, 3 - e % 3), place.turn(e, place.exit_of(e, 3 - e % 3))))
+        agents.append(Agent(f"a{e}", place.movements[e, place.leads(e, 3 - e % 3).exit]))
         ticks = [0, 300 + 10 * e, 500 + 600 * e, 900 + 600 * e, STEPS]
         zones.append(
             np.concatenate([np.full(b - a, z) for (a, b), z in zip(pairwise(ticks), Zone, strict=False)]).astype(np.int8)

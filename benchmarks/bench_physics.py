@@ -10,20 +10,22 @@ import time
 import pytest
 
 from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.physics.braking import _vmax, stopping_distance, vmax
 from pytest_rvads.physics.world import BulletWorld, Motion
 from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 BUDGET = 0.15
 """Longest time for 20 simulated seconds on the machine of CI [s]."""
-CASES = [Scenario("stop4", "3333", distance=20, duration=20), Scenario("light4", "3232", distance=20, duration=20)]
+CASES = [Scenario(find("stop4"), "3333", distance=20, duration=20), Scenario(find("light4"), "3232", distance=20, duration=20)]
 
 
 def bare_steps() -> None:
     """2000 steps of the same world without forces, control or sampling."""
-    world = BulletWorld(Vehicle(), [Motion(20.0 * k, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(4)])
+    world = BulletWorld([Vehicle()] * 4, [Motion(20.0 * k, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(4)])
     bullet, client = world._bullet, world._client
     for _ in range(2000):
         bullet.stepSimulation(physicsClientId=client)
@@ -63,10 +65,10 @@ def test_braking_envelope(benchmark, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_memory_of_a_thousand_runs() -> None:
-    case = Scenario("stop4", "3333", distance=0.3, duration=0.5)
+    case = Scenario(find("stop4"), "3333", distance=0.3, duration=0.5)
     for _ in range(200):
-        simulate(case, Reference)
+        simulate(Case(case, Reference))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for _ in range(1000):
-        simulate(case, Reference)
+        simulate(Case(case, Reference))
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 4096, "kilobytes"

@@ -17,11 +17,13 @@ from pytest_rvads.drivers.commands import TargetSpeed
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.stacks.process import Process
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 CLIENTS = Path(__file__).parents[1] / "clients"
-SCENARIO = Scenario("stop4", "1133", distance=20, speed=8, subject=0, duration=15)
+SCENARIO = Scenario(find("stop4"), "1133", distance=20, speed=8, subject=0, duration=15)
 MOST = 1.2
 ROUNDS = 9
 
@@ -90,9 +92,9 @@ def test_the_protocol_adds_at_most_a_fifth(benchmark, stack: Process) -> None:
 
     def seconds(autopilot: object) -> tuple[float, float, dict[str, float]]:
         elapsed, used = time.perf_counter(), busy(stack)
-        run = simulate(SCENARIO, autopilot, traffic=Reference)
+        run = simulate(Case(SCENARIO, autopilot, traffic=Reference))
         assert run.fault is None
-        timing = run.meta.get("timing", {}).get("a0", {"compute": 0.0, "decisions": 0})
+        timing = run.provenance.get("timing", {}).get("a0", {"compute": 0.0, "decisions": 0})
         return busy(stack) - used, time.perf_counter() - elapsed, timing
 
     seconds(stack), seconds(Inside)
@@ -105,5 +107,5 @@ def test_the_protocol_adds_at_most_a_fifth(benchmark, stack: Process) -> None:
     benchmark.extra_info["ratio"] = round(statistics.median(ratios), 3)
     benchmark.extra_info["ratio of elapsed times"] = [round(min(elapsed), 3), round(statistics.median(elapsed), 3)]
     benchmark.pedantic(lambda: seconds(stack), rounds=3)
-    assert simulate(SCENARIO, stack, traffic=Reference).hash == simulate(SCENARIO, Inside, traffic=Reference).hash
+    assert simulate(Case(SCENARIO, stack, traffic=Reference)).hash == simulate(Case(SCENARIO, Inside, traffic=Reference)).hash
     assert statistics.median(ratios) <= MOST, ratios

@@ -42,6 +42,7 @@ _DECLARED = {
         "fixtures say",
         metavar="NAME",
     ),
+    "simulator": _Option("what makes the runs: bullet, or module:name of yours", "bullet", metavar="NAME"),
     "sut-rate": _Option("decisions of the stack per simulated second; by default what it asks for, else 20", metavar="HZ"),
     "sut-timeout": _Option("how long the stack may take for one decision, in real time", "5", metavar="SECONDS"),
     "map": _Option("OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)"),
@@ -94,6 +95,8 @@ class Options:
     """Command of the stack under test, with an absolute path."""
     autopilot: str | None
     """What drives by name, see `--rvads-autopilot`."""
+    simulator: str
+    """By name, see `--rvads-simulator`."""
     sut_rate: float | None
     """[Hz]."""
     sut_timeout: float
@@ -148,6 +151,7 @@ class Options:
         return cls(
             sut=_command(values["sut"], here),
             autopilot=values["autopilot"] or None,
+            simulator=values["simulator"],
             sut_rate=_number("sut-rate", values["sut-rate"], 100.0),
             sut_timeout=_number("sut-timeout", values["sut-timeout"], 3600.0) or 5.0,
             map=_map(config),

@@ -14,7 +14,7 @@ from pytest_rvads import hooks
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_run, rvads_runs
-from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_sut, rvads_vehicle
+from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
 from pytest_rvads.options import Options, declare
 from pytest_rvads.session.bundled import offer
 from pytest_rvads.session.chosen_driver import chosen
@@ -33,6 +33,7 @@ __all__ = [
     "rvads_map",
     "rvads_run",
     "rvads_runs",
+    "rvads_simulator",
     "rvads_sut",
     "rvads_vehicle",
 ]
@@ -66,6 +67,10 @@ def pytest_configure(config: pytest.Config) -> None:
         options = config.stash[OPTIONS] = Options.read(config)
         if options.autopilot:
             chosen(options.autopilot, config.invocation_params.dir)  # a wrong name ends the session before anything runs
+        if options.simulator != "bullet":
+            from pytest_rvads.simulators.simulator import named
+
+            named(options.simulator, config.invocation_params.dir)
     except RvadsError as error:
         raise pytest.UsageError(str(error)) from error
     register_marks(config)

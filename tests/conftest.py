@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 
 import pytest_rvads
 from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.rules.registry import registries_kept
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Collision, Facts, Run
@@ -62,8 +64,8 @@ def make() -> Make:
         place = find(junction)
         agents, zones = [], []
         for entrance, (direction, *ticks) in vehicles.items():
-            leaving = place.exit_of(entrance, direction)
-            agents.append(Agent(f"a{entrance}", entrance, leaving, place.turn(entrance, leaving)))
+            leaving = place.leads(entrance, direction).exit
+            agents.append(Agent(f"a{entrance}", place.movements[entrance, leaving]))
             zone = np.full(steps, Zone.APPROACH, dtype=np.int8)
             for tick, part in zip(ticks, (Zone.ENTRANCE, Zone.JUNCTION, Zone.EXIT), strict=True):
                 if tick is not None:
@@ -84,7 +86,7 @@ def drive() -> Make:
 
     It takes the name of a built-in junction; per entrance the direction, the station at the start [m], [(tick, speed
     [m/s]), ...], and how far to the left of the centre line to drive [m], 0 by default; the number of ticks; lights as in
-    `make`; collisions as (tick, name, name); further facts.
+    `make`; collisions as (tick, name, name); length and width of all vehicles [m]; further facts.
     """
 
     def build(
@@ -93,13 +95,14 @@ def drive() -> Make:
         steps: int,
         lights: Mapping[int, Sequence[tuple[int, Colour]]] | None = None,
         collisions: Sequence[tuple[int, str, str]] = (),
+        size: tuple[float, float] | None = (4.6, 1.86),
         **facts: Any,
     ) -> Run:
         place = find(junction)
         agents, columns = [], []
         for entrance, (direction, start, speeds, *beside) in vehicles.items():
-            leaving = place.exit_of(entrance, direction)
-            agents.append(Agent(f"a{entrance}", entrance, leaving, place.turn(entrance, leaving)))
+            leaving = place.leads(entrance, direction).exit
+            agents.append(Agent(f"a{entrance}", place.movements[entrance, leaving], size=size))
             speed = np.zeros(steps)
             for tick, value in speeds:
                 speed[tick:] = value
@@ -127,7 +130,22 @@ def drive() -> Make:
             speed=speed,
             pose=pose,
             collisions=tuple(Collision(tick * 0.01, (one, two), 1.0) for tick, one, two in collisions),
-            facts=Facts(**{"sizes": ((4.6, 1.86),) * len(agents), "speed_limit": 11.176, **facts}),
+            facts=Facts(**{"speed_limit": 11.176, **facts}),
+        )
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def topology() -> Callable[[Junction], Junction]:
+    """Return a function that returns a junction of which nobody knows where its lanes lie."""
+
+    def build(junction: Junction) -> Junction:
+        return replace(
+            junction,
+            entrances=tuple(replace(e, approach=None) for e in junction.entrances),
+            exits=tuple(replace(e, road=None) for e in junction.exits),
+            movements={key: replace(m, path=None) for key, m in junction.movements.items()},
         )
 
     return build

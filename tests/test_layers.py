@@ -3,8 +3,10 @@
 import ast
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
+import networkx as nx
 import pytest
 
 import pytest_rvads
@@ -45,3 +47,31 @@ def test_a_library_has_its_home(library: str, homes: set[str]) -> None:
 def test_nothing_private_of_pytest_is_imported() -> None:
     for file in PACKAGE.rglob("*.py"):
         assert "_pytest" not in file.read_text(encoding="utf-8"), file
+
+
+def imports() -> nx.DiGraph:
+    """The modules of the package and what each imports, anywhere in its text: also in functions and for type checkers only."""
+    modules = {}
+    for file in PACKAGE.rglob("*.py"):
+        name = ".".join((PACKAGE.name, *file.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__")
+        modules[name] = file
+    graph = nx.DiGraph()
+    graph.add_nodes_from(modules)
+    for name, file in modules.items():
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom):
+                said = [f"{node.module}.{alias.name}" for alias in node.names]
+                graph.add_edges_from((name, s if s in modules else node.module) for s in said if {s, node.module} & set(modules))
+            elif isinstance(node, ast.Import):
+                graph.add_edges_from((name, alias.name) for alias in node.names if alias.name in modules)
+    return graph
+
+
+def test_no_modules_import_each_other_not_even_late() -> None:
+    assert [circle for circle in nx.strongly_connected_components(imports()) if len(circle) > 1] == []
+
+
+def test_no_two_modules_have_one_name() -> None:
+    rooms = {file.parent.name for file in PACKAGE.rglob("__init__.py")}
+    names = Counter(file.stem for file in PACKAGE.rglob("*.py") if file.stem != "__init__")
+    assert [name for name, count in names.items() if count > 1 or name in rooms] == []

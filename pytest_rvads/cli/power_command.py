@@ -24,6 +24,7 @@ def declare(commands: Subparsers) -> None:
     power.add_argument(
         "--deficiency", action="append", choices=("I1", "I2", "I3", "I4", "I5"), help="only this one, may be repeated"
     )
+    power.add_argument("--among", metavar="TRAFFIC", help="one vehicle has the deficiency, among traffic of this policy")
     power.add_argument("--seeds", type=int, default=100, help="repetitions (default: 100)")
     power.add_argument("--budget", type=int, default=40, help="simulations after which a search gives up (default: 40)")
     power.add_argument("--workers", type=int, help="processes (default: one per processor)")
@@ -32,6 +33,7 @@ def declare(commands: Subparsers) -> None:
 
 
 def _power(options: argparse.Namespace) -> int:
+    from pytest_rvads.drivers.traffic import traffic
     from pytest_rvads.studies.killing import kill_all
     from pytest_rvads.studies.power import DEFICIENCIES, measure
     from pytest_rvads.studies.power_tables import plot, table_of_mutants, table_of_power
@@ -44,7 +46,9 @@ def _power(options: argparse.Namespace) -> int:
         print(table_of_mutants(kill_all(options.workers, partial(progress, what="mutants"))))
         return 0
     wanted = options.deficiency or tuple(DEFICIENCIES)
-    measured = measure(options.seeds, options.budget, deficiencies=wanted, workers=options.workers)
+    if options.among is not None:
+        traffic(options.among)  # an unknown one is refused before anything runs
+    measured = measure(options.seeds, options.budget, deficiencies=wanted, among=options.among, workers=options.workers)
     print(table_of_power(measured))
     if options.svg:
         Path(options.svg).write_text(plot(measured), encoding="utf-8")

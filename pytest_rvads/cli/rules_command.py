@@ -38,6 +38,7 @@ def declare(rules: argparse.ArgumentParser) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
+    from pytest_rvads.junctions.finder import find
     from pytest_rvads.junctions.junction import JunctionControl
     from pytest_rvads.scenarios.classes import parse
     from pytest_rvads.search.survey import show, survey
@@ -52,9 +53,8 @@ def _check(options: argparse.Namespace) -> int:
         about = [rule for rule in rules if rule.about in (None, JunctionControl(control))]
         if about:
             result = survey(
-                _JUNCTIONS[control, options.ways],
+                find(_JUNCTIONS[control, options.ways]),
                 about,
-                ways=options.ways,
                 scenarios=[code] if code else None,
                 arrivals=arrivals,
                 progress=partial(progress, what="pairs"),

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pytest_rvads.drivers.traffic import Policy
-    from pytest_rvads.junctions.junction import Junction
     from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.scenarios.scenario import Scenario
 
@@ -42,7 +41,6 @@ class Cell:
 
 def cells_of(
     scenario: Scenario,
-    junction: Junction,
     policies: Sequence[Policy | None],
     rules: Sequence[Rule | None],
     requirements: tuple[str, ...] = (),
@@ -53,7 +51,6 @@ def cells_of(
 
     Args:
         scenario: what to run.
-        junction: the one that ``scenario.find()`` returns.
         policies: of the traffic.
         rules: to judge by.
         requirements: identifiers of the requirements that the scenario traces to.
@@ -61,7 +58,7 @@ def cells_of(
     from pytest_rvads.scenarios.classes import label
 
     shared: dict[str, str | int] = {
-        "junction": junction.name,
+        "junction": scenario.place.name,
         "cls": scenario.number,
         "scenario": label(scenario.placed),
         "cfg": scenario.point,
@@ -69,7 +66,7 @@ def cells_of(
     }
     if scenario.subject is not None:
         shared["seat"] = scenario.subject
-    name = scenario.name_at(junction)
+    name = scenario.name
     for policy in policies:
         run = name if policy is None or policy.name == DEFAULT else f"{name}-{policy.name}"
         keys = shared | {"traffic": policy.name} if policy else shared

@@ -135,9 +135,7 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
     junction = find(place, file)
     configurations, left_out = _configurations(ask, junction, options, added.grids, metafunc.config)
     selection = Selection.of(
-        place,
-        file,
-        junction.ways,
+        junction,
         configurations,
         classes=_several("classes", ask["classes"], int, "class numbers"),
         scenarios=_several("scenarios", ask["scenarios"], str, "direction strings such as '1133'"),
@@ -169,8 +167,8 @@ def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> It
             "narrow the grid, use --rvads-cover=class, or raise --rvads-max-items"
         )
     for scenario in selection:
-        scenario.fit(junction)
-        yield from cells_of(scenario, junction, policies, rules, requirements or ())
+        scenario.fit()
+        yield from cells_of(scenario, policies, rules, requirements or ())
     if left_out:
         dropped = metafunc.config.stash.setdefault(LEFT_OUT, {})
         dropped[metafunc.definition.nodeid] = dropped.get(metafunc.definition.nodeid, 0) + left_out
@@ -250,10 +248,11 @@ def _configurations(
         points, own = (), list(explicit(ask["distances"], 0.0 if ask["speeds"] is None else ask["speeds"], ways))
     if ask["probe"] or not own:
         return tuple(dict.fromkeys((*points, *own))), 0
-    from pytest_rvads.physics.braking import vmax
+    from pytest_rvads.simulators.simulator import named
 
+    simulator = named(options.simulator)
     watched_points = watched(config, "v(d)max of point", own, _POINTS)
-    kept = [p for p in watched_points if outside(p, lambda distance: vmax(distance, ask["aggression"])) is None]
+    kept = [p for p in watched_points if outside(p, lambda distance: simulator.vmax(distance, ask["aggression"])) is None]
     if not kept and not points:
         values = (
             f"distances={ask['distances']!r}, speeds={ask['speeds']!r}" if ask["distances"] is not None else f"grid={names!r}"

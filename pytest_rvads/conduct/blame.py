@@ -21,8 +21,9 @@ from pytest_rvads.conduct.lane import off_lane
 from pytest_rvads.conduct.priority import DUE, MIN_GAP, owes
 from pytest_rvads.conduct.progress import comes_first, idles, may_go
 from pytest_rvads.conduct.standing import STANDSTILL, stopped
-from pytest_rvads.conduct.stretches import Shared, shared
+from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone

@@ -113,12 +113,13 @@ def kpis(run: Run) -> Kpis:
 
 
 def _unavailable(run: Run) -> tuple[str, ...]:
+    sized = all(agent.size for agent in run.agents)
     recorded = {
         "delay": run.station is not None and run.facts.speed_limit is not None,
         "deceleration": run.speed is not None,
         "jerk": run.speed is not None,
-        "ttc": run.pose is not None and run.speed is not None and run.facts.sizes is not None,
-        "pet": run.station is not None and run.junction.geometry is not None and run.facts.sizes is not None,
+        "ttc": run.pose is not None and run.speed is not None and sized,
+        "pet": run.station is not None and run.junction.drivable and sized,
     }
     return tuple(name for name, there in recorded.items() if not there)
 

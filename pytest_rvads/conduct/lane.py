@@ -76,8 +76,7 @@ def off_lane(run: Run, agent: int) -> NDArray[np.bool_]:
     """
     pose, station = run.need("pose")[:, agent], run.need("station")[:, agent]
     way, (length, width) = _way(run, agent), run.size(agent)
-    geometry = run.junction.geometry
-    half = (geometry.lane_width if geometry else 0.0) / 2 + LANE_TOLERANCE
+    half = run.junction.lane_width / 2 + LANE_TOLERANCE
     # The four corners one after the other: (front, rear) times (right, left).
     ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
     across = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1) * width / 2
@@ -92,7 +91,7 @@ def off_lane(run: Run, agent: int) -> NDArray[np.bool_]:
 
 
 def _way(run: Run, agent: int) -> Itinerary:
-    if run.junction.geometry is None:
+    if not run.junction.drivable:
         raise RunError("the run holds no geometry of its junction")
     who = run.agents[agent]
     return itinerary(run.junction, who.entrance, who.exit)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.stretches import conflicts
 from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
@@ -58,16 +57,17 @@ def extract(run: Run) -> Static:
     """Return the static model of a run (Algorithm 1 of the paper)."""
     junction = run.junction
     lights = tuple(int(e) for e in range(run.lights.shape[1]) if (run.lights[:, e] != Colour.NONE).any())
-    everywhere = tuple(range(junction.ways))
+    entrances = len(junction.entrances)
+    everywhere = tuple(range(entrances))
     return Static(
-        junction.ways,
+        entrances,
         junction.control,
         junction.right_of,
         junction.opposite,
         everywhere if junction.control is JunctionControl.LIGHTS else lights,
         everywhere if junction.control is JunctionControl.STOP else (),
         run.agents,
-        conflicts(junction),
+        junction.conflicts,
         junction.near,
         junction.far,
     )

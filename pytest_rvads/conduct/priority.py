@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.bodies import collide
-from pytest_rvads.conduct.stretches import Shared, Stretch, before_exit, position, shared
+from pytest_rvads.conduct.stretches import before_exit, position, shared
+from pytest_rvads.junctions.conflicts import Shared, Stretch
 from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.predicates import ticks
 from pytest_rvads.conduct.priority import due, may_owe, yields
 from pytest_rvads.conduct.standing import TIE
-from pytest_rvads.conduct.stretches import Shared, before_exit, on_stretch, position, shared
+from pytest_rvads.conduct.stretches import before_exit, on_stretch, position, shared
 from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run

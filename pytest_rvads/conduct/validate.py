@@ -69,7 +69,7 @@ def _values(run: Run) -> Iterator[Finding]:
     shape = (run.steps, len(run.agents))
     shapes: list[tuple[str, NDArray[Any] | None, tuple[int, ...]]] = [
         ("zone", run.zone, shape),
-        ("lights", run.lights, (run.steps, run.junction.ways)),
+        ("lights", run.lights, (run.steps, len(run.junction.entrances))),
         ("station", run.station, shape),
         ("speed", run.speed, shape),
         ("pose", run.pose, (*shape, 3)),
@@ -90,9 +90,6 @@ def _values(run: Run) -> Iterator[Finding]:
     for name, codes, allowed in (("zone", run.zone, Zone), ("colour", run.lights, Colour)):
         if codes.size and not np.isin(codes, [int(v) for v in allowed]).all():
             yield Finding("values", 0.0, f"the run has a {name} that is none of {', '.join(v.name.lower() for v in allowed)}")
-    sizes = run.facts.sizes
-    if sizes is not None and not (len(sizes) == len(run.agents) and all(0 < v < np.inf for size in sizes for v in size)):
-        yield Finding("values", 0.0, f"sizes must be {len(run.agents)} positive lengths and widths, got {sizes}")
     names = [agent.name for agent in run.agents]
     if len(set(names)) < len(names):
         yield Finding("values", 0.0, f"every vehicle must have a name of its own, got {', '.join(names)}")
@@ -106,6 +103,8 @@ def _values(run: Run) -> Iterator[Finding]:
             yield Finding("values", 0.0, f"{where}, where junction {run.junction.name!r} has no movement")
         elif way.turn is not agent.turn:
             yield Finding("values", 0.0, f"{where}, which is {way.turn.value} and not {agent.turn.value}")
+        if agent.size is not None and not (len(agent.size) == 2 and all(0 < v < np.inf for v in agent.size)):
+            yield Finding("values", 0.0, f"the size of {agent.name} must be a positive length and width, got {agent.size}")
 
 
 def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
@@ -172,7 +171,7 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
 
 def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     """The reference point stays near the centre line of the itinerary."""
-    if run.pose is None or run.station is None or run.junction.geometry is None:
+    if run.pose is None or run.station is None or not run.junction.drivable:
         return
     try:
         itinerary = Itinerary.through(run.junction, agent.entrance, agent.exit)
@@ -208,7 +207,7 @@ def _colours(run: Run) -> Iterator[Finding]:
 
 def _bodies(run: Run) -> Iterator[Finding]:
     """Whoever touches has collided."""
-    if run.pose is None or run.facts.sizes is None or run.collisions is None:
+    if run.pose is None or run.collisions is None or not all(a.size for a in run.agents):
         return
     recorded = {frozenset(c.agents) for c in run.collisions}
     for contact in contacts(replace(run, collisions=None)):

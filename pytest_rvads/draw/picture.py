@@ -58,4 +58,4 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
 
 def size(run: Run, agent: int) -> tuple[float, float]:
     """Return length and width of a body [m], of the default vehicle where the run does not say."""
-    return run.facts.sizes[agent] if run.facts.sizes else (Vehicle().length, Vehicle().width)
+    return run.agents[agent].size or (Vehicle().length, Vehicle().width)

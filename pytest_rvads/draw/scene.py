@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.junction import Geometry, Junction, JunctionControl
+from pytest_rvads.junctions.junction import Junction, Sign
 from pytest_rvads.runs.states import Colour
 
 __all__ = ["PALETTE", "Scene"]
@@ -34,39 +34,33 @@ class Scene:
     junction: Junction
 
     def __post_init__(self) -> None:
-        if self.junction.geometry is None:
+        if not self.junction.drivable:
             raise MapError(
                 f"junction {self.junction.name!r} comes from a recording without positions, so there is nothing to draw"
             )
 
     @property
-    def geometry(self) -> Geometry:
-        """Where the lanes lie."""
-        if self.junction.geometry is None:  # excluded at construction; tells the type checker
-            raise MapError("no geometry")
-        return self.junction.geometry
-
-    @property
     def view(self) -> tuple[float, float, float, float]:
         """Left, top, width and height of the picture in SVG coordinates (y down) [m]."""
-        points = np.vstack([s.points for s in self.geometry.movements.values()])
+        points = np.vstack([self.junction.way_through(*key).points for key in self.junction.movements])
         low, high = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
         return float(low[0]), float(-high[1]), float(high[0] - low[0]), float(high[1] - low[1])
 
     def road(self) -> str:
         """Return lanes, movements, stopping lines, entrance numbers and signs."""
-        geometry, width = self.geometry, self.geometry.lane_width
-        lanes = [*geometry.approaches, *geometry.exits, *geometry.movements.values()]
+        junction, width = self.junction, self.junction.lane_width
+        ways = [junction.way_through(*key) for key in junction.movements]
+        lanes = [*map(junction.way_in, range(len(junction.entrances))), *map(junction.way_out, range(len(junction.exits))), *ways]
         parts = [f'<polyline class="lane" stroke-width="{width:g}" points="{path(s.points)}"/>' for s in lanes]
-        parts += [f'<polyline class="way" points="{path(s.points)}"/>' for s in geometry.movements.values()]
-        for entrance, approach in enumerate(geometry.approaches):
-            x, y, heading = approach.pose(approach.length - self.junction.setbacks[entrance])
+        parts += [f'<polyline class="way" points="{path(s.points)}"/>' for s in ways]
+        for entrance, lane in enumerate(junction.entrances):
+            x, y, heading = junction.way_in(entrance).pose(junction.approach(entrance))
             ax, ay = -sin(heading) * width / 2, cos(heading) * width / 2
             parts.append(f'<line class="stop" x1="{x - ax:.2f}" y1="{-(y - ay):.2f}" x2="{x + ax:.2f}" y2="{-(y + ay):.2f}"/>')
             side = 1 if self.junction.left_hand else -1
             px, py = x - sin(heading) * width * side, y + cos(heading) * width * side
             parts.append(f'<text class="number" x="{px:.2f}" y="{-py + 0.9:.2f}">{entrance}</text>')
-            if self.junction.control is JunctionControl.STOP:
+            if lane.sign is Sign.STOP:
                 qx, qy = px - 3.2 * cos(heading), py - 3.2 * sin(heading)
                 parts.append(f'<path class="sign" transform="translate({qx:.2f} {-qy:.2f})" d="{_octagon(1.0)}"/>')
         return "".join(parts)
@@ -77,11 +71,10 @@ class Scene:
         for entrance, colour in enumerate(map(Colour, colours)):
             if colour is Colour.NONE:
                 continue
-            approach = self.geometry.approaches[entrance]
-            x, y, heading = approach.pose(approach.length - self.junction.setbacks[entrance])
+            x, y, heading = self.junction.way_in(entrance).pose(self.junction.approach(entrance))
             side = 1 if self.junction.left_hand else -1
-            qx = x - sin(heading) * self.geometry.lane_width * side - 3.2 * cos(heading)
-            qy = y + cos(heading) * self.geometry.lane_width * side - 3.2 * sin(heading)
+            qx = x - sin(heading) * self.junction.lane_width * side - 3.2 * cos(heading)
+            qy = y + cos(heading) * self.junction.lane_width * side - 3.2 * sin(heading)
             parts.append(
                 f'<g class="lamp" data-entrance="{entrance}" transform="translate({qx:.2f} {-qy:.2f})">'
                 f'<circle r="1.3" fill="{_LIGHTS[colour]}"/><text class="letter" y="0.65">{colour.name[0]}</text></g>'

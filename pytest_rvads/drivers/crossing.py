@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
-from pytest_rvads.conduct.stretches import Shared, stretches
 from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.junctions.junction import Junction, Movement
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION, VehicleState
@@ -23,13 +21,12 @@ def conflict(junction: Junction, mine: tuple[int, int], other: tuple[int, int]) 
 
     None where both can be driven at the same time, or where the geometry is not known.
     """
-    return (stretches(junction) or {}).get((mine, other))
+    return (junction.stretches or {}).get((mine, other))
 
 
-@lru_cache(maxsize=4096)
 def movements(junction: Junction, entrance: int, turn: Turn) -> tuple[Movement, ...]:
     """Return the movements that a vehicle from `entrance` with this indicator may make."""
-    return tuple(m for m in junction.movements.values() if m.entrance == entrance and m.turn is turn)
+    return junction.by_turn[entrance, turn]
 
 
 def in_the_way(junction: Junction, mine: tuple[int, int], other: VehicleState) -> bool:

@@ -5,15 +5,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
 
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import Agent, Colour, VehicleState
 from pytest_rvads.runs.vehicle import Vehicle
 
-__all__ = ["Autopilot", "Control", "Observation", "TrafficSystem"]
+__all__ = ["Autopilot", "Control", "Factory", "Observation", "TrafficSystem"]
 
 
 class Observation(NamedTuple):
@@ -69,3 +69,7 @@ class TrafficSystem(Protocol):
 
     def autopilots(self, agents: Sequence[Agent]) -> Sequence[Autopilot]:
         """Return one autopilot per agent, in the order given, which is the creation order."""
+
+
+Factory = Callable[[], Any]
+"""Makes the autopilot of one vehicle, or the `TrafficSystem` of a run: a class, or anything callable without arguments."""

@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from pytest_rvads.junctions.arms import Arm, Path, arms_of, paths_of, sort_arms, turn_type, turns_in_order, walk
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.junctions.junction import JunctionControl, Sign
 from pytest_rvads.maps.doubts import Doubt, MapWarning
 from pytest_rvads.maps.network import Network
 from pytest_rvads.maps.segment import GAP_LIMIT, Turn
@@ -62,6 +62,16 @@ class JunctionReport:
     def ways(self) -> int:
         """Number of arms."""
         return len(self.arms)
+
+    @property
+    def signs(self) -> tuple[Sign, ...]:
+        """What regulates every arm."""
+        if self.control in (JunctionControl.STOP, JunctionControl.LIGHTS):
+            return (Sign(self.control.value),) * self.ways
+        kinds = [{item.kind for item in self.objects if item.edge in arm.entrances} for arm in self.arms]
+        return tuple(
+            Sign.LIGHTS if ObjectKind.LIGHT in here else Sign.STOP if ObjectKind.STOP in here else Sign.NONE for here in kinds
+        )
 
     @property
     def usable(self) -> bool:

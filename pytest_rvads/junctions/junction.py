@@ -1,7 +1,8 @@
-"""Junctions as the rules and the scenarios see them: topology, and the geometry to drive on.
+"""Junctions as the rules and the scenarios see them: arms with their lanes, movements, and the geometry to drive on.
 
-Entrances are numbered counter-clockwise, an exit has the number of its arm, and direction ``d_j`` leads
-from entrance ``i`` to exit ``(i + j) mod n`` (paper, section 5.2).
+Arms are numbered counter-clockwise. Entrances and exits are lanes, numbered arm by arm and on each arm from the kerb, so that
+with one lane per arm an entrance, and the exit beside it, have the number of their arm. Direction ``d_j`` leads from arm ``i``
+to arm ``(i + j) mod n`` (paper, section 5.2).
 """
 
 from __future__ import annotations
@@ -9,17 +10,18 @@ from __future__ import annotations
 import copyreg
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import lru_cache
+from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from pytest_rvads.errors import MapError, ScenarioError
+from pytest_rvads.junctions.conflicts import Key, Shared, stretches
 from pytest_rvads.maps.segment import Segment, Turn
 
-__all__ = ["Geometry", "Junction", "JunctionControl", "Movement", "digest"]
+__all__ = ["Arm", "Entrance", "Exit", "Junction", "JunctionControl", "Movement", "Sign", "cross"]
 
 
 # Autopilots are handed the tables of a junction, so they are read-only; a run has to be picklable all the same.
@@ -39,91 +41,269 @@ class JunctionControl(StrEnum):
     PARTIAL = "partial"
 
 
+class Sign(StrEnum):
+    """What regulates an entrance."""
+
+    STOP = "stop"
+    YIELD = "yield"
+    PRIORITY = "priority"
+    LIGHTS = "lights"
+    NONE = "none"
+
+
+_RANK = {Sign.STOP: 0, Sign.YIELD: 1, Sign.NONE: 2, Sign.LIGHTS: 2, Sign.PRIORITY: 3}
+"""Whoever comes past a sign of lower rank gives way (Vienna Convention on Road Signs and Signals 1968, signs B,1 to B,3)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entrance:
+    """A lane that leads into a junction."""
+
+    arm: int
+    lane: int = 0
+    """Counted from the kerb."""
+    sign: Sign = Sign.NONE
+    phase: int | None = None
+    """Number of the phase group it has green with; None without a light."""
+    setback: float = 0.0
+    """Distance of the stopping line before the entrance vertex [m]."""
+    approach: Segment | None = None
+    """The lane walked upstream to the previous junction or the end of the road; ends at the vertex."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exit:
+    """A lane that leads out of a junction."""
+
+    arm: int
+    lane: int = 0
+    """Counted from the kerb."""
+    road: Segment | None = None
+    """The lane walked downstream to the next junction or the end of the road; starts at the vertex."""
+
+
+class Arm(NamedTuple):
+    """The lanes of one arm, by their numbers, counted from the kerb."""
+
+    entrances: tuple[int, ...]
+    exits: tuple[int, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class Movement:
-    """One way through a junction: an edge of the metric graph."""
+    """One way through a junction: an edge of the metric graph, or several that follow each other."""
 
     entrance: int
+    """Number of the entrance."""
     exit: int
+    """Number of the exit."""
     turn: Turn
     length: float
     """From the entrance vertex to the exit vertex along the centre line [m]."""
     segment: str
     """Id of the segment that labels the edge."""
+    path: Segment | None = field(default=None, compare=False, repr=False)
+    """The centre line; None where a recording does not hold it."""
+
+    @property
+    def key(self) -> Key:
+        """Numbers of entrance and exit."""
+        return self.entrance, self.exit
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Geometry:
-    """Where the arms and the movements of a junction lie."""
-
-    approaches: tuple[Segment, ...]
-    """Per entrance, the road walked upstream to the previous junction or the end of the road; ends at the vertex."""
-    movements: Mapping[tuple[int, int], Segment]
-    """Per (entrance, exit), the centre line through the junction."""
-    exits: tuple[Segment, ...]
-    """Per exit, the road walked downstream to the next junction or the end of the road; starts at the vertex."""
-    lane_width: float = 3.5
-    """Width of the lanes [m]."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "movements", MappingProxyType(dict(self.movements)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Junction:
-    """A junction of one lane per direction and arm.
+    """A junction. Two are equal when name, lanes, movements, signs and centre lines are.
 
-    A recorded run may know only the topology; `geometry` is then None, and nothing can be simulated there.
+    A recorded run may know only the topology; segments are then None, and nothing can be simulated there.
+
+    Raises:
+        MapError: a movement from or to a lane that is not there, fewer than two arms, or arms that leave numbers out.
     """
 
     name: str
     """Name in test ids: a built-in name, or ``stem.id`` for a junction of a file."""
     id: str
     """Id in its map file."""
-    control: JunctionControl
-    movements: Mapping[tuple[int, int], Movement]
-    """Per (entrance, exit); all n - 1 of every entrance."""
+    entrances: tuple[Entrance, ...]
+    exits: tuple[Exit, ...]
+    movements: Mapping[Key, Movement]
+    """Per (entrance, exit); there need not be one for every pair."""
     right_of: frozenset[tuple[int, int]]
     """Pairs (v1, v2) of entrances with ``v1 right-of v2`` (paper, table of semantics; mirrored where traffic keeps left)."""
     opposite: frozenset[tuple[int, int]]
     """Pairs of entrances facing each other; symmetric."""
-    phase_groups: tuple[frozenset[int], ...] = ()
-    """Entrances that have green together, the group of entrance 0 first; empty without lights."""
-    setbacks: tuple[float, ...] = ()
-    """Per entrance, distance of the stopping line before the entrance vertex [m]."""
     left_hand: bool = False
     """True where traffic keeps left."""
-    geometry: Geometry | None = None
-    ways: int = field(init=False)
-    """Number of entrances."""
+    lane_width: float = 3.5
+    """Width of the lanes [m]."""
+    map: str | None = None
+    """File it was read from; no part of what is compared."""
 
     def __post_init__(self) -> None:
-        ways = 1 + max((m.entrance for m in self.movements.values()), default=-1)
-        complete = len(self.movements) == ways * (ways - 1)  # asked first: a damaged file may claim any number of ways
-        if ways < 2 or not complete or set(self.movements) != {(i, k) for i in range(ways) for k in range(ways) if i != k}:
-            raise MapError(
-                f"junction {self.name!r} needs one movement from every entrance to every other arm, got {sorted(self.movements)}"
-            )
+        arms = {entrance.arm for entrance in self.entrances} | {exit.arm for exit in self.exits}
+        if len(arms) < 2 or arms != set(range(len(arms))):
+            raise MapError(f"junction {self.name!r} needs two or more arms, numbered from 0, got {sorted(arms)}")
+        for key, movement in self.movements.items():
+            if key != movement.key or not (0 <= key[0] < len(self.entrances) and 0 <= key[1] < len(self.exits)):
+                raise MapError(
+                    f"junction {self.name!r} has {len(self.entrances)} entrances and {len(self.exits)} exits, and no room for a "
+                    f"movement from {movement.entrance} to {movement.exit} under {key}"
+                )
         object.__setattr__(self, "movements", MappingProxyType(dict(self.movements)))
-        object.__setattr__(self, "ways", ways)
-        if not self.setbacks:
-            object.__setattr__(self, "setbacks", (0.0,) * ways)
 
-    def exit_of(self, entrance: int, direction: int) -> int:
-        """Return the exit that symbolic direction `direction` (1..n-1) leads to from `entrance`."""
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Junction):
+            return NotImplemented
+        return self is other or (self.name, self.digest) == (other.name, other.digest)
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __repr__(self) -> str:
+        return f"<Junction {self.name}: {self.ways}-way {self.control}>"
+
+    @cached_property
+    def arms(self) -> tuple[Arm, ...]:
+        """The lanes of every arm."""
+        return tuple(
+            Arm(
+                tuple(k for k, lane in enumerate(self.entrances) if lane.arm == arm),
+                tuple(k for k, lane in enumerate(self.exits) if lane.arm == arm),
+            )
+            for arm in sorted({e.arm for e in self.entrances} | {e.arm for e in self.exits})
+        )
+
+    @cached_property
+    def ways(self) -> int:
+        """Number of arms."""
+        return len(self.arms)
+
+    @cached_property
+    def control(self) -> JunctionControl:
+        """What regulates the junction as a whole."""
+        signs = {entrance.sign for entrance in self.entrances}
+        for sign, control in ((Sign.STOP, JunctionControl.STOP), (Sign.LIGHTS, JunctionControl.LIGHTS)):
+            if signs == {sign}:
+                return control
+        return JunctionControl.PARTIAL if signs & {Sign.STOP, Sign.LIGHTS} else JunctionControl.NONE
+
+    @cached_property
+    def phase_groups(self) -> tuple[frozenset[int], ...]:
+        """Entrances that have green together, the group of entrance 0 first; empty without lights."""
+        phases = sorted({lane.phase for lane in self.entrances if lane.phase is not None})
+        return tuple(frozenset(k for k, lane in enumerate(self.entrances) if lane.phase == phase) for phase in phases)
+
+    @cached_property
+    def setbacks(self) -> tuple[float, ...]:
+        """Per entrance, distance of the stopping line before the entrance vertex [m]."""
+        return tuple(entrance.setback for entrance in self.entrances)
+
+    @cached_property
+    def drivable(self) -> bool:
+        """Whether it is known where all lanes lie."""
+        lines = [e.approach for e in self.entrances] + [e.road for e in self.exits] + [m.path for m in self.movements.values()]
+        return None not in lines
+
+    @cached_property
+    def stretches(self) -> Mapping[tuple[Key, Key], Shared] | None:
+        """What pairs of movements from different entrances share, in both orders; None without centre lines."""
+        paths = {key: m.path for key, m in self.movements.items() if m.path is not None}
+        return MappingProxyType(stretches(paths)) if len(paths) == len(self.movements) else None
+
+    @cached_property
+    def conflicts(self) -> frozenset[tuple[Key, Key]] | None:
+        """Pairs of movements, in both orders, that two vehicles can't make at the same time; None without centre lines."""
+        return None if self.stretches is None else frozenset(self.stretches)
+
+    @cached_property
+    def yields(self) -> frozenset[tuple[Key, Key]]:
+        """Pairs (one, other) of conflicting movements: whoever makes the first gives way to whoever makes the second.
+
+        Signs decide, else right before left, else a turn across oncoming traffic gives way to it; lights, while both have
+        green. At an all-way stop: in a tie.
+        """
+        return frozenset((one, other) for one, other in self.conflicts or () if self._gives_way(one, other))
+
+    def _gives_way(self, one: Key, other: Key) -> bool:
+        mine, yours = self.entrances[one[0]], self.entrances[other[0]]
+        if _RANK[mine.sign] != _RANK[yours.sign]:
+            return _RANK[mine.sign] < _RANK[yours.sign]
+        if mine.sign is not Sign.LIGHTS and (one[0], other[0]) not in self.opposite:
+            return (other[0], one[0]) in self.right_of
+        across = self.movements[one].turn is self.far and self.movements[other].turn is not self.far
+        return across and (one[0], other[0]) in self.opposite
+
+    @cached_property
+    def by_turn(self) -> Mapping[tuple[int, Turn], tuple[Movement, ...]]:
+        """Per entrance and turn, the movements that a vehicle with this indicator may make."""
+        keys = [(entrance, turn) for entrance in range(len(self.entrances)) for turn in Turn]
+        ways = self.movements.values()
+        return {key: tuple(m for m in ways if (m.entrance, m.turn) == key) for key in keys}
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all that a run or a verdict can depend on: names don't count, signs and centre lines do."""
+        found = hashlib.sha256()
+        entrances = [(e.arm, e.lane, e.sign, e.phase, e.setback) for e in self.entrances]
+        exits = [(e.arm, e.lane) for e in self.exits]
+        ways = sorted((m.entrance, m.exit, m.turn, m.length) for m in self.movements.values())
+        relations = sorted(self.right_of), sorted(self.opposite)
+        found.update(json.dumps([entrances, exits, ways, relations, self.left_hand, self.drivable]).encode())
+        if self.drivable:
+            paths = (self.movements[key].path for key in sorted(self.movements))
+            lines = [*(e.approach for e in self.entrances), *paths, *(e.road for e in self.exits)]
+            found.update(json.dumps([self.lane_width, [len(line.points) for line in lines if line]]).encode())
+            for line in lines:
+                found.update(line.points.tobytes() if line else b"")
+        return found.hexdigest()
+
+    def leads(self, entrance: int, direction: int) -> Movement:
+        """Return the movement from `entrance` into symbolic direction `direction` (1..n-1).
+
+        Raises:
+            ScenarioError: there is none.
+        """
         if not 1 <= direction < self.ways:
             raise ScenarioError(
                 f"direction {direction} is not one of 1..{self.ways - 1} of the {self.ways}-way junction {self.name!r}"
             )
-        return (entrance + direction) % self.ways
+        arm = (self.entrances[entrance].arm + direction) % self.ways
+        for exit in self.arms[arm].exits:
+            if (entrance, exit) in self.movements:
+                return self.movements[entrance, exit]
+        raise ScenarioError(f"no movement of junction {self.name!r} leads from entrance {entrance} to arm {arm}")
 
-    def turn(self, entrance: int, exit: int) -> Turn:
-        """Return the turn type of the movement from `entrance` to `exit`."""
-        return self.movements[entrance, exit].turn
+    def vehicle_at(self, entrance: int) -> str:
+        """Return the name of the first vehicle at an entrance: ``a0``; ``a0.1`` on lane 1 of an arm that has several."""
+        lane = self.entrances[entrance]
+        return f"a{lane.arm}" if len(self.arms[lane.arm].entrances) == 1 else f"a{lane.arm}.{lane.lane}"
 
     def approach(self, entrance: int) -> float:
-        """Return the length of the approach of `entrance`, up to its stopping line [m]; 0 without geometry."""
-        return self.geometry.approaches[entrance].length - self.setbacks[entrance] if self.geometry else 0.0
+        """Return the length of the approach of `entrance`, up to its stopping line [m]; 0 where it is not known."""
+        lane = self.entrances[entrance]
+        return lane.approach.length - lane.setback if lane.approach else 0.0
+
+    def way_in(self, entrance: int) -> Segment:
+        """Return the lane that leads to `entrance`; see `Entrance.approach`.
+
+        Raises:
+            MapError: it is not known where the lanes lie.
+        """
+        return self._known(self.entrances[entrance].approach)
+
+    def way_through(self, entrance: int, exit: int) -> Segment:
+        """Return the centre line of a movement; see `way_in` for errors."""
+        return self._known(self.movements[entrance, exit].path)
+
+    def way_out(self, exit: int) -> Segment:
+        """Return the lane that leads away from `exit`; see `way_in` for errors."""
+        return self._known(self.exits[exit].road)
+
+    def _known(self, line: Segment | None) -> Segment:
+        if line is None:
+            raise MapError(f"junction {self.name!r} comes from a recording without positions, so nothing can be placed there")
+        return line
 
     @property
     def near(self) -> Turn:
@@ -136,18 +316,28 @@ class Junction:
         return Turn.RIGHT if self.left_hand else Turn.LEFT
 
 
-@lru_cache(maxsize=64)
-def digest(junction: Junction) -> str:
-    """Return the SHA-256 of all that a run or a verdict can depend on: names don't count, signs and centre lines do."""
-    found = hashlib.sha256()
-    ways = sorted((m.entrance, m.exit, m.turn, m.length) for m in junction.movements.values())
-    groups = [sorted(group) for group in junction.phase_groups]
-    relations = sorted(junction.right_of), sorted(junction.opposite)
-    found.update(json.dumps([junction.control, ways, relations, groups, junction.setbacks, junction.left_hand]).encode())
-    if junction.geometry is not None:
-        geometry = junction.geometry
-        lines = [*geometry.approaches, *(geometry.movements[way] for way in sorted(geometry.movements)), *geometry.exits]
-        found.update(json.dumps([geometry.lane_width, [len(line.points) for line in lines]]).encode())
-        for line in lines:
-            found.update(line.points.tobytes())
-    return found.hexdigest()
+def cross(
+    signs: Sequence[Sign],
+    *,
+    phase_groups: Sequence[frozenset[int]] = (),
+    setbacks: Sequence[float] = (),
+    approaches: Sequence[Segment] = (),
+    roads: Sequence[Segment] = (),
+) -> tuple[tuple[Entrance, ...], tuple[Exit, ...]]:
+    """Return the entrances and exits of a junction of one lane per arm.
+
+    Args:
+        signs: per arm.
+        phase_groups: entrances per phase group.
+        setbacks: per arm, distance of the stopping line before the entrance vertex [m]; 0 where none is given.
+        approaches: per arm, the lane that leads in, where known.
+        roads: per arm, the lane that leads out, where known.
+    """
+    phases = {entrance: number for number, group in enumerate(phase_groups) for entrance in group}
+    return (
+        tuple(
+            Entrance(k, 0, sign, phases.get(k), setbacks[k] if setbacks else 0.0, approaches[k] if approaches else None)
+            for k, sign in enumerate(signs)
+        ),
+        tuple(Exit(k, 0, roads[k] if roads else None) for k in range(len(signs))),
+    )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pytest_rvads.errors import MapError, suggest
 from pytest_rvads.junctions.analysis import JunctionReport, analyse
 from pytest_rvads.junctions.arms import paths_of, walk
-from pytest_rvads.junctions.junction import Geometry, Junction, Movement
+from pytest_rvads.junctions.junction import Junction, Movement, cross
 from pytest_rvads.maps.doubts import MapWarning
 from pytest_rvads.maps.network import Network
 from pytest_rvads.maps.segment import Segment, join
@@ -120,31 +120,29 @@ class RoadMap:
         if report.reason is not None:
             raise MapError(f"junction {id!r} of map file {self.path} cannot be used: {report.reason}")
         movements: dict[tuple[int, int], Movement] = {}
-        segments: dict[tuple[int, int], Segment] = {}
         for way in reversed(report.movements):  # of several from one arm to another the shortest comes first
-            edges = [self.network.edges[e] for e in way.path.edges]
-            key = way.entrance, way.exit
-            parts = [Segment(e.id, e.points, way.turn, id) for e in edges]
-            segments[key] = self._joined(parts)
-            movements[key] = Movement(*key, way.turn, segments[key].length, segments[key].id)
-        entrances = [self.network.edges[arm.entrances[0]] for arm in report.arms]
-        geometry = Geometry(
-            tuple(self._road(edge.id, upstream=True) for edge in entrances),
-            dict(sorted(segments.items())),
-            tuple(self._road(arm.exits[0], upstream=False) for arm in report.arms),
-            sum(edge.width for edge in entrances) / len(entrances),
+            parts = [Segment(e, self.network.edges[e].points, way.turn, id) for e in way.path.edges]
+            path = self._joined(parts)
+            movements[way.entrance, way.exit] = Movement(way.entrance, way.exit, way.turn, path.length, path.id, path)
+        edges = [self.network.edges[arm.entrances[0]] for arm in report.arms]
+        entrances, exits = cross(
+            report.signs,
+            phase_groups=report.phase_groups,
+            setbacks=report.setbacks,
+            approaches=[self._road(edge.id, upstream=True) for edge in edges],
+            roads=[self._road(arm.exits[0], upstream=False) for arm in report.arms],
         )
         return Junction(
             name or f"{Path(self.path).stem}.{id}",
             id,
-            report.control,
+            entrances,
+            exits,
             dict(sorted(movements.items())),
             report.right_of,
             report.opposite,
-            report.phase_groups,
-            report.setbacks,
             report.left_hand,
-            geometry,
+            sum(edge.width for edge in edges) / len(edges),
+            self.path,
         )
 
     def _road(self, start: str, *, upstream: bool) -> Segment:

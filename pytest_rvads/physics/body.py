@@ -96,6 +96,7 @@ class Body:
             (speed - last.speed) / DT if last is not None else 0.0,
             self._length,
             self._width,
+            agent.kind,
         )
         return self._state
 

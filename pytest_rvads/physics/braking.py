@@ -114,7 +114,7 @@ def _speed(steps: int) -> float:
 def stopping_distance(speed: float, aggression: int, vehicle: Vehicle) -> float:
     """Return how far a vehicle gets from `speed` [m/s] under full service brake on a straight [m]; inf if it never stops."""
     dynamics = Dynamics(vehicle, aggression)
-    world = BulletWorld(vehicle, [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
+    world = BulletWorld([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
     farthest = 0.0
     try:
         for _ in range(round(_LONGEST / DT)):

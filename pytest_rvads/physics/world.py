@@ -63,16 +63,16 @@ class World(Protocol):
 
 
 class BulletWorld:
-    """A `World` of equal vehicles in pybullet.
+    """A `World` in pybullet.
 
     The engine's state is built anew for every world, so that a run does not depend on the runs before it.
 
     Args:
-        vehicle: mass, inertia and body of every vehicle.
-        starts: initial motion of every body.
+        vehicles: mass, inertia and body of every vehicle.
+        starts: initial motion of every body, in the same order.
     """
 
-    def __init__(self, vehicle: Vehicle, starts: Sequence[Motion]) -> None:
+    def __init__(self, vehicles: Sequence[Vehicle], starts: Sequence[Motion]) -> None:
         self._bullet, self._client = _acquire()
         self._open = True
         self._joints = list(range(3 * len(starts)))
@@ -81,28 +81,23 @@ class BulletWorld:
         # A reset also resets the solver, so its settings are given again.
         bullet.setPhysicsEngineParameter(fixedTimeStep=DT, numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=client)
         bullet.setGravity(0, 0, 0, physicsClientId=client)
-        self._body = self._build(vehicle, len(starts))
+        self._body = self._build(vehicles)
         for body, start in enumerate(starts):
             for joint, (place, velocity) in enumerate(zip(start[:3], start[3:], strict=True)):
                 bullet.resetJointState(self._body, 3 * body + joint, place, velocity, physicsClientId=client)
         # Contacts are looked up before the first step too: two vehicles may stand inside each other.
         bullet.performCollisionDetection(physicsClientId=client)
 
-    def _build(self, vehicle: Vehicle, count: int) -> int:
+    def _build(self, vehicles: Sequence[Vehicle]) -> int:
         bullet, client = self._bullet, self._client
-        # The body reaches from the front bumper backwards; its link sits in the centre of gravity.
-        box = bullet.createCollisionShape(
-            bullet.GEOM_BOX,
-            halfExtents=[vehicle.length / 2, vehicle.width / 2, vehicle.height / 2],
-            collisionFramePosition=[vehicle.gravity_offset - vehicle.length / 2, 0.0, 0.0],
-            physicsClientId=client,
-        )
+        boxes = {vehicle: self._box(vehicle) for vehicle in dict.fromkeys(vehicles)}
+        count = len(vehicles)
         links = 3 * count
         body: int = bullet.createMultiBody(
             baseMass=0,
             baseCollisionShapeIndex=-1,
-            linkMasses=[_HELPER_MASS, _HELPER_MASS, vehicle.mass] * count,
-            linkCollisionShapeIndices=[-1, -1, box] * count,
+            linkMasses=[mass for vehicle in vehicles for mass in (_HELPER_MASS, _HELPER_MASS, vehicle.mass)],
+            linkCollisionShapeIndices=[shape for vehicle in vehicles for shape in (-1, -1, boxes[vehicle])],
             linkVisualShapeIndices=[-1] * links,
             linkPositions=[[0, 0, 0]] * links,
             linkOrientations=[[0, 0, 0, 1]] * links,
@@ -118,7 +113,7 @@ class BulletWorld:
         # Calls of their own: damping in the same call as other settings redirects those to the base.
         for link in range(-1, links):
             bullet.changeDynamics(body, link, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client)
-        for link in range(2, links, 3):
+        for link, vehicle in zip(range(2, links, 3), vehicles, strict=True):
             inertia = [vehicle.yaw_inertia] * 3
             bullet.changeDynamics(body, link, localInertiaDiagonal=inertia, restitution=0, physicsClientId=client)
         # Joints are born with a motor that holds them; without force it is gone.
@@ -126,6 +121,16 @@ class BulletWorld:
             body, self._joints, bullet.VELOCITY_CONTROL, forces=[0.0] * links, physicsClientId=client
         )
         return body
+
+    def _box(self, vehicle: Vehicle) -> int:
+        """Return a shape: the body reaches from the front bumper backwards, its link sits in the centre of gravity."""
+        shape: int = self._bullet.createCollisionShape(
+            self._bullet.GEOM_BOX,
+            halfExtents=[vehicle.length / 2, vehicle.width / 2, vehicle.height / 2],
+            collisionFramePosition=[vehicle.gravity_offset - vehicle.length / 2, 0.0, 0.0],
+            physicsClientId=self._client,
+        )
+        return shape
 
     def motions(self) -> list[Motion]:
         """Return the motion of every body, in the order in which they were given."""

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.junctions.junction import digest
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.run import ARRAYS, Run
 from pytest_rvads.runs.states import Colour, Zone
 
 __all__ = ["Divergence", "diverge"]
@@ -44,11 +43,11 @@ def diverge(one: Run, other: Run) -> Divergence | None:
         step=(one.dt, other.dt),
         vehicles=(_vehicles(one), _vehicles(other)),
         facts=(one.facts, other.facts),
-        junction=(digest(one.junction)[:12], digest(other.junction)[:12]),
+        junction=(one.junction.digest[:12], other.junction.digest[:12]),
     )
     if found:
         return found
-    states = [d for field in _FIELDS if (d := _first(one, other, field))]
+    states = [d for field in ARRAYS if (d := _first(one, other, field))]
     if states:
         return min(states, key=lambda d: -1 if d.tick is None else d.tick)
     return _unlike(
@@ -63,7 +62,6 @@ def _unlike(**pairs: tuple[object, object]) -> Divergence | None:
     return next((Divergence(what, str(a), str(b)) for what, (a, b) in pairs.items() if a != b), None)
 
 
-_FIELDS = ("zone", "lights", "station", "speed", "pose", "controls")
 _PARTS = {"pose": ("x", "y", "heading"), "controls": ("throttle", "brake", "steering")}
 _NAMED = {"zone": Zone, "lights": Colour}
 

@@ -55,17 +55,20 @@ class Itinerary:
         Raises:
             MapError: the junction has no geometry, or its pieces do not meet.
         """
-        geometry = junction.geometry
-        if geometry is None:
-            raise MapError(f"junction {junction.name!r} comes from a recording without positions, so nothing can drive there")
-        approach, movement = geometry.approaches[entrance], geometry.movements[entrance, exit]
-        road = geometry.exits[exit]
+        approach, movement = junction.way_in(entrance), junction.way_through(entrance, exit)
+        road = junction.way_out(exit)
         road = road if road.length <= EXIT_LENGTH else road.head(EXIT_LENGTH)
         path = join((approach, movement, road))
         if path is None:
             raise MapError(f"junction {junction.name!r}: the lanes from entrance {entrance} to exit {exit} do not meet")
         return cls(
-            entrance, exit, junction.turn(entrance, exit), path, approach.length, movement.length, -junction.setbacks[entrance]
+            entrance,
+            exit,
+            junction.movements[entrance, exit].turn,
+            path,
+            approach.length,
+            movement.length,
+            -junction.setbacks[entrance],
         )
 
     def pose(self, station: float) -> Pose:

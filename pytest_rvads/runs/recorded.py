@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError, RunError
-from pytest_rvads.junctions.junction import Junction, JunctionControl, Movement
+from pytest_rvads.junctions.junction import Junction, JunctionControl, Movement, Sign, cross
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
@@ -28,6 +28,7 @@ __all__ = ["read_recorded"]
 _MOST_TICKS = 10_000_000
 """Over a day in steps of 10 ms; more is a mistake in the file, not a run."""
 _ROTATION = re.compile(r"_r=(\d+)$")
+_SIGNS = {"stop_sign": Sign.STOP, "traffic_light": Sign.LIGHTS}
 _NUMBER = re.compile(r"(\d+)$")
 """Of a vehicle, in its name: c0, c1, ..."""
 
@@ -39,8 +40,8 @@ def read_recorded(path: str | Path) -> list[Run]:
         path: of a JSON file.
 
     Returns:
-        The runs in the order of the file; ``meta["verdicts"]`` holds the published verdicts as they stand there,
-        ``meta["starts"]`` per vehicle how far before its entrance [m] and how fast [m/s] it started, where that is told.
+        The runs in the order of the file; ``provenance["verdicts"]`` holds the published verdicts as they stand there,
+        ``provenance["starts"]`` per vehicle how far before its entrance [m] and how fast [m/s] it started, where that is told.
 
     Raises:
         RunError: the file is not of this format; the message names the run and the field.
@@ -146,17 +147,19 @@ class _Topology:
         signals = [_Fields(s, f"{graph.where}: signal {k}") for k, s in enumerate(graph.array("signals"))]
         kinds = {node: s.text("kind") for s in signals if (node := s.text("node")) in numbers}
         opposite = _pairs(file, "opposite", nodes)
-        control = _control(kinds, nodes)
         pairs = frozenset((numbers[a], numbers[b]) for a, b in opposite)
+        signs = [_SIGNS.get(kinds.get(node, ""), Sign.NONE) for node in sorted(nodes, key=numbers.__getitem__)]
+        groups = _groups(len(nodes), pairs) if set(signs) == {Sign.LIGHTS} else ()
+        entrances, exits_ = cross(signs, phase_groups=groups)
         try:
             junction = Junction(
                 graph.text("junction"),
                 graph.text("junction"),
-                control,
-                {(m.entrance, m.exit): m for m in movements.values()},
+                entrances,
+                exits_,
+                {m.key: m for m in movements.values()},
                 frozenset((numbers[a], numbers[b]) for a, b in right_of),
                 pairs,
-                _groups(len(nodes), pairs) if control is JunctionControl.LIGHTS else (),
             )
         except MapError as error:
             raise RunError(f"{graph.where}: {error}") from error
@@ -177,17 +180,17 @@ class _Topology:
         agents, zones, starts = [], [], {}
         for vehicle, fields in record.object("vehicles").items():
             movement, zone = self._vehicle(fields, steps)
-            agents.append(Agent(vehicle, movement.entrance, movement.exit, movement.turn))
+            agents.append(Agent(vehicle, movement))
             zones.append(zone)
             if fields.optional("init_offset") is not None and fields.optional("init_speed") is not None:
                 starts[vehicle] = (fields.number("init_offset"), fields.number("init_speed"))
-        lights = np.full((steps, self.junction.ways), Colour.NONE, dtype=np.int8)
+        lights = np.full((steps, len(self.junction.entrances)), Colour.NONE, dtype=np.int8)
         if self.junction.control in (JunctionControl.LIGHTS, JunctionControl.PARTIAL) or record.optional("lights"):
             self._lights(record.object("lights"), lights)
         zone = np.column_stack(zones) if zones else np.zeros((steps, 0), dtype=np.int8)
         verdicts = record.object("verdicts").plain() if record.optional("verdicts") else {}
-        meta = {"verdicts": verdicts, "starts": starts}
-        return Run(name, self.junction, tuple(agents), zone, lights, dt, meta=meta)
+        provenance = {"verdicts": verdicts, "starts": starts}
+        return Run(name, self.junction, tuple(agents), zone, lights, dt, provenance=provenance)
 
     def _vehicle(self, fields: _Fields, steps: int) -> tuple[Movement, NDArray[np.int8]]:
         itinerary = [str(e) for e in fields.array("itinerary")]
@@ -265,14 +268,6 @@ def _told(nodes: Sequence[str], ways: Sequence[tuple[str, str, str, str, float]]
             if rotation and number and source is not None:
                 told.setdefault(source, (int(number[1]) + int(rotation[1])) % len(nodes))
     return told
-
-
-def _control(kinds: Mapping[str, str], nodes: Sequence[str]) -> JunctionControl:
-    if not kinds:
-        return JunctionControl.NONE
-    if set(kinds) != set(nodes) or len(set(kinds.values())) > 1:
-        return JunctionControl.PARTIAL
-    return JunctionControl.STOP if "stop_sign" in kinds.values() else JunctionControl.LIGHTS
 
 
 def _groups(ways: int, opposite: frozenset[tuple[int, int]]) -> tuple[frozenset[int], ...]:

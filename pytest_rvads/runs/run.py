@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.junction import Junction, digest
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.states import Agent, Zone
 
-__all__ = ["DT", "Collision", "Facts", "Fault", "Halt", "Run"]
+__all__ = ["ARRAYS", "DT", "Collision", "Facts", "Fault", "Halt", "Run"]
 
 DT = 0.01
 """Time between two states, and the physics step [s]."""
-_ARRAYS = ("zone", "lights", "station", "speed", "pose", "controls")
+ARRAYS = ("zone", "lights", "station", "speed", "pose", "controls")
 """The states."""
 
 
@@ -71,8 +71,6 @@ class Facts:
 
     subject: str | None = None
     """Name of the vehicle under test where the others are traffic, else None."""
-    sizes: tuple[tuple[float, float], ...] | None = None
-    """Length and width of every vehicle, in the order of the agents [m]."""
     speed_limit: float | None = None
     """[m/s]."""
     strayed: tuple[str, ...] = ()
@@ -109,11 +107,11 @@ class Run:
     """None where nobody recorded them: they are then worked out from poses and sizes."""
     fault: Fault | None = None
     facts: Facts = Facts()
-    meta: Mapping[str, Any] = field(default_factory=dict)
-    """Where the run comes from, as builtins: the scenario's fields, autopilot, versions. No verdict depends on it."""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    """Where the run comes from, as builtins: the scenario's fields, what drove, versions. Nobody who judges reads it."""
 
     def __post_init__(self) -> None:
-        for name in _ARRAYS:
+        for name in ARRAYS:
             array = getattr(self, name)
             if array is not None and array.flags.writeable:
                 # A view, so that whoever made the array may go on writing to it.
@@ -190,14 +188,14 @@ class Run:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 over states, collisions, fault, facts and junction: equal hashes mean bit-identical runs, judged alike."""
+        """SHA-256 over states, collisions, fault, agents, facts and junction: equal hashes mean runs that are judged alike."""
         found = hashlib.sha256()
-        agents = [[a.name, a.entrance, a.exit, a.turn.value] for a in self.agents]
-        head = [self.label, self.dt, agents, astuple(self.facts), digest(self.junction)]
+        agents = [[a.name, a.route.key, a.kind, a.size] for a in self.agents]
+        head = [self.label, self.dt, agents, astuple(self.facts), self.junction.digest]
         tail = None if self.collisions is None else [[c.time, *c.agents, c.speed] for c in self.collisions]
         fault = self.fault and [self.fault.time, self.fault.agent, self.fault.reason]
         found.update(json.dumps([head, tail, fault]).encode())
-        for array in (getattr(self, name) for name in _ARRAYS):
+        for array in (getattr(self, name) for name in ARRAYS):
             found.update(b"-" if array is None else str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
         return found.hexdigest()
 
@@ -218,14 +216,15 @@ class Run:
         return array
 
     def size(self, agent: int) -> tuple[float, float]:
-        """Return length and width of the vehicle in column `agent` [m].
+        """Return length and width of the agent in column `agent` [m].
 
         Raises:
             RunError: the run does not record them.
         """
-        if self.facts.sizes is None:
+        size = self.agents[agent].size
+        if size is None:
             raise RunError("the run holds no size of its vehicles")
-        return self.facts.sizes[agent]
+        return size
 
     def entry(self, agent: int) -> float | None:
         """Return when the agent in column `agent` enters the junction [s], or None."""

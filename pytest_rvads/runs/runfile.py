@@ -1,8 +1,8 @@
 """The project's own file of a run: an npz archive with a JSON header, versioned.
 
-Entries: ``header`` (UTF-8 bytes of JSON: format, version, label, dt, agents, junction, collisions, fault, facts, meta), ``zone``,
-``lights``, those of ``station``, ``speed``, ``pose``, ``controls`` that the run holds, with the shapes and units of `Run`,
-and ``segment_<k>``: the centre lines that the header's geometry refers to, shape ``(points, 2)`` [m]. Nothing is pickled.
+Entries: ``header`` (UTF-8 bytes of JSON, see `_Header`), ``zone``, ``lights``, those of ``station``, ``speed``, ``pose``,
+``controls`` that the run holds, with the shapes and units of `Run`, and ``line_<k>``: the centre lines that the header refers
+to, shape ``(points, 2)`` [m]. Nothing is pickled.
 """
 
 from __future__ import annotations
@@ -10,58 +10,133 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import astuple, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError, RunError
-from pytest_rvads.junctions.junction import Geometry, Junction, JunctionControl, Movement
+from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement, Sign
 from pytest_rvads.maps.segment import Segment, Turn
-from pytest_rvads.runs.header import check_header
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run
-from pytest_rvads.runs.states import Agent
+from pytest_rvads.runs.states import Agent, Kind
 
 __all__ = ["FORMAT", "VERSION", "load_run", "save_run"]
 
-FORMAT, VERSION = "rvads-run", 2
+FORMAT, VERSION = "rvads-run", 3
 _ARRAYS = {"zone": (2, "i"), "lights": (2, "i"), "station": (2, "f"), "speed": (2, "f"), "pose": (3, "f"), "controls": (3, "f")}
 """The arrays of a run: how many dimensions they have, and of which kind of numbers."""
+_Positive = Annotated[float, msgspec.Meta(gt=0)]
+_Count = Annotated[int, msgspec.Meta(ge=0)]
+
+
+class _Line(msgspec.Struct, frozen=True):
+    """A centre line: the number of its array, and what its segment says of itself."""
+
+    number: _Count
+    id: str
+    turn: Turn
+    junction: str | None
+
+
+class _Entrance(msgspec.Struct, frozen=True):
+    arm: _Count
+    lane: _Count
+    sign: Sign
+    phase: _Count | None
+    setback: float
+    approach: _Line | None
+
+
+class _Exit(msgspec.Struct, frozen=True):
+    arm: _Count
+    lane: _Count
+    road: _Line | None
+
+
+class _Movement(msgspec.Struct, frozen=True):
+    entrance: _Count
+    exit: _Count
+    turn: Turn
+    length: float
+    segment: str
+    path: _Line | None
+
+
+class _Junction(msgspec.Struct, frozen=True):
+    name: str
+    id: str
+    entrances: list[_Entrance]
+    exits: list[_Exit]
+    movements: list[_Movement]
+    right_of: list[tuple[_Count, _Count]]
+    opposite: list[tuple[_Count, _Count]]
+    left_hand: bool
+    lane_width: _Positive
+
+
+class _Agent(msgspec.Struct, frozen=True):
+    name: str
+    route: tuple[_Count, _Count]
+    """Entrance and exit."""
+    kind: Kind
+    size: tuple[_Positive, _Positive] | None
+
+
+class _Facts(msgspec.Struct, frozen=True):
+    subject: str | None
+    speed_limit: _Positive | None
+    strayed: tuple[str, ...]
+
+
+class _Header(msgspec.Struct, frozen=True):
+    format: str
+    version: int
+    label: str
+    dt: float
+    agents: list[_Agent]
+    junction: _Junction
+    collisions: list[Collision] | None
+    fault: Fault | None
+    facts: _Facts
+    provenance: dict[str, Any]
 
 
 def save_run(run: Run, path: str | Path) -> None:
     """Write a run; equal runs give equal files.
 
     Args:
-        run: the run; its ``meta`` must be builtins.
+        run: the run; its ``provenance`` must be builtins.
         path: of the file, by convention ``.npz``; folders are made.
 
     Raises:
-        RunError: the file can't be written, or ``meta`` is not builtins.
+        RunError: the file can't be written, or ``provenance`` is not builtins.
     """
     path = Path(path)
     arrays = {name: array for name in _ARRAYS if (array := getattr(run, name)) is not None}
-    segments: list[Segment] = []
-    header = {
-        "format": FORMAT,
-        "version": VERSION,
-        "label": run.label,
-        "dt": run.dt,
-        "agents": [[a.name, a.entrance, a.exit, a.turn.value] for a in run.agents],
-        "junction": _junction(run.junction, segments),
-        "collisions": None if run.collisions is None else [[c.time, *c.agents, c.speed] for c in run.collisions],
-        "fault": run.fault and [run.fault.time, run.fault.agent, run.fault.reason],
-        "facts": asdict(run.facts),
-        "meta": dict(run.meta),
-    }
+    lines: list[Segment] = []
+    header = _Header(
+        FORMAT,
+        VERSION,
+        run.label,
+        run.dt,
+        [_Agent(a.name, a.route.key, a.kind, a.size) for a in run.agents],
+        _put(run.junction, lines),
+        None if run.collisions is None else list(run.collisions),
+        run.fault and replace(run.fault, detail=""),
+        _Facts(*astuple(run.facts)),
+        {},
+    )
     try:
-        text = json.dumps(header, sort_keys=True, allow_nan=False)
+        values = msgspec.to_builtins(header) | {"provenance": dict(run.provenance)}
+        text = json.dumps(values, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise RunError(f"run {run.label!r} can't be kept: {error}") from error
     arrays["header"] = np.frombuffer(text.encode(), dtype=np.uint8)
-    arrays |= {f"segment_{k}": s.points for k, s in enumerate(segments)}
+    arrays |= {f"line_{k}": line.points for k, line in enumerate(lines)}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("wb") as out:
@@ -70,39 +145,31 @@ def save_run(run: Run, path: str | Path) -> None:
         raise RunError(f"{path}: can't be written: {error.strerror}") from error
 
 
-def _junction(junction: Junction, segments: list[Segment]) -> dict[str, Any]:
-    def put(segment: Segment) -> list[Any]:
-        segments.append(segment)
-        return [len(segments) - 1, segment.id, segment.turn.value, segment.junction]
+def _put(junction: Junction, lines: list[Segment]) -> _Junction:
+    def put(line: Segment | None) -> _Line | None:
+        if line is None:
+            return None
+        lines.append(line)
+        return _Line(len(lines) - 1, line.id, line.turn, line.junction)
 
-    found: dict[str, Any] = {
-        "name": junction.name,
-        "id": junction.id,
-        "control": junction.control.value,
-        "movements": [[m.entrance, m.exit, m.turn.value, m.length, m.segment] for m in junction.movements.values()],
-        "right_of": sorted(map(list, junction.right_of)),
-        "opposite": sorted(map(list, junction.opposite)),
-        "phase_groups": [sorted(g) for g in junction.phase_groups],
-        "setbacks": list(junction.setbacks),
-        "left_hand": junction.left_hand,
-        "geometry": None,
-    }
-    geometry = junction.geometry
-    if geometry is not None:
-        found["geometry"] = {
-            "approaches": [put(s) for s in geometry.approaches],
-            "movements": [[*way, *put(s)] for way, s in geometry.movements.items()],
-            "exits": [put(s) for s in geometry.exits],
-            "lane_width": geometry.lane_width,
-        }
-    return found
+    return _Junction(
+        junction.name,
+        junction.id,
+        [_Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, put(e.approach)) for e in junction.entrances],
+        [_Exit(e.arm, e.lane, put(e.road)) for e in junction.exits],
+        [_Movement(*m.key, m.turn, m.length, m.segment, put(m.path)) for m in junction.movements.values()],
+        sorted(junction.right_of),
+        sorted(junction.opposite),
+        junction.left_hand,
+        junction.lane_width,
+    )
 
 
 def load_run(path: str | Path) -> Run:
     """Read a run that `save_run` wrote.
 
     Raises:
-        RunError: not such a file, a damaged one, or one of a later version.
+        RunError: not such a file, a damaged one, or one of another version.
     """
     path = Path(path)
     try:
@@ -114,74 +181,63 @@ def load_run(path: str | Path) -> Run:
     except (ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
         raise RunError(f"{path}: not a run kept by rvads: {error}") from error
     try:
-        header = json.loads(bytes(arrays["header"]).decode())
-        if header["format"] != FORMAT:
-            raise RunError(f"{path}: not a run kept by rvads: its format is {header['format']!r}")
-        if header["version"] != VERSION:
-            raise RunError(f"{path}: written in version {header['version']} of the format, this library reads version {VERSION}")
-        check_header(header)
+        head = msgspec.json.decode(bytes(arrays["header"]), type=dict[str, Any])
+        if head.get("format") != FORMAT:
+            raise RunError(f"{path}: not a run kept by rvads: its format is {head.get('format')!r}")
+        if head.get("version") != VERSION:
+            raise RunError(
+                f"{path}: written in version {head.get('version')} of the format, this library reads version {VERSION}"
+            )
         for name, (dimensions, kind) in _ARRAYS.items():
             if name in arrays and (arrays[name].ndim, arrays[name].dtype.kind) != (dimensions, kind):
                 what = "whole numbers" if kind == "i" else "numbers"
                 raise ValueError(f"{name} must be {what} in {dimensions} dimensions")
-        return _run(header, arrays)
-    except (KeyError, TypeError, ValueError, OverflowError, MapError) as error:
+        return _run(msgspec.convert(head, _Header), arrays)
+    except (KeyError, ValueError, MapError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise RunError(f"{path}: damaged: {what}") from error
 
 
-def _run(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Run:
-    fault, hits, facts = header["fault"], header["collisions"], header["facts"]
-    sizes = facts.get("sizes")
+def _run(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Run:
+    junction = _get(header.junction, arrays)
+    agents = []
+    for agent in header.agents:
+        if agent.route not in junction.movements:
+            raise ValueError(
+                f"{agent.name} goes from entrance {agent.route[0]} to exit {agent.route[1]}, where no movement leads"
+            )
+        agents.append(Agent(agent.name, junction.movements[agent.route], agent.kind, agent.size))
+    if header.facts.subject not in (None, *(agent.name for agent in agents)):
+        raise ValueError(f"subject in facts must be one of the vehicles, got {header.facts.subject!r}")
+    optional = {name: arrays.get(name) for name in ("station", "speed", "pose", "controls")}
     return Run(
-        header["label"],
-        _load_junction(header["junction"], arrays),
-        tuple(Agent(name, entrance, leaving, Turn(turn)) for name, entrance, leaving, turn in header["agents"]),
+        header.label,
+        junction,
+        tuple(agents),
         arrays["zone"],
         arrays["lights"],
-        header["dt"],
-        arrays.get("station"),
-        arrays.get("speed"),
-        arrays.get("pose"),
-        arrays.get("controls"),
-        hits if hits is None else tuple(Collision(time, (one, two), speed) for time, one, two, speed in hits),
-        Fault(*fault) if fault else None,
-        Facts(
-            facts.get("subject"),
-            sizes and tuple((length, width) for length, width in sizes),
-            facts.get("speed_limit"),
-            tuple(facts.get("strayed") or ()),
-        ),
-        header["meta"],
+        header.dt,
+        **optional,
+        collisions=None if header.collisions is None else tuple(header.collisions),
+        fault=header.fault,
+        facts=Facts(*msgspec.structs.astuple(header.facts)),
+        provenance=header.provenance,
     )
 
 
-def _load_junction(record: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Junction:
-    def get(entry: list[Any]) -> Segment:
-        number, name, turn, junction = entry
-        return Segment(name, arrays[f"segment_{number}"], Turn(turn), junction)
+def _get(record: _Junction, arrays: Mapping[str, NDArray[Any]]) -> Junction:
+    def get(line: _Line | None) -> Segment | None:
+        return None if line is None else Segment(line.id, arrays[f"line_{line.number}"], line.turn, line.junction)
 
-    geometry = None
-    if record["geometry"]:
-        lines = record["geometry"]
-        geometry = Geometry(
-            tuple(get(e) for e in lines["approaches"]),
-            {(entrance, leaving): get(rest) for entrance, leaving, *rest in lines["movements"]},
-            tuple(get(e) for e in lines["exits"]),
-            lines["lane_width"],
-        )
-    movements = [
-        Movement(entrance, leaving, Turn(turn), length, name) for entrance, leaving, turn, length, name in record["movements"]
-    ]
+    movements = [Movement(m.entrance, m.exit, m.turn, m.length, m.segment, get(m.path)) for m in record.movements]
     return Junction(
-        record["name"],
-        record["id"],
-        JunctionControl(record["control"]),
-        {(m.entrance, m.exit): m for m in movements},
-        frozenset((a, b) for a, b in record["right_of"]),
-        frozenset((a, b) for a, b in record["opposite"]),
-        tuple(frozenset(g) for g in record["phase_groups"]),
-        tuple(record["setbacks"]),
-        record["left_hand"],
-        geometry,
+        record.name,
+        record.id,
+        tuple(Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, get(e.approach)) for e in record.entrances),
+        tuple(Exit(e.arm, e.lane, get(e.road)) for e in record.exits),
+        {m.key: m for m in movements},
+        frozenset(record.right_of),
+        frozenset(record.opposite),
+        record.left_hand,
+        record.lane_width,
     )

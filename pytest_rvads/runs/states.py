@@ -7,9 +7,10 @@ times as much to build.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 from typing import NamedTuple
 
+from pytest_rvads.junctions.junction import Movement
 from pytest_rvads.maps.segment import Turn
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "JUNCTION",
     "Agent",
     "Colour",
+    "Kind",
     "VehicleState",
     "Zone",
 ]
@@ -53,16 +55,41 @@ class Colour(IntEnum):
     RED = 3
 
 
+class Kind(StrEnum):
+    """What kind of road user an agent is."""
+
+    CAR = "car"
+    TRUCK = "truck"
+    CYCLIST = "cyclist"
+    PEDESTRIAN = "pedestrian"
+
+
 @dataclass(frozen=True, slots=True)
 class Agent:
-    """What does not change about a vehicle during a run: the abstract part of its state."""
+    """What does not change about a road user during a run: the abstract part of its state."""
 
     name: str
-    """Named by its entrance: a0 starts at entrance 0."""
-    entrance: int
-    exit: int
-    turn: Turn
-    """Turn type of its movement through the junction."""
+    """``a0`` is the first at the entrance of arm 0, ``a0.1`` on its lane 1 where it has several, ``a0+1`` the next behind."""
+    route: Movement
+    """Its way through the junction."""
+    kind: Kind = Kind.CAR
+    size: tuple[float, float] | None = None
+    """Length and width [m]; None where nobody recorded them."""
+
+    @property
+    def entrance(self) -> int:
+        """Number of the entrance that it comes to."""
+        return self.route.entrance
+
+    @property
+    def exit(self) -> int:
+        """Number of the exit that it leaves by."""
+        return self.route.exit
+
+    @property
+    def turn(self) -> Turn:
+        """Turn type of its route."""
+        return self.route.turn
 
 
 class VehicleState(NamedTuple):
@@ -90,3 +117,4 @@ class VehicleState(NamedTuple):
     """Body from the reference point backwards [m]."""
     width: float
     """Body width [m]."""
+    kind: Kind = Kind.CAR

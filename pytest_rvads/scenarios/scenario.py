@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.lights import SignalPlan
@@ -31,12 +30,12 @@ class Scenario:
     distances, speeds and creation order on by that many entrances and, when odd, swaps the light phase.
 
     Example:
-        >>> Scenario("stop4", "1133", distance=20, speed=10).name
+        >>> Scenario(find("stop4"), "1133", distance=20, speed=10).name
         'stop4-class07-as1133-cfgd20.00v10.00'
     """
 
-    junction: str
-    """Built-in name, or id of a junction in `map`."""
+    place: Junction
+    """Where it happens."""
     directions: tuple[int, ...]
     """Per entrance before rotation: symbolic direction 1..n-1, 0 where nobody stands."""
     distances: tuple[float, ...]
@@ -46,8 +45,6 @@ class Scenario:
     rotation: int
     configuration: str
     """Label of distances and speeds in ids."""
-    map: str | None
-    """OpenDRIVE file, or None for the built-in maps."""
     duration: float
     """Longest run [s]."""
     aggression: int
@@ -55,7 +52,7 @@ class Scenario:
     wait: float
     """The one random draw of autopilots that have one [s]."""
     subject: int | None
-    """Entrance of the vehicle under test where the others are traffic, else None."""
+    """Entrance at which the vehicle under test is the first, where the others are traffic; else None."""
     order: tuple[int, ...]
     """Entrances before rotation, in the order in which their vehicles are created."""
     senses: Senses
@@ -63,14 +60,13 @@ class Scenario:
 
     def __init__(
         self,
-        junction: str,
+        place: Junction,
         directions: str | Sequence[int],
         *,
         distance: float | Sequence[float] = 20.0,
         speed: float | Sequence[float] = 0.0,
         rotation: int = 0,
         configuration: str | None = None,
-        map: str | None = None,
         duration: float = 60.0,
         aggression: int = 1,
         wait: float = 1.5,
@@ -81,23 +77,21 @@ class Scenario:
         """Describe a scenario; numbers may be given once for all entrances.
 
         Raises:
-            ScenarioError: a direction, number or length that does not fit.
+            ScenarioError: a direction, number or length that does not fit, or a junction that is none.
         """
+        if not isinstance(place, Junction):
+            raise ScenarioError(f"a scenario needs a junction, such as rvads.find('stop4'), got {place!r:.60}")
         code = parse(directions)
         ways = len(code)
+        if ways != len(place.entrances):
+            raise ScenarioError(
+                f"directions {label(code)!r} describe {ways} entrances, junction {place.name!r} has {len(place.entrances)}"
+            )
         distances = per_entrance("distance", distance, ways)
         speeds = per_entrance("speed", speed, ways)
         if not 0 <= rotation < ways:
             raise ScenarioError(f"rotation must be one of 0..{ways - 1} for {ways} entrances, got {rotation!r}")
-        if aggression not in (1, 2, 3):
-            raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")
-        for name, seconds in (("duration", duration), ("wait", wait)):
-            if isinstance(seconds, bool) or not isinstance(seconds, int | float):
-                raise ScenarioError(f"{name} must be a number of seconds, got {seconds!r}")
-        if not (math.isfinite(duration) and 0 < duration <= 3600):
-            raise ScenarioError(f"duration must lie above 0 and up to 3600 s, got {duration!r}")
-        if not (math.isfinite(wait) and wait >= 0):
-            raise ScenarioError(f"wait must be 0 s or more, got {wait!r}")
+        _check_numbers(duration, aggression, wait)
         if subject is not None and not (0 <= subject < ways and code[subject - rotation]):
             raise ScenarioError(f"subject must be an occupied entrance of {label(rotate(code, rotation))}, got {subject!r}")
         made = tuple(range(ways)) if order is None else tuple(order)
@@ -105,23 +99,20 @@ class Scenario:
             raise ScenarioError(f"order must name each of the entrances 0..{ways - 1} once, got {order!r}")
         if not isinstance(senses, Senses):
             raise ScenarioError(f"senses must be rvads.Senses(...), got {senses!r}")
-        values = {
-            "junction": junction,
-            "directions": code,
-            "distances": distances,
-            "speeds": speeds,
-            "rotation": rotation,
-            "configuration": configuration or explicit_label(distances, speeds),
-            "map": map,
-            "duration": float(duration),
-            "aggression": aggression,
-            "wait": float(wait),
-            "subject": subject,
-            "order": made,
-            "senses": senses,
-        }
-        for name, value in values.items():
+        values = (
+            *(place, code, distances, speeds, rotation, configuration or explicit_label(distances, speeds)),
+            *(float(duration), aggression, float(wait), subject, made, senses),
+        )
+        for name, value in zip(self.__slots__, values, strict=True):
             object.__setattr__(self, name, value)
+
+    def but(self, **changes: Any) -> Scenario:
+        """Return the scenario with some arguments of its constructor changed."""
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        values["distance"], values["speed"] = values.pop("distances"), values.pop("speeds")
+        if {"distance", "speed"} & set(changes):
+            values["configuration"] = None
+        return Scenario(**(values | changes))
 
     @property
     def ways(self) -> int:
@@ -147,79 +138,55 @@ class Scenario:
     @property
     def name(self) -> str:
         """The id without the rule: junction, class, abstract scenario, configuration."""
-        return self.name_at(self.find())
-
-    def name_at(self, junction: Junction) -> str:
-        """Return the name, given the junction that `find` returns."""
         turned = f".r{self.rotation}" if self.rotation else ""
         if self.order != tuple(range(self.ways)):
             turned += f".o{label(self.order)}"
         seat = "" if self.subject is None else f"-s{self.subject}"
         scenario = f"{class_label(self.ways, self.number)}-as{label(self.placed)}{seat}"
-        return f"{junction.name}-{scenario}-cfg{self.point}{turned}"
+        return f"{self.place.name}-{scenario}-cfg{self.point}{turned}"
 
     @property
     def point(self) -> str:
         """Label of the point of the grid: the configuration, and what is not ideal in the senses."""
         return ".".join(filter(None, (self.configuration, self.senses.label)))
 
-    def find(self) -> Junction:
-        """Return the junction, read once per process.
-
-        Raises:
-            MapError: unknown or unusable junction.
-            ScenarioError: the junction has another number of entrances.
-        """
-        junction = find(self.junction, self.map)
-        if junction.ways != self.ways:
-            raise ScenarioError(
-                f"directions {label(self.directions)!r} describe {self.ways} entrances, "
-                f"junction {junction.name!r} has {junction.ways}"
-            )
-        return junction
+    @property
+    def under_test(self) -> str | None:
+        """Name of the vehicle under test where the others are traffic, else None."""
+        return None if self.subject is None else self.place.vehicle_at(self.subject)
 
     def start(self, entrance: int) -> tuple[float, float]:
         """Return distance to the stopping line [m] and speed [m/s] of the vehicle at `entrance` of the map."""
         before = (entrance - self.rotation) % self.ways
         return self.distances[before], self.speeds[before]
 
-    def fit(self, junction: Junction | None = None) -> None:
+    def fit(self) -> None:
         """Check that every vehicle starts on its approach.
-
-        Args:
-            junction: the one that `find` returns, where it is at hand.
 
         Raises:
             ScenarioError: a distance is longer than the approach of its entrance.
         """
-        junction = junction or self.find()
         for entrance, direction in enumerate(self.placed):
             distance, _ = self.start(entrance)
-            room = junction.approach(entrance)
+            room = self.place.approach(entrance)
             if direction and distance > room:
                 raise ScenarioError(
-                    f"distance {distance:g} m does not fit on entrance {entrance} of junction {junction.name!r}: its approach is "
-                    f"{room:.1f} m long, choose a smaller distance or another junction"
+                    f"distance {distance:g} m does not fit on entrance {entrance} of junction {self.place.name!r}: its approach "
+                    f"is {room:.1f} m long, choose a smaller distance or another junction"
                 )
 
     def agents(self) -> tuple[Agent, ...]:
         """Return the agents, by entrance."""
-        junction = self.find()
-        found = []
-        for entrance, direction in enumerate(self.placed):
-            if direction:
-                leaving = junction.exit_of(entrance, direction)
-                found.append(Agent(f"a{entrance}", entrance, leaving, junction.turn(entrance, leaving)))
-        return tuple(found)
+        place = self.place
+        return tuple(Agent(place.vehicle_at(e), place.leads(e, d)) for e, d in enumerate(self.placed) if d)
 
     def itineraries(self) -> tuple[Itinerary, ...]:
         """Return the itineraries of `agents`, in the same order."""
-        junction = self.find()
-        return tuple(Itinerary.through(junction, a.entrance, a.exit) for a in self.agents())
+        return tuple(Itinerary.through(self.place, *a.route.key) for a in self.agents())
 
     def signals(self) -> SignalPlan:
         """Return the signal plan: the group of entrance 0 has green at t = 0 for an even rotation."""
-        groups = self.find().phase_groups
+        groups = self.place.phase_groups
         return SignalPlan(groups, self.rotation % 2 if len(groups) > 1 else 0)
 
     def describe(self) -> str:
@@ -232,7 +199,18 @@ class Scenario:
         return f"{self.name} ({ways})  d=({distances}) m  v=({speeds}) m/s"
 
     def record(self) -> dict[str, Any]:
-        """Return the fields as builtins, for records and run files."""
-        values = asdict(self)
-        values["senses"] = self.senses.record()
-        return values
+        """Return the fields as builtins, for records and run files; of the junction its name and the file it is from."""
+        values = {item.name: getattr(self, item.name) for item in fields(self)[1:]}
+        return {"junction": self.place.name, "map": self.place.map, **values, "senses": self.senses.record()}
+
+
+def _check_numbers(duration: float, aggression: int, wait: float) -> None:
+    if aggression not in (1, 2, 3):
+        raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")
+    for name, seconds in (("duration", duration), ("wait", wait)):
+        if isinstance(seconds, bool) or not isinstance(seconds, int | float):
+            raise ScenarioError(f"{name} must be a number of seconds, got {seconds!r}")
+    if not (math.isfinite(duration) and 0 < duration <= 3600):
+        raise ScenarioError(f"duration must lie above 0 and up to 3600 s, got {duration!r}")
+    if not (math.isfinite(wait) and wait >= 0):
+        raise ScenarioError(f"wait must be 0 s or more, got {wait!r}")

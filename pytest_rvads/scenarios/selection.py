@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from pytest_rvads.errors import ScenarioError
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.scenarios.classes import (
     Directions,
     classes,
@@ -36,9 +37,7 @@ class Selection:
         ScenarioError: a class number, scenario or cover that does not exist.
     """
 
-    junction: str
-    map: str | None
-    ways: int
+    place: Junction
     configurations: tuple[Configuration, ...]
     cover: str = "class"
     numbers: tuple[int, ...] | None = None
@@ -68,9 +67,7 @@ class Selection:
     @classmethod
     def of(
         cls,
-        junction: str,
-        map: str | None,
-        ways: int,
+        place: Junction,
         configurations: tuple[Configuration, ...],
         *,
         classes: tuple[int, ...] | None = None,
@@ -84,10 +81,17 @@ class Selection:
     ) -> Selection:
         """Build a selection from class numbers or direction strings."""
         for code in scenarios or ():
-            if len(code) != ways:
-                raise ScenarioError(f"scenario {code!r} names {len(code)} entrances, junction {junction!r} has {ways}")
+            if len(code) != len(place.entrances):
+                raise ScenarioError(
+                    f"scenario {code!r} names {len(code)} entrances, junction {place.name!r} has {len(place.entrances)}"
+                )
         codes = None if scenarios is None else tuple(parse(s) for s in scenarios)
-        return cls(junction, map, ways, configurations, cover, classes, codes, duration, aggression, wait, subject, senses)
+        return cls(place, configurations, cover, classes, codes, duration, aggression, wait, subject, senses)
+
+    @property
+    def ways(self) -> int:
+        """Number of entrances."""
+        return len(self.place.entrances)
 
     def count(self) -> int:
         """Return how many abstract scenarios (rows and seats) are selected, without listing a whole arity."""
@@ -107,13 +111,12 @@ class Selection:
             for row, subject in self._seated(first):
                 for point, senses in product(self.configurations, self.senses):
                     yield Scenario(
-                        self.junction,
+                        self.place,
                         first,
                         distance=point.distances,
                         speed=point.speeds,
                         rotation=row,
                         configuration=point.label,
-                        map=self.map,
                         duration=self.duration,
                         aggression=self.aggression,
                         wait=self.wait,

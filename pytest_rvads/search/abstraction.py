@@ -159,7 +159,7 @@ def _table(agents: int, junction: Junction) -> tuple[NDArray[np.int8], NDArray[n
     """Return zones, shape ``(size, agents)``, and colours, shape ``(size, ways)``, of all configurations."""
     plan = SignalPlan(junction.phase_groups)
     slots = [g * (GREEN + YELLOW + CLEARANCE) + t for g in range(len(plan.groups)) for t in (0.0, GREEN, GREEN + YELLOW)]
-    colours = np.array([plan.colours(time, junction.ways) for time in slots or [0.0]], dtype=np.int8)
+    colours = np.array([plan.colours(time, len(junction.entrances)) for time in slots or [0.0]], dtype=np.int8)
     places = np.arange(_PLACES**agents)
     zones = np.stack([places // _PLACES**i % _PLACES for i in range(agents)], axis=1).astype(np.int8)
     return np.tile(zones, (2 * len(colours), 1)), np.tile(np.repeat(colours, len(places), axis=0), (2, 1))

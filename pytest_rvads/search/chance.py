@@ -15,11 +15,10 @@ from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.rule import Rule, get_rule
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.search.relations import with_fields
-from pytest_rvads.simulators.bullet import simulate
-from pytest_rvads.simulators.seat import Factory
+from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = ["Interval", "Spread", "intervals", "sweep"]
 
@@ -83,29 +82,19 @@ class Spread:
         return interval.high - interval.low + DT
 
 
-def sweep(
-    scenario: Scenario,
-    autopilot: Factory,
-    rule: str | Rule,
-    low: float,
-    high: float,
-    *,
-    step: float = STEP,
-    vehicle: Vehicle | None = None,
-) -> Spread:
-    """Judge a scenario over a range of the draw of its autopilot.
+def sweep(case: Case, rule: str | Rule, low: float, high: float, *, step: float = STEP, simulator: Simulator = bullet) -> Spread:
+    """Judge a case over a range of the draw of its autopilot.
 
     Draws `step` apart are tried, and between two with different statuses the change is located to one tick of 0.01 s. What
     begins and ends within one step is not seen.
 
     Args:
-        scenario: its ``wait`` is replaced.
-        autopilot: drives all vehicles.
+        case: the ``wait`` of its scenario is replaced.
         rule: to judge by.
         low: least draw [s].
         high: greatest draw [s].
         step: distance of the draws tried first [s].
-        vehicle: parameters of all vehicles.
+        simulator: what makes the runs.
 
     Raises:
         ScenarioError: an empty range, or a step below one tick.
@@ -114,12 +103,12 @@ def sweep(
     chosen = get_rule(rule) if isinstance(rule, str) else rule
 
     def status(wait: float) -> Status:
-        verdict = check(simulate(with_fields(scenario, wait=wait), autopilot, vehicle=vehicle), chosen)
+        verdict = check(simulator(case.but(wait=wait)), chosen)
         if verdict.status is Status.ERROR:
-            raise RunError(f"{scenario.name} with a draw of {wait:g} s can't be judged: {verdict.reason}")
+            raise RunError(f"{case.scenario.name} with a draw of {wait:g} s can't be judged: {verdict.reason}")
         return verdict.status
 
-    return Spread(chosen.name, scenario, intervals(status, low, high, step))
+    return Spread(chosen.name, case.scenario, intervals(status, low, high, step))
 
 
 def intervals(status: Callable[[float], Status], low: float, high: float, step: float = STEP) -> tuple[Interval, ...]:

@@ -9,26 +9,27 @@ import inspect
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pytest_rvads.conduct.blame import cut_short_by
+from pytest_rvads.drivers.interface import Factory
+from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.errors import OpenObligation, RuleViolation, RunError, ScenarioError
+from pytest_rvads.junctions.builtin import LAYOUTS
 from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule, get_rule
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.classes import label
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model
 from pytest_rvads.search.consistency import decide
-from pytest_rvads.simulators.bullet import simulate
-
-if TYPE_CHECKING:
-    from pytest_rvads.simulators.seat import Factory
+from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = ["Counterexample", "avoidable", "falsify", "look_for", "pasteable", "score"]
 
@@ -50,6 +51,7 @@ def falsify(
     *,
     rule: str | Rule,
     autopilot: Factory | None = None,
+    traffic: str | Factory | None = None,
     budget: int = 200,
     seed: int = 0,
     **space: Any,
@@ -63,10 +65,11 @@ def falsify(
         junction: built-in name, or id of a junction in ``map``.
         rule: the rule to break.
         autopilot: the system under test; that of the fixture ``rvads_autopilot`` by default.
+        traffic: with ``subject``, what drives the others: a policy by name, or an autopilot of yours; the reference by default.
         budget: most simulations before a counterexample, and most for making it simpler.
         seed: other seeds look elsewhere.
-        space: where to look, see `strategies.scenarios`: ``map``, ``partial``, ``near``, ``far``, ``pace``, ``wait``,
-            ``aggression``, ``duration``.
+        space: where to look, see `strategies.scenarios`: ``map``, ``subject``, ``partial``, ``near``, ``far``, ``pace``,
+            ``wait``, ``aggression``, ``duration``.
 
     Example:
         >>> @falsify("stop4", rule="p1", budget=50)
@@ -74,18 +77,19 @@ def falsify(
     """
     if not isinstance(budget, int) or budget < 1:
         raise ScenarioError(f"budget must be a number of simulations, at least 1, got {budget!r}")
+    around = _traffic(traffic, space.get("subject"))
 
     def decorate(test: Callable[..., None]) -> Callable[..., None]:
         wanted = inspect.signature(test)
-        needed = [] if autopilot is not None else ["rvads_autopilot"]
-        extra = [name for name in (*needed, "rvads_vehicle") if name not in wanted.parameters]
+        needed = ["rvads_vehicle", "rvads_simulator", *([] if autopilot is not None else ["rvads_autopilot"])]
 
         def wrapper(**fixtures: Any) -> None:
             __tracebackhide__ = True
-            factory = autopilot if autopilot is not None else fixtures["rvads_autopilot"]
+            driver = autopilot if autopilot is not None else fixtures["rvads_autopilot"]
             name = f"{test.__module__}.{test.__qualname__}"
-            trial = _Trial(factory, rule, budget, fixtures["rvads_vehicle"])
-            found = _search(junction, trial, seed, name, True, space)
+            fleet = Fleet(fixtures["rvads_vehicle"])
+            trial = _Trial(rule, budget, lambda s: Case(s, driver, around, fleet), fixtures["rvads_simulator"])
+            found = _search(junction, trial, seed, name, space)
             if found is not None:
                 raise _violation(found)
             if not trial.triggered:
@@ -100,11 +104,20 @@ def falsify(
         wrapper.__dict__.update(test.__dict__)
         keyword = inspect.Parameter.KEYWORD_ONLY
         parameters = [p.replace(kind=keyword) for p in wanted.parameters.values()]
-        parameters += [inspect.Parameter(name, keyword) for name in extra]
+        parameters += [inspect.Parameter(name, keyword) for name in needed if name not in wanted.parameters]
         wrapper.__signature__ = wanted.replace(parameters=parameters)  # type: ignore[attr-defined]
         return wrapper
 
     return decorate
+
+
+def _traffic(given: str | Factory | None, subject: int | None) -> Factory | None:
+    """Return what drives the vehicles around a subject, None without one."""
+    if subject is None:
+        if given is not None:
+            raise ScenarioError("traffic= drives the vehicles beside a subject: say subject=0, or leave traffic= out")
+        return None
+    return Policy.of("reference" if given is None else given).factory
 
 
 def look_for(
@@ -112,10 +125,12 @@ def look_for(
     autopilot: Factory,
     rule: str | Rule,
     *,
+    traffic: str | Factory | None = None,
     budget: int = 200,
     seed: int = 0,
-    vehicle: Vehicle | None = None,
+    fleet: Fleet | None = None,
     name: str | None = None,
+    simulator: Simulator = bullet,
     guided: bool = True,
     **space: Any,
 ) -> Counterexample | None:
@@ -123,12 +138,14 @@ def look_for(
 
     Args:
         junction: built-in name, or id of a junction in ``map``.
-        autopilot: drives all vehicles.
+        autopilot: drives all vehicles, or the subject.
         rule: the rule to break.
+        traffic: with ``subject``, what drives the others; the reference by default.
         budget: most simulations before a counterexample, and most for making it simpler.
         seed: of the search.
-        vehicle: parameters of all vehicles.
+        fleet: the bodies of the vehicles; passenger cars by default.
         name: under which counterexamples are kept in the example database; None keeps none.
+        simulator: what makes the runs.
         guided: follow the margin of the rule.
         space: where to look, see `strategies.scenarios`.
 
@@ -138,11 +155,13 @@ def look_for(
     Raises:
         RunError: a run ended by a fault; the scenario is in the message.
     """
-    return _search(junction, _Trial(autopilot, rule, budget, vehicle), seed, name, guided, space)
+    around = _traffic(traffic, space.get("subject"))
+    trial = _Trial(rule, budget, lambda s: Case(s, autopilot, around, fleet or Fleet()), simulator)
+    return _search(junction, trial, seed, name, space, guided=guided)
 
 
 def _search(
-    junction: str, trial: _Trial, seed: int, name: str | None, guided: bool, space: Mapping[str, Any]
+    junction: str, trial: _Trial, seed: int, name: str | None, space: Mapping[str, Any], *, guided: bool = True
 ) -> Counterexample | None:
     """Have Hypothesis try scenarios until one breaks the rule of `trial`; see `look_for`."""
     from hypothesis import HealthCheck, Phase, Verbosity, given, settings, target
@@ -190,7 +209,7 @@ class _Broken(Exception):
 class _Trial:
     """Simulates every scenario once, and no more than the budget allows."""
 
-    def __init__(self, autopilot: Factory, rule: str | Rule, budget: int, vehicle: Vehicle | None) -> None:
+    def __init__(self, rule: str | Rule, budget: int, case: Callable[[Scenario], Case], simulator: Simulator) -> None:
         self.rule = get_rule(rule) if isinstance(rule, str) else rule
         self.budget = budget
         self.simulations = 0
@@ -201,8 +220,8 @@ class _Trial:
         self.counts: dict[Scenario, bool] = {}
         """Whether the violation in a scenario could have been avoided."""
         self.known: dict[Scenario, Verdict] = {}
-        self._autopilot = autopilot
-        self._vehicle = vehicle
+        self._case = case
+        self._simulator = simulator
 
     def judge(self, scenario: Scenario) -> Verdict | None:
         """Return the verdict, or None where the budget is spent."""
@@ -210,7 +229,7 @@ class _Trial:
             if self.simulations - (self.first or 0) >= self.budget:
                 return None
             self.simulations += 1
-            run = simulate(scenario, self._autopilot, vehicle=self._vehicle)
+            run = self._simulator(self._case(scenario))
             verdict = self.known[scenario] = check(run, self.rule)
             self.triggered = self.triggered or verdict.status not in (Status.NA, Status.ERROR)
             self.counts[scenario] = broken(run, verdict) and avoidable(run, self.rule)
@@ -251,9 +270,12 @@ def pasteable(scenario: Scenario, rule: str) -> str:
     def text(values: tuple[float, ...]) -> str:
         return f"{values[0]:g}" if len(set(values)) == 1 else f"({', '.join(f'{v:g}' for v in values)})"
 
-    arguments = [repr(scenario.junction), f"scenarios={label(scenario.directions)!r}", f"distances={text(scenario.distances)}"]
-    arguments += [f"speeds={text(scenario.speeds)}", f"rules={rule!r}"]
-    for name, usual in (("map", None), ("wait", 1.5), ("aggression", 1), ("duration", 60.0)):
+    place = scenario.place
+    built_in = place.name in LAYOUTS
+    arguments = [repr(place.name if built_in else place.id), f"scenarios={label(scenario.directions)!r}"]
+    arguments += [f"distances={text(scenario.distances)}", f"speeds={text(scenario.speeds)}", f"rules={rule!r}"]
+    arguments += [] if built_in else [f"map={place.map!r}"]
+    for name, usual in (("subject", None), ("wait", 1.5), ("aggression", 1), ("duration", 60.0)):
         if getattr(scenario, name) != usual:
             arguments.append(f"{name}={getattr(scenario, name)!r}")
     lines = [

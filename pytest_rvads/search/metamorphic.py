@@ -13,12 +13,11 @@ from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule, rules_for
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.vehicle import Vehicle
-from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
 from pytest_rvads.search.sidebyside import side_by_side
-from pytest_rvads.simulators.bullet import simulate
-from pytest_rvads.simulators.seat import Factory
+from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = ["Comparison", "Difference", "compare", "equivalent", "judged"]
 
@@ -50,23 +49,21 @@ class Comparison:
 
 
 def equivalent(
-    scenario: Scenario,
-    autopilot: Factory,
+    case: Case,
     rules: str | Rule | Sequence[str | Rule] = "paper",
     *,
     relations: str | Iterable[str] = "rotation",
-    vehicle: Vehicle | None = None,
+    simulator: Simulator = bullet,
 ) -> Comparison:
     """Require that equivalent scenarios are judged alike; statuses are compared, not who goes first.
 
     Args:
-        scenario: the scenario to begin with.
-        autopilot: drives all vehicles.
+        case: the case to begin with.
         rules: a rulebook, rules, or both; of a rulebook those about this kind of junction.
         relations: one or several of ``rotation`` (the members of the structural equivalence class), ``creation`` (order of
             creation), ``renaming`` (names of the agents), ``motion`` (the map translated and rotated), ``mirror`` (the map in a
             mirror), ``approach`` (all vehicles start farther away).
-        vehicle: parameters of all vehicles.
+        simulator: what makes the runs.
 
     Returns:
         What was compared, and what could not be.
@@ -77,40 +74,39 @@ def equivalent(
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
-    found = compare(scenario, autopilot, rules, relations=relations, vehicle=vehicle)
+    found = compare(case, rules, relations=relations, simulator=simulator)
     if found.differences:
         first, *more = found.differences
-        error = MetamorphicViolation(f"{first} in {scenario.name}" + (f" (the first of {len(more) + 1})" if more else ""))
+        error = MetamorphicViolation(f"{first} in {case.scenario.name}" + (f" (the first of {len(more) + 1})" if more else ""))
         error.add_note(first.table)
         raise error
     if not found.compared:
         reasons = "; ".join(f"{item.what}: {item.why}" for item in found.incomparable)
-        raise ScenarioError(f"nothing is equivalent to {scenario.name}, so nothing was compared: {reasons}")
+        raise ScenarioError(f"nothing is equivalent to {case.scenario.name}, so nothing was compared: {reasons}")
     if not found.triggered:
-        raise ScenarioError(f"no rule applied in {scenario.name}, nor in what is equivalent to it, so nothing was tried")
+        raise ScenarioError(f"no rule applied in {case.scenario.name}, nor in what is equivalent to it, so nothing was tried")
     return found
 
 
 def compare(
-    scenario: Scenario,
-    autopilot: Factory,
+    case: Case,
     rules: str | Rule | Sequence[str | Rule] = "paper",
     *,
     relations: str | Iterable[str] = "rotation",
-    vehicle: Vehicle | None = None,
+    simulator: Simulator = bullet,
 ) -> Comparison:
     """Compare like `equivalent`, and return the differences instead of raising."""
-    chosen = rules_for(rules, scenario.find().control)
-    variants = [variant for name in _known(relations) for variant in RELATIONS[name](scenario)]
+    chosen = rules_for(rules, case.scenario.place.control)
+    variants = [variant for name in _known(relations) for variant in RELATIONS[name](case)]
     usable = [v for v in variants if isinstance(v, Variant)]
-    base, before = judged(scenario, autopilot, chosen, vehicle) if usable else (None, {})
+    base, before = judged(case, chosen, simulator) if usable else (None, {})
     compared, differences = [], []
     triggered: dict[str, None] = {}
     for variant in usable:
         same = [rule for rule in chosen if variant.concerns(rule)]
         if not same or base is None:
             continue
-        run, after = judged(variant.scenario, variant.wrap(autopilot) if variant.wrap else autopilot, same, vehicle)
+        run, after = judged(variant.case, same, simulator)
         compared.append(variant.what)
         for rule in same:
             one, other = before[rule.name], after[rule.name]
@@ -126,19 +122,17 @@ def compare(
     return Comparison(tuple(compared), incomparable, tuple(differences), tuple(triggered))
 
 
-def judged(
-    scenario: Scenario, autopilot: Factory, rules: Iterable[Rule], vehicle: Vehicle | None = None
-) -> tuple[Run, dict[str, Verdict]]:
+def judged(case: Case, rules: Iterable[Rule], simulator: Simulator = bullet) -> tuple[Run, dict[str, Verdict]]:
     """Simulate and judge.
 
     Raises:
         RunError: the run ended by a fault.
     """
-    run = simulate(scenario, autopilot, vehicle=vehicle)
+    run = simulator(case)
     verdicts = {rule.name: check(run, rule) for rule in rules}
     for verdict in verdicts.values():
         if verdict.status is Status.ERROR:
-            raise RunError(f"{scenario.name} can't be judged by {verdict.rule}, so nothing follows from it: {verdict.reason}")
+            raise RunError(f"{run.label} can't be judged by {verdict.rule}, so nothing follows from it: {verdict.reason}")
     return run, verdicts
 
 

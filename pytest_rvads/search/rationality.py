@@ -13,13 +13,12 @@ from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule, rules_for
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.classes import rotate
-from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.metamorphic import judged
-from pytest_rvads.search.relations import with_fields
 from pytest_rvads.search.sidebyside import side_by_side
-from pytest_rvads.simulators.seat import Factory
+from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = ["determinate", "rational"]
 
@@ -29,21 +28,19 @@ _BAD = (Status.FAIL, Status.OPEN)
 
 
 def rational(
-    scenario: Scenario,
-    autopilot: Factory,
+    case: Case,
     rules: str | Rule | Sequence[str | Rule] = "paper",
     *,
     farther: Sequence[float] = FARTHER,
-    vehicle: Vehicle | None = None,
+    simulator: Simulator = bullet,
 ) -> None:
     """Require that a rule which is kept from some distances is kept from greater ones with the same speeds.
 
     Args:
-        scenario: the scenario to begin with.
-        autopilot: drives all vehicles.
+        case: the case to begin with.
         rules: a rulebook, rules, or both.
         farther: by how much all vehicles start farther away [m], one after the other.
-        vehicle: parameters of all vehicles.
+        simulator: what makes the runs.
 
     Raises:
         MetamorphicViolation: a PASS turns into FAIL or OPEN.
@@ -51,15 +48,15 @@ def rational(
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
-    chosen = rules_for(rules, scenario.find().control)
-    run, before = judged(scenario, autopilot, chosen, vehicle)
+    chosen = rules_for(rules, case.scenario.place.control)
+    run, before = judged(case, chosen, simulator)
     kept = [rule for rule in chosen if before[rule.name].status is Status.PASS]
     if not kept:
         statuses = ", ".join(f"{name} {verdict.status}" for name, verdict in before.items())
-        raise ScenarioError(f"no rule passes in {scenario.name} ({statuses}), so nothing follows for greater distances")
+        raise ScenarioError(f"no rule passes in {case.scenario.name} ({statuses}), so nothing follows for greater distances")
     for more in farther:
-        there = with_fields(scenario, distance=[d + more for d in scenario.distances])
-        other, after = judged(there, autopilot, kept, vehicle)
+        there = case.but(distance=[d + more for d in case.scenario.distances])
+        other, after = judged(there, kept, simulator)
         for rule in kept:
             if after[rule.name].status in _BAD:
                 what = f"{more:g} m farther away"
@@ -67,13 +64,12 @@ def rational(
 
 
 def determinate(
-    scenario: Scenario,
-    autopilot: Factory,
+    case: Case,
     rules: str | Rule | Sequence[str | Rule] = "paper",
     *,
     at: float = 1.0,
     tolerance: float = 0.5,
-    vehicle: Vehicle | None = None,
+    simulator: Simulator = bullet,
 ) -> None:
     """Require that a run which starts from the positions and speeds of another one at time `at` goes on like it.
 
@@ -81,12 +77,11 @@ def determinate(
     the junction in the same order and, up to `tolerance`, at the same time.
 
     Args:
-        scenario: the scenario to begin with; without lights, because they would start anew as well.
-        autopilot: drives all vehicles.
+        case: the case to begin with; without lights, because they would start anew as well.
         rules: a rulebook, rules, or both.
         at: when to cut [s]; nobody may be past the stopping line.
         tolerance: by how much an entry may be earlier or later [s]; lags of drive and brake begin anew.
-        vehicle: parameters of all vehicles.
+        simulator: what makes the runs.
 
     Raises:
         MetamorphicViolation: the continuation differs.
@@ -94,14 +89,14 @@ def determinate(
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
-    junction = scenario.find()
+    junction = case.scenario.place
     if junction.phase_groups:
         raise ScenarioError(
             f"a run at {junction.name} can't be restarted: its lights would start anew; choose one without lights"
         )
     chosen = rules_for(rules, junction.control)
-    run, before = judged(scenario, autopilot, chosen, vehicle)
-    other, after = judged(_restarted(scenario, run, at), autopilot, chosen, vehicle)
+    run, before = judged(case, chosen, simulator)
+    other, after = judged(_restarted(case, run, at), chosen, simulator)
     what = f"restarted at {at:g} s"
     for rule in chosen:
         if before[rule.name].status is not after[rule.name].status:
@@ -125,9 +120,9 @@ def _entries(run: Run, since: float) -> list[_Entry]:
     return [_Entry(never if t is None else round(t + since, 9), a.name) for t, a in zip(times, run.agents, strict=True)]
 
 
-def _restarted(scenario: Scenario, run: Run, at: float) -> Scenario:
-    """Return the scenario that starts where the vehicles of `run` are at time `at`."""
-    tick = round(at / DT)
+def _restarted(case: Case, run: Run, at: float) -> Case:
+    """Return the case that starts where the vehicles of `run` are at time `at`."""
+    scenario, tick = case.scenario, round(at / DT)
     if run.station is None or run.speed is None:
         raise RunError(f"the run {run.label} holds no positions and speeds")
     if not 0 < tick < run.steps:
@@ -140,8 +135,7 @@ def _restarted(scenario: Scenario, run: Run, at: float) -> Scenario:
             raise ScenarioError(f"{agent.name} is past the stopping line at {at:g} s: restart the run earlier")
         distances[agent.entrance], speeds[agent.entrance] = left, max(float(run.speed[tick, k]), 0.0)
     back = -scenario.rotation
-    return with_fields(
-        scenario,
+    return case.but(
         distance=rotate(tuple(distances), back),
         speed=rotate(tuple(speeds), back),
         duration=max(scenario.duration - at, DT),

@@ -6,9 +6,8 @@ Every relation yields variants, or says why it can't be applied: what is not com
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -16,13 +15,12 @@ from pytest_rvads.drivers.renaming import renamed
 from pytest_rvads.junctions.junction import Junction, JunctionControl
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.classes import rotate
-from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.remap import mirrored, moved
 from pytest_rvads.search.symmetry import broken_by, rotations_of
-from pytest_rvads.simulators.seat import Factory
 
-__all__ = ["RELATIONS", "Incomparable", "Variant", "with_fields"]
+__all__ = ["RELATIONS", "Incomparable", "Variant"]
 
 MOTION = (137.0, -59.0, 0.3)
 """Where maps are moved to: x, y [m], angle [rad]."""
@@ -32,15 +30,13 @@ LONGER = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """Another scenario that has to be judged like the first."""
+    """Another case that has to be judged like the first."""
 
     what: str
     """What was changed, such as ``rotation by 1``."""
-    scenario: Scenario
+    case: Case
     image: tuple[int, ...]
     """Per entrance of the first scenario, as it stands on the map, the entrance that corresponds to it."""
-    wrap: Callable[[Factory], Factory] | None = None
-    """What is done to the autopilot."""
     sided: bool = False
     """True where left and right have changed places, so that rules which name them say something else."""
 
@@ -57,16 +53,7 @@ class Incomparable:
     why: str
 
 
-Relation = Callable[[Scenario], Iterator[Variant | Incomparable]]
-
-
-def with_fields(scenario: Scenario, **changes: Any) -> Scenario:
-    """Return a scenario with some arguments of its constructor changed."""
-    values = {item.name: getattr(scenario, item.name) for item in fields(scenario)}
-    values["distance"], values["speed"] = values.pop("distances"), values.pop("speeds")
-    if {"distance", "speed"} & set(changes):
-        values["configuration"] = None
-    return Scenario(**(values | changes))
+Relation = Callable[[Case], Iterator[Variant | Incomparable]]
 
 
 def names_sides(rule: Rule) -> bool:
@@ -75,9 +62,9 @@ def names_sides(rule: Rule) -> bool:
     return any(isinstance(word, f.Word) and word.name in ("left", "right") for word in words)
 
 
-def rotation(scenario: Scenario) -> Iterator[Variant | Incomparable]:
+def rotation(case: Case) -> Iterator[Variant | Incomparable]:
     """The members of the structural equivalence class, light phase included (the relation of the paper)."""
-    junction = scenario.find()
+    scenario, junction = case.scenario, case.scenario.place
     swaps = {symmetry.rows: symmetry.swaps for symmetry in rotations_of(junction)}
     for rows in range(1, scenario.ways):
         what = f"rotation by {rows}"
@@ -86,43 +73,41 @@ def rotation(scenario: Scenario) -> Iterator[Variant | Incomparable]:
             yield Incomparable(what, f"{junction.name} has other {' and '.join(broken_by(junction, rows))} there")
         elif len(junction.phase_groups) > 1 and swaps[rows] != bool(rows % 2):
             yield Incomparable(what, f"the lights of {junction.name} do not follow the rotation")
-        elif scenario.subject is not None:
-            yield Incomparable(what, "one vehicle is the subject, and its seat stays")
         else:
-            turned = with_fields(scenario, rotation=(scenario.rotation + rows) % scenario.ways)
-            yield Variant(what, turned, tuple((e + rows) % scenario.ways for e in range(scenario.ways)))
+            image = tuple((e + rows) % scenario.ways for e in range(scenario.ways))
+            seat = None if scenario.subject is None else image[scenario.subject]
+            yield Variant(what, case.but(rotation=(scenario.rotation + rows) % scenario.ways, subject=seat), image)
 
 
-def creation(scenario: Scenario) -> Iterator[Variant | Incomparable]:
+def creation(case: Case) -> Iterator[Variant | Incomparable]:
     """The other order of creation: reversed, so that of any two vehicles the other one comes first."""
-    if len(scenario.creation) < 2:
+    if len(case.scenario.creation) < 2:
         yield Incomparable("creation order", "there is only one vehicle")
     else:
-        yield Variant("creation order reversed", with_fields(scenario, order=scenario.order[::-1]), _same(scenario))
+        yield Variant("creation order reversed", case.but(order=case.scenario.order[::-1]), _same(case))
 
 
-def renaming(scenario: Scenario) -> Iterator[Variant]:
+def renaming(case: Case) -> Iterator[Variant]:
     """Other names of the agents, in another alphabetical order."""
-    names = {agent.name: f"v{scenario.ways - agent.entrance}" for agent in scenario.agents()}
-    yield Variant("renaming", scenario, _same(scenario), lambda factory: renamed(factory, names))
+    names = {agent.name: f"v{case.scenario.ways - agent.entrance}" for agent in case.agents()}
+    traffic = case.traffic and renamed(case.traffic, names)
+    yield Variant("renaming", replace(case, driver=renamed(case.driver, names), traffic=traffic), _same(case))
 
 
-def motion(scenario: Scenario) -> Iterator[Variant | Incomparable]:
+def motion(case: Case) -> Iterator[Variant | Incomparable]:
     """The map, translated and rotated."""
-    yield _elsewhere("moved map", scenario, str(moved(scenario, MOTION)), _place(MOTION), sided=False)
+    yield _elsewhere("moved map", case, moved(case.scenario.place, MOTION), _place(MOTION), sided=False)
 
 
-def mirror(scenario: Scenario) -> Iterator[Variant | Incomparable]:
+def mirror(case: Case) -> Iterator[Variant | Incomparable]:
     """The map in a mirror: traffic keeps to the other side."""
-    yield _elsewhere("mirrored map", scenario, str(mirrored(scenario)), lambda x, y: (x, -y), sided=True)
+    yield _elsewhere("mirrored map", case, mirrored(case.scenario.place), lambda x, y: (x, -y), sided=True)
 
 
-def approach(scenario: Scenario) -> Iterator[Variant | Incomparable]:
+def approach(case: Case) -> Iterator[Variant | Incomparable]:
     """Longer approaches for all vehicles: whoever starts alike arrives alike, only later."""
-    what = f"approach longer by {LONGER:g} m"
-    starts = {scenario.start(e) for e in scenario.creation}
-    junction = scenario.find()
-    distance = [d + LONGER for d in scenario.distances]
+    what, scenario = f"approach longer by {LONGER:g} m", case.scenario
+    starts, junction = {scenario.start(e) for e in scenario.creation}, scenario.place
     if junction.control is JunctionControl.LIGHTS or junction.phase_groups:
         yield Incomparable(what, "the lights would have changed meanwhile")
     elif len(starts) > 1:
@@ -130,7 +115,7 @@ def approach(scenario: Scenario) -> Iterator[Variant | Incomparable]:
     elif any(scenario.start(e)[0] + LONGER > junction.approach(e) for e in scenario.creation):
         yield Incomparable(what, f"the approaches of {junction.name} are too short")
     else:
-        yield Variant(what, with_fields(scenario, distance=distance), _same(scenario))
+        yield Variant(what, case.but(distance=[d + LONGER for d in scenario.distances]), _same(case))
 
 
 RELATIONS: Mapping[str, Relation] = MappingProxyType(
@@ -146,8 +131,8 @@ RELATIONS: Mapping[str, Relation] = MappingProxyType(
 """By the name to use in ``relations=``."""
 
 
-def _same(scenario: Scenario) -> tuple[int, ...]:
-    return tuple(range(scenario.ways))
+def _same(case: Case) -> tuple[int, ...]:
+    return tuple(range(case.scenario.ways))
 
 
 def _place(motion_: tuple[float, float, float]) -> Callable[[float, float], tuple[float, float]]:
@@ -157,11 +142,10 @@ def _place(motion_: tuple[float, float, float]) -> Callable[[float, float], tupl
 
 
 def _elsewhere(
-    what: str, scenario: Scenario, file: str, place: Callable[[float, float], tuple[float, float]], *, sided: bool
+    what: str, case: Case, after: Junction, place: Callable[[float, float], tuple[float, float]], *, sided: bool
 ) -> Variant | Incomparable:
-    """Return the scenario on another map of the same junction, entrance by entrance where `place` puts them."""
-    before = scenario.find()
-    after = with_fields(scenario, map=file, junction=before.id).find()
+    """Return the case at the same junction on another map, entrance by entrance where `place` puts them."""
+    scenario, before = case.scenario, case.scenario.place
     image = _match(before, after, place)
     ways = scenario.ways
     back = {image[e]: e for e in range(ways)}
@@ -169,20 +153,17 @@ def _elsewhere(
     for e, direction in enumerate(scenario.placed):
         if direction:
             placed[image[e]] = (image[(e + direction) % ways] - image[e]) % ways
-    first = scenario.signals().first
     row = 0
     if before.phase_groups:
-        green = frozenset(image[e] for e in before.phase_groups[first])
+        green = frozenset(image[e] for e in before.phase_groups[scenario.signals().first])
         if green not in after.phase_groups:
             return Incomparable(what, "the lights are grouped in another way there")
         row = after.phase_groups.index(green) % 2
     starts = [scenario.start(back[e]) for e in range(ways)]
     # Row 1 of a class swaps the phase; everything else is turned back first, so that it ends where it has to be.
     order = [image[(e + scenario.rotation) % ways] for e in scenario.order]
-    there = with_fields(
-        scenario,
-        map=file,
-        junction=before.id,
+    there = case.but(
+        place=after,
         directions=rotate(tuple(placed), -row),
         distance=rotate(tuple(d for d, _ in starts), -row),
         speed=rotate(tuple(v for _, v in starts), -row),
@@ -197,8 +178,8 @@ def _match(before: Junction, after: Junction, place: Callable[[float, float], tu
     """Return per entrance the one that lies where `place` puts it."""
 
     def vertices(junction: Junction) -> list[tuple[float, float]]:
-        approaches = junction.geometry.approaches if junction.geometry else ()
-        return [segment.pose(segment.length)[:2] for segment in approaches]
+        lines = map(junction.way_in, range(len(junction.entrances)))
+        return [line.pose(line.length)[:2] for line in lines]
 
     there = np.array(vertices(after))
     return tuple(int(np.argmin(np.hypot(*(there - place(x, y)).T))) for x, y in vertices(before))

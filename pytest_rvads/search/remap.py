@@ -9,8 +9,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.builtin import LAYOUTS, path_of
-from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction
 
 __all__ = ["Motion", "mirrored", "moved"]
 
@@ -35,30 +35,28 @@ _SIDE = {
 """Attributes that change sign in a mirror."""
 
 
-def moved(scenario: Scenario, motion: Motion) -> Path:
-    """Return the map of a scenario, translated and rotated; written once per process.
+def moved(junction: Junction, motion: Motion) -> Junction:
+    """Return a junction on its map, translated and rotated; written and read once per process.
 
     Raises:
-        MapError: a map that can't be read.
+        MapError: it is from no map, or one that can't be read.
     """
-    return _rewritten(_source(scenario), motion)
+    return find(junction.id, _rewritten(_source(junction), motion))
 
 
-def mirrored(scenario: Scenario) -> Path:
-    """Return the map of a scenario seen in a mirror, y to -y, so that traffic keeps to the other side.
+def mirrored(junction: Junction) -> Junction:
+    """Return a junction on its map seen in a mirror, y to -y, so that traffic keeps to the other side.
 
     Raises:
-        MapError: a map that can't be read.
+        MapError: it is from no map, or one that can't be read.
     """
-    return _rewritten(_source(scenario), None)
+    return find(junction.id, _rewritten(_source(junction), None))
 
 
-def _source(scenario: Scenario) -> Path:
-    if scenario.map is not None:
-        return Path(scenario.map)
-    if scenario.junction in LAYOUTS:
-        return path_of(scenario.junction)
-    raise MapError(f"the junction {scenario.junction!r} is named by its type: name it or its map, so that the map can be moved")
+def _source(junction: Junction) -> Path:
+    if junction.map is None:
+        raise MapError(f"junction {junction.name!r} is from no map file, so it can't be moved")
+    return Path(junction.map)
 
 
 _FOLDER = TemporaryDirectory(prefix="rvads-", ignore_cleanup_errors=True)

@@ -99,9 +99,10 @@ def waits(low: float = 0.0, high: float = LONGEST_WAIT) -> SearchStrategy[float]
 
 
 def scenarios(
-    junction: str = "stop4",
+    junction: str | Junction = "stop4",
     *,
     map: str | None = None,
+    subject: int | None = None,
     partial: bool = True,
     near: float = NEAREST,
     far: float = FARTHEST,
@@ -113,8 +114,9 @@ def scenarios(
     """Return a strategy for concrete scenarios inside v(d)max.
 
     Args:
-        junction: built-in name, or id of a junction in `map`.
+        junction: built-in name, or id of a junction in `map`; or the junction itself.
         map: OpenDRIVE file.
+        subject: entrance of the vehicle under test among traffic; there is always one.
         partial: with empty entrances.
         near: least distance to the stopping line [m].
         far: greatest distance [m]; no farther than the approach of an entrance reaches.
@@ -129,10 +131,12 @@ def scenarios(
     """
     if not 0 <= pace <= 1:
         raise ScenarioError(f"pace is a share of v(d)max, from 0 to 1, got {pace!r}")
-    place = find(junction, map)
-    reach = [min(far, place.approach(e)) for e in range(place.ways)]
+    place = junction if isinstance(junction, Junction) else find(junction, map)
+    reach = [min(far, place.approach(e)) for e in range(len(place.entrances))]
     spans = [distances(min(near, room), room) for room in reach]
     codes, delays = abstract_scenarios(place.ways, partial=partial), waits(*wait)
+    if subject is not None:
+        codes = codes.filter(lambda code: code[subject] > 0)
 
     @st.composite
     def build(draw: Callable[[SearchStrategy[Any]], Any]) -> Scenario:
@@ -145,11 +149,11 @@ def scenarios(
                 speed = math.floor(10 * pace * _limit(distance, aggression) * share / _SHARES) / 10 if share else 0.0
                 starts[e] = (distance, speed)
         return Scenario(
-            junction,
+            place,
             code,
             distance=[d for d, _ in starts],
             speed=[v for _, v in starts],
-            map=map,
+            subject=subject,
             wait=draw(delays),
             aggression=aggression,
             duration=duration,

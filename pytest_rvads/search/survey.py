@@ -45,11 +45,9 @@ class Survey:
 
 
 def survey(
-    junction: str,
+    place: Junction,
     rules: Sequence[Rule],
     *,
-    map: str | None = None,
-    ways: int = 4,
     scenarios: Sequence[Directions] | None = None,
     arrivals: Sequence[float] | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -57,10 +55,8 @@ def survey(
     """Look for scenarios and orders of arrival in which no behaviour satisfies all rules and lets everyone through.
 
     Args:
-        junction: name of the junction.
+        place: the junction.
         rules: those about another kind of junction don't count.
-        map: OpenDRIVE file of the junction.
-        ways: number of its entrances.
         scenarios: abstract scenarios; all full ones by default.
         arrivals: when the vehicle at each entrance arrives [s]; all weak orders by default.
         progress: called with the number of pairs done and their total.
@@ -69,10 +65,10 @@ def survey(
         ScenarioError: another number of arrivals than of entrances.
         FormulaError: a rule that can't be monitored.
     """
+    ways = len(place.entrances)
     chosen = list(scenarios) if scenarios is not None else list(product(range(1, ways), repeat=ways))
     if arrivals is not None and len(arrivals) != ways:
         raise ScenarioError(f"arrivals needs one time per entrance ({ways}), got {len(arrivals)}: {tuple(arrivals)!r}")
-    place = Scenario(junction, chosen[0], map=map).find()
     turns = [symmetry.rows for symmetry in rotations_of(place)]
     known: dict[tuple[Directions, tuple[float, ...]], tuple[str, ...]] = {}
     found = []
@@ -80,7 +76,7 @@ def survey(
     for done, (code, times) in enumerate(pairs, start=1):
         key = min((rotate(code, r), rotate(times, r)) for r in turns)
         if key not in known:
-            known[key] = _contradiction(junction, map, rules, *key)
+            known[key] = _contradiction(place, rules, *key)
         if known[key]:
             present = tuple(time for time, direction in zip(times, code, strict=True) if direction)
             found.append(Contradiction(code, present, known[key]))
@@ -99,12 +95,9 @@ def _patterns(code: Directions, arrivals: Sequence[float] | None) -> Iterator[tu
         yield tuple(APART * next(rest) if direction else 0.0 for direction in code)
 
 
-def _contradiction(
-    junction: str, map: str | None, rules: Sequence[Rule], code: Directions, times: tuple[float, ...]
-) -> tuple[str, ...]:
-    scenario = Scenario(junction, code, map=map)
-    agents = scenario.agents()
-    model = Model(scenario.find(), agents, [times[a.entrance] for a in agents])
+def _contradiction(place: Junction, rules: Sequence[Rule], code: Directions, times: tuple[float, ...]) -> tuple[str, ...]:
+    agents = Scenario(place, code).agents()
+    model = Model(place, agents, [times[a.entrance] for a in agents])
     if decide(model, rules).possible:
         return ()
     return tuple(rule.name for rule in core(model, rules))

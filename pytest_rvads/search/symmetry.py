@@ -53,7 +53,8 @@ def _changed(junction: Junction, image: Callable[[int], int]) -> tuple[str, ...]
         changed.append("right-of")
     if pairs(junction.opposite) != junction.opposite:
         changed.append("opposite")
-    if any(junction.turn(image(a), image(b)) is not m.turn for (a, b), m in junction.movements.items()):
+    turns = {key: m.turn for key, m in junction.movements.items()}
+    if {(image(a), image(b)): turn for (a, b), turn in turns.items()} != turns:
         changed.append("turns")
     groups = frozenset(junction.phase_groups)
     if frozenset(frozenset(image(e) for e in group) for group in groups) != groups:

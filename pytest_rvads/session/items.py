@@ -151,14 +151,15 @@ def _repeat(item: pytest.Item, record: Record, report: pytest.TestReport) -> Non
 
 def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: pytest.TestReport) -> str:
     """Return what to print of a failure, and put its page into the record and its picture on the report."""
-    from pytest_rvads.physics.braking import vmax
     from pytest_rvads.scenarios.configurations import Configuration, probe
+    from pytest_rvads.simulators.simulator import named
 
     cell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
     scenario = cell.scenario
     lines = [verdict.explanation, f"driven by {record['driver']}", f"start     {scenario.describe()}"]
     point = Configuration(scenario.configuration, scenario.distances, scenario.speeds)
-    probed = probe(point, lambda distance: vmax(distance, scenario.aggression))
+    simulator = named(item.config.stash[OPTIONS].simulator)
+    probed = probe(point, lambda distance: simulator.vmax(distance, scenario.aggression))
     if probed:
         lines.append(f"probe     {probed}")
     run, folder = item.stash.get(RUN, None), item.config.stash[OPTIONS].artefacts

@@ -6,87 +6,66 @@ In every step the state is sampled, every autopilot decides on that same state, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import asdict
 
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.physics.body import Body, start
+from pytest_rvads.physics.braking import vmax
 from pytest_rvads.physics.world import BulletWorld, World
 from pytest_rvads.runs.run import DT, Collision, Facts, Fault, Halt, Run
 from pytest_rvads.runs.states import GONE, Colour, VehicleState
 from pytest_rvads.runs.vehicle import Vehicle
-from pytest_rvads.scenarios.scenario import SPEED_LIMIT, Scenario
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 from pytest_rvads.simulators.recorder import Recorder
-from pytest_rvads.simulators.seat import Factory, Seat, crew, name_of
+from pytest_rvads.simulators.seat import Seat, crew, name_of
 from pytest_rvads.versions import versions
 
-__all__ = ["simulate"]
+__all__ = ["Bullet", "bullet"]
 
 
-def simulate(scenario: Scenario, autopilot: Factory, *, vehicle: Vehicle | None = None, traffic: Factory | None = None) -> Run:
-    """Simulate `scenario` and return its run.
+class Bullet:
+    """The simulator ``bullet``: planar vehicle dynamics in the physics engine pybullet."""
 
-    The run ends when every vehicle has left, or at the scenario's duration; also when two vehicles collide or one leaves its
-    route, because what follows is no driving. It ends with `Run.fault` set when an autopilot raises or answers with something
-    that is not a command, or when the plant fails. The states up to the end are kept.
+    name = "bullet"
 
-    What ``timing()`` of an autopilot returns, a mapping with ``stack``, ``decisions``, ``compute`` and ``longest`` [s], is kept
-    under ``timing`` in `Run.meta`, which is not part of the run's hash.
+    def __call__(self, case: Case) -> Run:
+        """Simulate a case, see `pytest_rvads.simulators.simulator.simulate`."""
+        case.scenario.fit()
+        loop = _Loop(case)
+        try:
+            loop.run()
+        finally:
+            loop.world.close()
+        return loop.result()
 
-    Args:
-        scenario: where the vehicles start and go.
-        autopilot: a class or callable without arguments; called once per vehicle, in creation order, or once for all
-            when it makes a `TrafficSystem`. With a subject it drives the subject alone.
-        vehicle: parameters of all vehicles; a passenger car by default.
-        traffic: likewise for the other vehicles of a scenario with a subject, and only there.
+    def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
+        """Return the greatest safe speed `distance` metres before the stopping line, see `pytest_rvads.physics.braking.vmax`."""
+        return vmax(distance, aggression, vehicle)
 
-    Raises:
-        MapError: the junction is unknown, unusable, or has no geometry.
-        ScenarioError: a vehicle does not fit on its approach, two start inside each other, or subject and traffic do
-            not go together.
-        AutopilotError: `autopilot` or `traffic` is not callable.
-    """
-    vehicle = vehicle or Vehicle()
-    scenario.fit()
-    loop = _Loop(scenario, vehicle, BulletWorld)
-    try:
-        loop.run(autopilot, traffic)
-    finally:
-        loop.world.close()
-    meta = {
-        "scenario": scenario.record(),
-        "autopilot": name_of(autopilot),
-        "traffic": name_of(traffic),
-        "vehicle": asdict(vehicle),
-        "end": loop.end,
-        "versions": versions(),
-    }
-    timed = {seat.agent.name: told for seat in loop.seats if (told := seat.timing()) is not None}
-    if timed:
-        meta["timing"] = timed
-    return loop.recorder.run(scenario.name, loop.junction, tuple(loop.collisions), loop.fault, loop.facts(), meta)
+
+bullet: Bullet = Bullet()
 
 
 class _Loop:
     """What changes while a run is simulated; columns are agents by entrance."""
 
-    def __init__(self, scenario: Scenario, vehicle: Vehicle, world: Callable[..., World]) -> None:
-        self.scenario = scenario
-        self.junction = scenario.find()
+    def __init__(self, case: Case) -> None:
+        scenario = case.scenario
+        self.case, self.scenario, self.junction = case, scenario, scenario.place
         self.collisions: list[Collision] = []
         self.fault: Fault | None = None
         self.end = "duration"
         """Why the run ended: left, duration, collision, route, fault."""
         self.strayed: tuple[str, ...] = ()
         self.seats: tuple[Seat, ...] = ()
-        self._vehicle = vehicle
-        self._size = vehicle.length, vehicle.width
         self._signals = scenario.signals()
-        self._agents = scenario.agents()
+        self._agents = case.agents()
+        self._vehicles = [case.fleet.of(agent.name) for agent in self._agents]
         self._bodies: list[Body] = []
         starts = []
-        for agent, itinerary in zip(self._agents, scenario.itineraries(), strict=True):
+        for agent, itinerary, vehicle in zip(self._agents, scenario.itineraries(), self._vehicles, strict=True):
             distance, speed = scenario.start(agent.entrance)
             station = itinerary.start(distance)
             self._bodies.append(Body(agent, itinerary, station, vehicle, scenario.aggression))
@@ -98,7 +77,7 @@ class _Loop:
         self._states: dict[int, VehicleState] = {}
         self._lights: tuple[Colour, ...] = ()
         self._step = 0
-        self.world = world(vehicle, starts)
+        self.world: World = BulletWorld(self._vehicles, starts)
         self._motions = self.world.motions()
         overlaps = self.world.contacts()
         if overlaps:
@@ -106,15 +85,15 @@ class _Loop:
             one, two = (self._agents[column].name for column in overlaps[0])
             raise ScenarioError(f"{one} and {two} start inside each other in {scenario.name}: give one of them another distance")
 
-    def run(self, autopilot: Factory, traffic: Factory | None) -> None:
+    def run(self) -> None:
         """Simulate until the run ends."""
-        scenario = self.scenario
+        case, scenario = self.case, self.scenario
         last = round(scenario.duration / DT)
         try:
             self._sample()
             order = [self._agents[column] for column in self._active]
-            key = f"{scenario.junction} {scenario.placed} {scenario.configuration}"
-            crewed = crew(order, autopilot, scenario.subject, traffic, scenario.senses, key)
+            key = f"{self.junction.name} {scenario.placed} {scenario.configuration}"
+            crewed = crew(order, case.driver, scenario.under_test, case.traffic, scenario.senses, key)
             seats = dict(zip(self._active, crewed, strict=True))
             self.seats = tuple(seats.values())
             while self._step < last and not self._over():
@@ -125,10 +104,23 @@ class _Loop:
             self.end = "fault"
             self.fault = Fault(self._step * DT, halt.agent, halt.reason, halt.detail)
 
-    def facts(self) -> Facts:
-        """Return what verdicts can depend on beside the states."""
-        subject = next((agent.name for agent in self._agents if agent.entrance == self.scenario.subject), None)
-        return Facts(subject, (self._size,) * len(self._agents), SPEED_LIMIT, self.strayed)
+    def result(self) -> Run:
+        """Return the run as far as it got."""
+        case = self.case
+        provenance = {
+            "scenario": case.scenario.record(),
+            "simulator": Bullet.name,
+            "autopilot": name_of(case.driver),
+            "traffic": name_of(case.traffic),
+            "vehicle": asdict(case.fleet.vehicle),
+            "end": self.end,
+            "versions": versions(),
+        }
+        timed = {seat.agent.name: told for seat in self.seats if (told := seat.timing()) is not None}
+        if timed:
+            provenance["timing"] = timed
+        facts = Facts(case.scenario.under_test, SPEED_LIMIT, self.strayed)
+        return self.recorder.run(case.scenario.name, self.junction, tuple(self.collisions), self.fault, facts, provenance)
 
     def _over(self) -> bool:
         """Tell whether the run is over before its time, and note why."""
@@ -152,7 +144,7 @@ class _Loop:
         for column in gone:
             self._active.remove(column)
             self.world.remove(column)
-        self._lights = self._signals.colours(self._step * DT, self.junction.ways)
+        self._lights = self._signals.colours(self._step * DT, len(self.junction.entrances))
         self.recorder.state([states[column] for column in range(len(states))], self._lights)
 
     def _decide(self, seats: dict[int, Seat]) -> list[Control]:
@@ -170,7 +162,7 @@ class _Loop:
                 self._lights,
                 self._bodies[column].itinerary,
                 self.junction,
-                self._vehicle,
+                self._vehicles[column],
                 SPEED_LIMIT,
                 scenario.aggression,
                 scenario.wait,

@@ -6,13 +6,16 @@ reaches less; the difference is its own.
 
 from __future__ import annotations
 
+from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.errors import RunError
-from pytest_rvads.physics.braking import STANDING, greatest_safe, vmax
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.physics.braking import STANDING, greatest_safe
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
-from pytest_rvads.simulators.seat import Factory
+from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = ["closed_vmax"]
 
@@ -22,14 +25,17 @@ _RED = 19.9
 """Entrance 1 of the built-in junction with lights has red for that long [s]."""
 
 
-def closed_vmax(distance: float, autopilot: Factory, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
-    """Return the greatest speed from which `autopilot` stops a lone vehicle at a red light, straight ahead.
+def closed_vmax(
+    distance: float, driver: Factory, aggression: int = 1, vehicle: Vehicle | None = None, simulator: Simulator = bullet
+) -> float | None:
+    """Return the greatest speed from which `driver` stops a lone vehicle at a red light, straight ahead.
 
     Args:
         distance: reference point to stopping line at the start [m].
-        autopilot: as for `simulate`.
+        driver: as for `Case`.
         aggression: 1, 2 or 3, the scenario's.
         vehicle: the parameters; a passenger car by default.
+        simulator: what makes the runs.
 
     Returns:
         The speed up to which it stopped in every test, at most the plant's v(d)max [m/s]; None where it drives over the line
@@ -40,11 +46,11 @@ def closed_vmax(distance: float, autopilot: Factory, aggression: int = 1, vehicl
         RunError: a run ended by a fault.
     """
     vehicle = vehicle or Vehicle()
-    limit = vmax(distance, aggression, vehicle)
+    limit, place = simulator.vmax(distance, aggression, vehicle), find("light4")
 
     def safe(speed: float) -> bool:
-        scenario = Scenario("light4", "0200", distance=distance, speed=speed, aggression=aggression, duration=_RED)
-        run = simulate(scenario, autopilot, vehicle=vehicle)
+        scenario = Scenario(place, "0200", distance=distance, speed=speed, aggression=aggression, duration=_RED)
+        run = simulator(Case(scenario, driver, fleet=Fleet(vehicle)))
         if run.fault is not None:
             raise RunError(f"no v(d)max at {distance:g} m: {run.fault.reason}")
         stands = run.speed is not None and abs(float(run.speed[-1, 0])) < STANDING

@@ -44,7 +44,7 @@ class Recorder:
         collisions: tuple[Collision, ...],
         fault: Fault | None,
         facts: Facts,
-        meta: Mapping[str, Any],
+        provenance: Mapping[str, Any],
     ) -> Run:
         """Return the run. No step follows its last state, so the controls of the step before stand there again."""
         steps, count = len(self._lights), len(self._agents)
@@ -57,7 +57,7 @@ class Recorder:
             junction=junction,
             agents=self._agents,
             zone=np.array([s[_ZONE] for s in self._states], dtype=np.int8).reshape(steps, count),
-            lights=np.array(self._lights, dtype=np.int8).reshape(steps, junction.ways),
+            lights=np.array(self._lights, dtype=np.int8).reshape(steps, len(junction.entrances)),
             station=motion[:, :, 0].copy(),
             speed=motion[:, :, 4].copy(),
             pose=motion[:, :, 1:4].copy(),
@@ -65,5 +65,5 @@ class Recorder:
             collisions=collisions,
             fault=fault,
             facts=facts,
-            meta=meta,
+            provenance=provenance,
         )

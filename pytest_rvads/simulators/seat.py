@@ -8,25 +8,22 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from pytest_rvads.drivers.commands import Command, trouble
-from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.interface import Control, Factory, Observation
 from pytest_rvads.drivers.tracker import Tracker
-from pytest_rvads.errors import AutopilotError, ScenarioError
+from pytest_rvads.errors import AutopilotError
 from pytest_rvads.runs.run import DT, Halt
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.simulators.latency import Latency
 from pytest_rvads.simulators.perception import Perception
 
-__all__ = ["Factory", "Seat", "crew", "name_of"]
-
-Factory = Callable[[], Any]
-"""Makes the autopilot of one vehicle, or the `TrafficSystem` of a run: a class, or anything callable without arguments."""
+__all__ = ["Seat", "crew", "name_of"]
 
 _TOLERANCE = 1e-6
 """How far throttle and brake may leave 0..1 by rounding; they are clamped."""
@@ -156,7 +153,7 @@ class Seat:
 def crew(
     agents: Sequence[Agent],
     autopilot: Factory,
-    subject: int | None = None,
+    subject: str | None = None,
     traffic: Factory | None = None,
     senses: Senses = IDEAL,
     key: str = "",
@@ -166,7 +163,7 @@ def crew(
     Args:
         agents: in creation order.
         autopilot: drives every vehicle, or the subject alone.
-        subject: entrance of the subject, or None.
+        subject: name of the subject, or None.
         traffic: drives the other vehicles where there is a subject.
         senses: of what `autopilot` drives; traffic sees everything.
         key: what their random draws depend on, beside the seed and the vehicle.
@@ -175,25 +172,12 @@ def crew(
         One seat per agent, in the same order.
 
     Raises:
-        ScenarioError: a subject without traffic, or traffic without a subject.
-        AutopilotError: `autopilot` or `traffic` is not callable.
         Halt: it raised, or made something that can't drive.
     """
-    if subject is not None and traffic is None:
-        raise ScenarioError("the scenario has a subject, so its other vehicles need an autopilot: pass it as traffic=")
-    if subject is None and traffic is not None:
-        raise ScenarioError("traffic= drives the vehicles beside a subject: give the scenario a subject, or leave traffic= out")
-    for factory in (autopilot, traffic):
-        if factory is not None and not callable(factory):
-            raise AutopilotError(
-                f"an autopilot must be a class or a callable that makes one, got {factory!r}: every vehicle of every run gets "
-                "a new one, so pass the class, not an instance"
-                + ("; rvads.traffic(name) returns a traffic policy" if isinstance(factory, str) else "")
-            )
     if traffic is None:
         return _hire(autopilot, agents, senses, key)
-    seats = {seat.agent: seat for seat in _hire(autopilot, [a for a in agents if a.entrance == subject], senses, key)}
-    seats |= {seat.agent: seat for seat in _hire(traffic, [a for a in agents if a.entrance != subject])}
+    seats = {seat.agent: seat for seat in _hire(autopilot, [a for a in agents if a.name == subject], senses, key)}
+    seats |= {seat.agent: seat for seat in _hire(traffic, [a for a in agents if a.name != subject])}
     return [seats[agent] for agent in agents]
 
 

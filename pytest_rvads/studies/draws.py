@@ -25,8 +25,8 @@ def draw_range(entry: Entry) -> tuple[float, float] | None:
     if entry.table is not LIGHT:
         return None
     scenario = entry.scenario()
-    junction = scenario.find()
-    colours = scenario.signals().colours(0.0, junction.ways)
+    junction = scenario.place
+    colours = scenario.signals().colours(0.0, len(junction.entrances))
     turns = {agent.turn for agent in scenario.agents() if colours[agent.entrance] is Colour.RED}
     ranges = [span for turn, span in ((Turn.RIGHT, RED_WAIT), (Turn.LEFT, TURN_WAIT)) if turn in turns]
     return (min(low for low, _ in ranges), max(high for _, high in ranges)) if ranges else None

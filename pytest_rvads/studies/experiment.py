@@ -8,12 +8,14 @@ from functools import partial
 
 from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
 from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 __all__ = [
     "LIGHT",
@@ -73,7 +75,7 @@ class Entry:
         """Return the concrete scenario; `wait` is the random draw [s]."""
         point = configuration(self.configuration, ROWS)
         return Scenario(
-            self.table.junction,
+            find(self.table.junction),
             self.table.classes[self.number],
             distance=point.distances,
             speed=point.speeds,
@@ -113,7 +115,7 @@ def entries(table: Table) -> Iterator[Entry]:
 
 def run_entry(entry: Entry, setup: Setup) -> Run:
     """Simulate the run of an entry."""
-    return simulate(entry.scenario(setup.wait), setup.system())
+    return simulate(Case(entry.scenario(setup.wait), setup.system()))
 
 
 def judge(job: Job) -> dict[str, str]:

@@ -5,16 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.rules.rule import rules_for
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.falsify import broken
 from pytest_rvads.search.metamorphic import compare
 from pytest_rvads.search.relations import RELATIONS
-from pytest_rvads.simulators.bullet import simulate
-from pytest_rvads.simulators.seat import Factory
+from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.studies.mutants import MUTANTS
 from pytest_rvads.studies.pool import Progress, spread
 
@@ -61,14 +63,14 @@ def killed_by(name: str) -> Killing:
     relations = [
         relation
         for relation in RELATIONS
-        if any(compare(_scenario(*cell), mutant, ("paper", "road"), relations=relation).differences for cell in TURNED)
+        if any(compare(Case(_scenario(*cell), mutant), ("paper", "road"), relations=relation).differences for cell in TURNED)
     ]
     return Killing(name, " ".join((mutant.__doc__ or "").split()), tuple(rules), tuple(relations))
 
 
 def _scenario(junction: str, directions: str, letter: str) -> Scenario:
     point = configuration(letter, len(directions))
-    return Scenario(junction, directions, distance=point.distances, speed=point.speeds, configuration=letter)
+    return Scenario(find(junction), directions, distance=point.distances, speed=point.speeds, configuration=letter)
 
 
 @lru_cache(maxsize=len(CELLS))
@@ -77,6 +79,6 @@ def _by_reference(scenario: Scenario) -> list[str]:
 
 
 def _broken(scenario: Scenario, factory: Factory) -> list[str]:
-    run = simulate(scenario, factory)
+    run = simulate(Case(scenario, factory))
     rules = rules_for(("paper", "road"), run.junction.control)
     return [rule.name for rule in rules if broken(run, check(run, rule))]

@@ -93,7 +93,7 @@ def _wait(junction: str, random: Random) -> float:
 
 def _at(junction: str, code: Directions, row: int, point: Configuration, wait: float) -> Scenario:
     return Scenario(
-        junction, code, distance=point.distances, speed=point.speeds, rotation=row, configuration=point.label, wait=wait
+        find(junction), code, distance=point.distances, speed=point.speeds, rotation=row, configuration=point.label, wait=wait
     )
 
 
@@ -119,7 +119,7 @@ def _continuous(junction: str) -> list[Scenario]:
             distance = round(random.uniform(NEAR, FAR), 2)
             starts.append((distance, round(random.uniform(0, PACE * (vmax(distance) or 0.0)), 2)))
         places, speeds = zip(*starts, strict=True)
-        found.append(Scenario(junction, code, distance=places, speed=speeds, wait=_wait(junction, random)))
+        found.append(Scenario(find(junction), code, distance=places, speed=speeds, wait=_wait(junction, random)))
     return found
 
 

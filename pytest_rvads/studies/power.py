@@ -13,14 +13,15 @@ from itertools import islice
 from random import Random
 from statistics import median
 
+from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.lgsvl import LgsvlLike
+from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.rules.rule import rules_for
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.falsify import avoidable, broken
-from pytest_rvads.search.relations import with_fields
-from pytest_rvads.simulators.bullet import simulate
-from pytest_rvads.simulators.seat import Factory
+from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.studies.methods import METHODS
 from pytest_rvads.studies.pool import Progress, spread
 
@@ -38,7 +39,8 @@ SEEDS, BUDGET = 100, 40
 RESAMPLES = 2000
 """Of the bootstrap."""
 
-Job = tuple[str, Scenario]
+Job = tuple[str, Scenario, str | None]
+"""Deficiency, scenario, and the traffic policy where the scenario has a subject."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,19 +64,20 @@ def autopilot(deficiency: str | None) -> Factory:
     return partial(LgsvlLike, i1=i1, i2=i2, i3=i3, i4=i4, i5=i5)
 
 
-def broken_rules(scenario: Scenario, factory: Factory) -> frozenset[str]:
-    """Return the paper's rules that a run breaks although they could have been kept."""
-    run = simulate(scenario, factory)
-    return frozenset(
-        rule.name for rule in rules_for("paper", run.junction.control) if broken(run, check(run, rule)) and avoidable(run, rule)
-    )
+def broken_rules(case: Case) -> frozenset[str]:
+    """Return the paper's rules that a run breaks although they could have been kept; a subject, by its own doing."""
+    run = simulate(case)
+    verdicts = {rule: check(run, rule) for rule in rules_for("paper", run.junction.control)}
+    return frozenset(rule.name for rule, v in verdicts.items() if broken(run, v) and not v.provoked and avoidable(run, rule))
 
 
 def detects(job: Job) -> bool:
     """Return whether a scenario shows a deficiency."""
-    deficiency, scenario = job
-    broken = broken_rules(scenario, autopilot(deficiency))
-    return bool(broken) and not broken <= broken_rules(scenario, autopilot(None))
+    deficiency, scenario, among = job
+    around = None if among is None else traffic(among)
+    with_it, without = (Case(scenario, autopilot(which), around) for which in (deficiency, None))
+    broken = broken_rules(with_it)
+    return bool(broken) and not broken <= broken_rules(without)
 
 
 def measure(
@@ -82,6 +85,7 @@ def measure(
     budget: int = BUDGET,
     *,
     deficiencies: Iterable[str] = tuple(DEFICIENCIES),
+    among: str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> list[Power]:
@@ -91,6 +95,8 @@ def measure(
         seeds: repetitions.
         budget: simulations after which a method gives up.
         deficiencies: names.
+        among: a traffic policy: the vehicle at entrance 0 alone has the deficiency, and the others drive like that; by default
+            all vehicles have it.
         workers: processes.
         progress: called after every scenario that had to be simulated; their number grows as the search goes on.
     """
@@ -99,28 +105,31 @@ def measure(
     for deficiency in deficiencies:
         for name, method in METHODS.items():
             place = DEFICIENCIES[deficiency]
-            orders = [[_canonical(deficiency, s) for s in islice(method(place, seed), budget)] for seed in range(seeds)]
-            counts = _race(deficiency, orders, known, workers, progress)
+            orders = [
+                [(deficiency, _canonical(deficiency, s, among), among) for s in islice(method(place, seed), budget)]
+                for seed in range(seeds)
+            ]
+            counts = _race(orders, known, workers, progress)
             found.append(Power(deficiency, name, tuple(counts), budget))
     return found
 
 
-def _canonical(deficiency: str, scenario: Scenario) -> Scenario:
-    """Return the row of the class to simulate: only the hidden zone of I2 tells rows apart."""
-    return scenario if deficiency == "I2" or not scenario.rotation else with_fields(scenario, rotation=0)
+def _canonical(deficiency: str, scenario: Scenario, among: str | None) -> Scenario:
+    """Return the row of the class to simulate: only the hidden zone of I2, or a seat, tells rows apart."""
+    if among is not None:
+        return scenario.but(subject=next(e for e in range(scenario.ways) if scenario.placed[e]))
+    return scenario if deficiency == "I2" or not scenario.rotation else scenario.but(rotation=0)
 
 
-def _race(
-    deficiency: str, orders: list[list[Scenario]], known: dict[Job, bool], workers: int | None, progress: Progress | None
-) -> list[int]:
+def _race(orders: list[list[Job]], known: dict[Job, bool], workers: int | None, progress: Progress | None) -> list[int]:
     """Return, per order, how many scenarios come up to the first that detects; the seeds go on side by side."""
     done: dict[int, int] = {}
     budget = len(orders[0])
     for k in range(budget):
         racing = [i for i in range(len(orders)) if i not in done]
-        jobs = list(dict.fromkeys(job for i in racing if (job := (deficiency, orders[i][k])) not in known))
+        jobs = list(dict.fromkeys(orders[i][k] for i in racing if orders[i][k] not in known))
         known |= dict(zip(jobs, spread(detects, jobs, workers, progress), strict=True)) if jobs else {}
-        done |= {i: k + 1 for i in racing if known[deficiency, orders[i][k]]}
+        done |= {i: k + 1 for i in racing if known[orders[i][k]]}
     return [done.get(i, budget + 1) for i in range(len(orders))]
 
 

@@ -20,10 +20,12 @@ from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.recorded import read_recorded
 from pytest_rvads.runs.run import Run
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.studies.experiment import outcome
 from pytest_rvads.studies.pool import Progress, spread
-from pytest_rvads.studies.prediction import DEFAULT_WAIT, DURATION, RULES, Site
+from pytest_rvads.studies.prediction import DEFAULT_WAIT, DURATION, RULES
 from pytest_rvads.studies.site import build_junction
 
 __all__ = ["Compared", "compare", "site_of", "text_agreement"]
@@ -91,7 +93,7 @@ def compare(path: str | Path, *, workers: int | None = None, progress: Progress 
             {
                 rule: (_WORDS.get(str(said), str(said)), verdicts[rule])
                 for rule in verdicts
-                if (said := run.meta["verdicts"].get(NAMES[rule]))
+                if (said := run.provenance["verdicts"].get(NAMES[rule]))
             },
             {agent.name: (run.entry(k), entries[agent.entrance]) for k, agent in enumerate(run.agents)},
             {agent.name: free[kind] for agent, kind in zip(run.agents, row, strict=True)},
@@ -132,14 +134,14 @@ def text_agreement(found: Sequence[Compared], title: str) -> str:
     return "\n".join(lines)
 
 
-def site_of(run: Run) -> Site:
+def site_of(run: Run) -> Scenario:
     """Return the scenario of a recorded run, at a junction with the recorded lengths.
 
     Raises:
         RunError: the recording does not tell how the run starts.
         MapError: no junction has these lengths.
     """
-    recorded, starts = run.junction, run.meta["starts"]
+    recorded, starts = run.junction, run.provenance["starts"]
     ways = recorded.ways
     first = {agent.name: agent for agent in run.agents}.get("c0")
     if first is None or len(starts) != len(run.agents) or recorded.control not in RULES:
@@ -152,7 +154,7 @@ def site_of(run: Run) -> Site:
         place = (agent.entrance - first.entrance) % ways
         directions[place] = (agent.exit - agent.entrance) % ways
         distances[place], speeds[place] = starts[agent.name]
-    return Site(
+    return Scenario(
         build_junction(recorded.name, recorded.control, lengths, ways),
         directions,
         distance=distances,
@@ -163,23 +165,22 @@ def site_of(run: Run) -> Site:
     )
 
 
-def _kinds(run: Run, site: Site) -> list[_Kind]:
+def _kinds(run: Run, site: Scenario) -> list[_Kind]:
     """Return, per vehicle, what its way to the junction depends on if nobody else is there."""
     phase = site.rotation % 2 if run.junction.control is JunctionControl.LIGHTS else 0
-    return [(agent.entrance, agent.turn, *run.meta["starts"][agent.name], phase) for agent in run.agents]
+    return [(agent.entrance, agent.turn, *run.provenance["starts"][agent.name], phase) for agent in run.agents]
 
 
-def _lone(site: Site, entrance: int) -> Site:
+def _lone(site: Scenario, entrance: int) -> Scenario:
     """Return the scenario with the vehicle at `entrance` alone."""
     place = (entrance - site.rotation) % site.ways
     directions = [d if k == place else 0 for k, d in enumerate(site.directions)]
-    same = {name: getattr(site, name) for name in ("rotation", "duration", "wait")}
-    return Site(site.place, directions, distance=site.distances, speed=site.speeds, **same)
+    return site.but(directions=directions)
 
 
-def _simulate(site: Site) -> tuple[dict[str, str], dict[int, float | None]]:
+def _simulate(site: Scenario) -> tuple[dict[str, str], dict[int, float | None]]:
     """Return the verdicts of a run, and the entry times by entrance."""
-    run = simulate(site, LgsvlLike)
+    run = simulate(Case(site, LgsvlLike))
     return outcome(run, RULES[run.junction.control]), {agent.entrance: run.entry(k) for k, agent in enumerate(run.agents)}
 
 

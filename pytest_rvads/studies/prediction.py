@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.errors import MapError, RvadsError, ScenarioError
-from pytest_rvads.junctions.junction import Junction, JunctionControl
+from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.studies.experiment import outcome
 from pytest_rvads.studies.site import Lengths, build_junction
 
-__all__ = ["Site", "answer", "predict", "site_lengths"]
+__all__ = ["answer", "predict", "site_lengths"]
 
 RULES = {JunctionControl.STOP: ("p1", "p2", "p3"), JunctionControl.LIGHTS: ("p4", "p5", "p6")}
 DURATION = {JunctionControl.STOP: 30.0, JunctionControl.LIGHTS: 40.0}
@@ -26,28 +26,6 @@ LONGEST = 500.0
 """Longest movement that is believed [m]."""
 DEFAULT_WAIT = 1.5
 """Value of every random draw where a request names none [s]."""
-
-
-@dataclass(frozen=True, slots=True, init=False)
-class Site(Scenario):
-    """A scenario at a junction that is no part of a map."""
-
-    place: Junction = field(compare=False)
-
-    def __init__(self, place: Junction, directions: str | Sequence[int], **numbers: Any) -> None:
-        """Describe a scenario at `place`; the other arguments are those of `Scenario`."""
-        Scenario.__init__(self, place.name, directions, **numbers)
-        object.__setattr__(self, "place", place)
-        if place.ways != self.ways:
-            raise ScenarioError(f"directions {directions!r} are for {self.ways} entrances, the junction has {place.ways}")
-
-    def find(self) -> Junction:
-        """Return the junction."""
-        return self.place
-
-    def record(self) -> dict[str, Any]:
-        """Return the fields as builtins; of the junction only its name."""
-        return {name: getattr(self, name) for name in Scenario.__slots__}
 
 
 def answer(line: str) -> str:
@@ -98,7 +76,7 @@ def predict(request: Mapping[str, Any]) -> tuple[Run, int]:
     place = build_junction("site", control, site_lengths(_field(request, "graph", dict), order), len(order))
     rotation = _field(request, "rotation", int, 0)
     wait = request.get("wait")
-    site = Site(
+    scenario = Scenario(
         place,
         _field(request, "directions", str),
         distance=_numbers(request, "distances"),
@@ -107,7 +85,7 @@ def predict(request: Mapping[str, Any]) -> tuple[Run, int]:
         duration=DURATION[control],
         wait=DEFAULT_WAIT if wait is None else _number("wait", wait),
     )
-    return simulate(site, autopilot), rotation
+    return simulate(Case(scenario, autopilot)), rotation
 
 
 def site_lengths(graph: Mapping[str, Any], order: Sequence[str]) -> Lengths:

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.analysis import phase_groups, right_of_pairs
-from pytest_rvads.junctions.junction import Geometry, Junction, JunctionControl, Movement
+from pytest_rvads.junctions.analysis import opposite_pairs, phase_groups, right_of_pairs
+from pytest_rvads.junctions.junction import Junction, JunctionControl, Movement, Sign, cross
 from pytest_rvads.maps.segment import Segment, Turn
 
 __all__ = ["TOLERANCE", "Lengths", "build_junction", "fit_shape"]
@@ -114,24 +114,19 @@ def build_junction(name: str, control: JunctionControl, lengths: Lengths, ways: 
         MapError: see `fit_shape`; or a movement is missing.
     """
     shape = fit_shape(lengths, ways)
-    segments = {key: _movement(shape, *key, turn) for key, (turn, _) in lengths.items()}
     turns = {key: turn for key, (turn, _) in lengths.items()}
-    straight = {key for key, turn in turns.items() if turn is Turn.STRAIGHT}
-    opposite = frozenset((i, k) for i, k in straight if (k, i) in straight)
-    return Junction(
-        name,
-        name,
-        control,
-        {(i, k): Movement(i, k, turns[i, k], segment.length, segment.id) for (i, k), segment in segments.items()},
-        right_of_pairs(turns, left_hand=False),
-        opposite,
-        phase_groups(ways, opposite) if control is JunctionControl.LIGHTS else (),
-        geometry=Geometry(
-            tuple(_road(f"in{arm}", shape, arm, True) for arm in range(ways)),
-            segments,
-            tuple(_road(f"out{arm}", shape, arm, False) for arm in range(ways)),
-        ),
+    movements = {}
+    for key, turn in turns.items():
+        path = _movement(shape, *key, turn)
+        movements[key] = Movement(*key, turn, path.length, path.id, path)
+    opposite = opposite_pairs(turns)
+    entrances, exits = cross(
+        (Sign(control.value),) * ways,
+        phase_groups=phase_groups(ways, opposite) if control is JunctionControl.LIGHTS else (),
+        approaches=[_road(f"in{arm}", shape, arm, True) for arm in range(ways)],
+        roads=[_road(f"out{arm}", shape, arm, False) for arm in range(ways)],
     )
+    return Junction(name, name, entrances, exits, movements, right_of_pairs(turns, left_hand=False), opposite)
 
 
 def _quarters(lengths: Lengths, ways: int) -> tuple[int, ...]:

@@ -23,7 +23,8 @@ from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.studies.experiment import LIGHT, STOP, Entry, Setup
 
 __all__ = ["SHOWN", "LastFirst", "Snapshot", "snapshot", "snapshots", "write"]
@@ -70,7 +71,7 @@ def snapshots(constants: Constants | None = None) -> dict[str, Snapshot]:
     found = {}
     for rule, entry in SHOWN.items():
         system: Any = LastFirst if rule == "p3" else setup.system()
-        found[rule] = snapshot(simulate(entry.scenario(setup.wait), system), rule, setup.constants)
+        found[rule] = snapshot(simulate(Case(entry.scenario(setup.wait), system)), rule, setup.constants)
     return found
 
 

@@ -80,8 +80,8 @@ def complaints(run: Run) -> list[str]:
         found.append(run.fault.reason)
     if run.collisions:
         found.append(f"collision {run.collisions}")
-    if run.meta["end"] != "left":
-        found.append(f"not everybody left: {run.meta['end']}")
+    if run.provenance["end"] != "left":
+        found.append(f"not everybody left: {run.provenance['end']}")
     # Approach to the line: harder than 3.4 m/s^2 is no comfortable stop (people, at stop signs).
     braking = -np.where(run.zone[:-1] <= Zone.ENTRANCE, np.diff(run.speed, axis=0), 0.0).min() / DT
     if braking > 3.4:

@@ -6,9 +6,11 @@ import pytest
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.way_ahead import BEND, Track
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 
 class Steady(Follower):
@@ -33,16 +35,16 @@ def rear_axle_errors(run: Run, case: Scenario) -> np.ndarray:
 )
 def test_the_rear_axle_stays_on_the_itinerary(junction: str, direction: int) -> None:
     ways = 3 if junction == "stop3" else 4
-    case = Scenario(junction, [direction] + [0] * (ways - 1), distance=40, speed=8)
-    run = simulate(case, Steady)
-    assert run.meta["end"] == "left"
+    case = Scenario(find(junction), [direction] + [0] * (ways - 1), distance=40, speed=8)
+    run = simulate(Case(case, Steady))
+    assert run.provenance["end"] == "left"
     # Pure pursuit cuts and overshoots by 0.13 to 0.19 m on turns of radius 6 to 19 m.
     assert rear_axle_errors(run, case).max() < 0.35
 
 
 def test_it_holds_its_speed_on_the_straight_and_slows_down_in_bends() -> None:
-    straight = simulate(Scenario("stop4", "2000", distance=60, speed=2), Steady)
-    turning = simulate(Scenario("stop4", "1000", distance=60, speed=2), Steady)
+    straight = simulate(Case(Scenario(find("stop4"), "2000", distance=60, speed=2), Steady))
+    turning = simulate(Case(Scenario(find("stop4"), "1000", distance=60, speed=2), Steady))
     assert straight.speed[-300:, 0] == pytest.approx(8.0, abs=0.05)
     middle = int(np.argmin(np.abs(turning.station[:, 0] - 10.0)))
     v = turning.speed[middle, 0]
@@ -56,7 +58,7 @@ def test_a_target_of_zero_stops_where_the_helper_says(distance: float) -> None:
         def target_speed(self, seen: Observation) -> float:
             return min(8.0, self.stopping_speed(seen.itinerary.line - 0.5 - seen.me.station))
 
-    run = simulate(Scenario("stop4", "2000", distance=distance, speed=5, duration=25), Stopper)
+    run = simulate(Case(Scenario(find("stop4"), "2000", distance=distance, speed=5, duration=25), Stopper))
     assert abs(run.speed[-1, 0]) < 1e-6
     assert -1.0 < run.station[-1, 0] <= 0.0
     assert (run.station[-500:] == run.station[-1]).all()
@@ -67,7 +69,7 @@ def test_a_new_target_is_reached_with_the_vehicles_means() -> None:
         def target_speed(self, seen: Observation) -> float:
             return 0.0 if seen.time >= 3.0 else 12.0
 
-    run = simulate(Scenario("stop4", "2000", distance=110, speed=5, duration=8), Sudden)
+    run = simulate(Case(Scenario(find("stop4"), "2000", distance=110, speed=5, duration=8), Sudden))
     change = np.diff(run.speed[:, 0]) / DT
     assert change.max() <= 3.0
     assert -change.min() <= 4.0 + 0.2
@@ -85,14 +87,14 @@ def test_the_docstring_example_stops_and_a_constructor_need_not_call_the_helpers
             line = seen.itinerary.line - seen.me.station
             return self.stopping_speed(line - 0.5) if line > 0 else 5.0
 
-    run = simulate(Scenario("stop4", "2000", distance=20, speed=5, duration=20), Ten)
+    run = simulate(Case(Scenario(find("stop4"), "2000", distance=20, speed=5, duration=20), Ten))
     assert abs(run.speed[-1, 0]) < 1e-6
     assert run.zone[-1, 0] == 1
 
 
 def test_a_track_knows_bends_before_they_come() -> None:
-    (straight,) = Scenario("stop4", "2000").itineraries()
-    (right,) = Scenario("stop4", "1000").itineraries()
+    (straight,) = Scenario(find("stop4"), "2000").itineraries()
+    (right,) = Scenario(find("stop4"), "1000").itineraries()
     assert Track(straight, 3.65).speed(5.0) > 100
     track = Track(right, 3.65)
     limit = (BEND * 13.25) ** 0.5

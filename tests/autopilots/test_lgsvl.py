@@ -13,8 +13,9 @@ from pytest_rvads.errors import AutopilotError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.studies.draws import crossing_wait
 from pytest_rvads.studies.experiment import LIGHT, STOP, Entry, Setup, outcome, run_entry
 
@@ -62,8 +63,8 @@ def test_without_deficiencies_the_same_cells_pass(entry: Entry) -> None:
 
 def creep(direction: int, constants: Constants) -> float:
     """How far a vehicle creeps that starts 0.3 m before a red light [m]."""
-    scenario = Scenario("paper_light4", (0, direction, 0, 0), distance=0.3, speed=0, duration=3.0)
-    run = simulate(scenario, partial(LgsvlLike, constants=constants))
+    scenario = Scenario(find("paper_light4"), (0, direction, 0, 0), distance=0.3, speed=0, duration=3.0)
+    run = simulate(Case(scenario, partial(LgsvlLike, constants=constants)))
     assert run.station is not None
     return float(run.station[-1, 0] + 0.3)
 
@@ -75,7 +76,7 @@ def test_a_launch_creeps_half_as_far_into_a_turn_and_never_over_a_line_at_0_3_m(
 
 
 def test_a_vehicle_stops_three_quarters_of_a_metre_before_the_line() -> None:
-    run = simulate(Scenario("paper_light4", (0, 2, 0, 0), distance=20, speed=10, duration=15), LgsvlLike)
+    run = simulate(Case(Scenario(find("paper_light4"), (0, 2, 0, 0), distance=20, speed=10, duration=15), LgsvlLike))
     assert run.speed is not None
     assert run.station is not None
     assert run.speed[-1, 0] < 0.01
@@ -89,36 +90,37 @@ def order(run: Run) -> list[str]:
 
 @pytest.mark.parametrize("rotation", range(4))
 def test_same_tick_arrivals_go_in_creation_order(rotation: int) -> None:
-    scenario = Scenario("paper_stop4", "2222", distance=0.3, rotation=rotation, duration=30)
-    assert order(simulate(scenario, LgsvlLike)) == [f"a{(k + rotation) % 4}" for k in range(4)]
+    scenario = Scenario(find("paper_stop4"), "2222", distance=0.3, rotation=rotation, duration=30)
+    assert order(simulate(Case(scenario, LgsvlLike))) == [f"a{(k + rotation) % 4}" for k in range(4)]
 
 
 def test_with_a_tie_rule_the_right_one_goes_first() -> None:
-    scenario = Scenario("paper_stop4", "2200", distance=0.3, duration=20)
-    assert order(simulate(scenario, LgsvlLike)) == ["a0", "a1"]
-    assert order(simulate(scenario, partial(LgsvlLike, i3=False))) == ["a1", "a0"]
+    scenario = Scenario(find("paper_stop4"), "2200", distance=0.3, duration=20)
+    assert order(simulate(Case(scenario, LgsvlLike))) == ["a0", "a1"]
+    assert order(simulate(Case(scenario, partial(LgsvlLike, i3=False)))) == ["a1", "a0"]
 
 
 def test_only_the_hidden_zone_lets_two_into_the_junction() -> None:
-    scenario = Scenario("paper_stop4", "1111", distance=20, duration=30)
+    scenario = Scenario(find("paper_stop4"), "1111", distance=20, duration=30)
     inside = [
-        (simulate(scenario, partial(LgsvlLike, i1=False, i2=i2)).zone == Zone.JUNCTION).sum(axis=1).max() for i2 in (True, False)
+        (simulate(Case(scenario, partial(LgsvlLike, i1=False, i2=i2))).zone == Zone.JUNCTION).sum(axis=1).max()
+        for i2 in (True, False)
     ]
     assert inside == [2, 1]
 
 
 def test_a_light_is_looked_at_once() -> None:
     # Green at the decision, 15 m out, and red for ten seconds when it arrives: a vehicle that looked again would stop.
-    late = simulate(Scenario("paper_light4", (2, 0, 0, 0), distance=60, speed=0, duration=40), LgsvlLike)
+    late = simulate(Case(Scenario(find("paper_light4"), (2, 0, 0, 0), distance=60, speed=0, duration=40), LgsvlLike))
     assert late.entry(0) is not None
-    waits = simulate(Scenario("paper_light4", (0, 2, 0, 0), distance=20, speed=0, duration=40), LgsvlLike)
+    waits = simulate(Case(Scenario(find("paper_light4"), (0, 2, 0, 0), distance=20, speed=0, duration=40), LgsvlLike))
     entry = waits.entry(0)
     assert entry is not None
     assert 20.0 < entry < 22.0, "red until 20 s, and the look at 15 m says stop"
 
 
 def test_a_t_junction_works_too() -> None:
-    run = simulate(Scenario("stop3", "111", distance=0.3, duration=40), LgsvlLike)
+    run = simulate(Case(Scenario(find("stop3"), "111", distance=0.3, duration=40), LgsvlLike))
     assert not run.collisions
     assert order(run) == ["a0", "a1", "a2"]
 
@@ -131,9 +133,9 @@ def test_a_zone_needs_an_extent() -> None:
 def test_the_zone_reaches_towards_exits_0_and_1() -> None:
     junction = find("paper_stop4")
     origin = frame(junction)
-    assert junction.geometry is not None
+    assert junction.drivable
     assert (origin.x, origin.y) == pytest.approx((0.0, 0.0), abs=1e-6)
-    east = junction.geometry.exits[1].pose(0.0)
+    east = junction.way_out(1).pose(0.0)
     assert math.remainder(east.heading - origin.heading, math.tau) == pytest.approx(0.0, abs=1e-6)
     zone = zone_of(junction, Constants(), hidden=True)
     assert isinstance(zone, Box)

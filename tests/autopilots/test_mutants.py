@@ -22,7 +22,7 @@ BREAKS = [
 
 
 def status(autopilot, junction, directions, distance, speed, rule):
-    run = rvads.simulate(rvads.Scenario(junction, directions, distance=distance, speed=speed), autopilot)
+    run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find(junction), directions, distance=distance, speed=speed), autopilot))
     assert run.fault is None
     return rvads.check(run, rule).status
 

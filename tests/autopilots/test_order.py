@@ -14,7 +14,7 @@ from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario
 
 JUNCTION = find("stop4")
-ITINERARY = Scenario("stop4", "2000").itineraries()[0]
+ITINERARY = Scenario(find("stop4"), "2000").itineraries()[0]
 
 
 def view(zones: dict[int, tuple[Zone, float]], tick: int, me: int = 0) -> Observation:

@@ -13,22 +13,24 @@ from hypothesis import strategies as st
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.junctions.builtin import LAYOUTS
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.judging.check import check
 from pytest_rvads.opendrive.writer import opendrive
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.runs.states import Zone
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.classes import classes
 from pytest_rvads.scenarios.configurations import PAPER, configuration
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
 from pytest_rvads.simulators.closed_loop import closed_vmax
+from pytest_rvads.simulators.simulator import simulate
 
 BUILT_IN = tuple(LAYOUTS)
 
 
-def scenario(junction: str, code: tuple[int, ...], letter: str, **more) -> Scenario:
+def scenario(junction: str, code: tuple[int, ...], letter: str, map: str | None = None, **more) -> Scenario:
     point = configuration(letter, len(code))
-    return Scenario(junction, code, distance=point.distances, speed=point.speeds, configuration=letter, **more)
+    return Scenario(find(junction, map), code, distance=point.distances, speed=point.speeds, configuration=letter, **more)
 
 
 def spread(junction: str) -> list[Scenario]:
@@ -48,12 +50,12 @@ OF_AN_X = [*spread("stop4")[::2], *spread("paper_stop4")[1::2], *spread("light4"
 
 @pytest.mark.parametrize("case", OF_AN_X, ids=lambda s: s.name)
 def test_every_class_of_an_x(case: Scenario, wrongs) -> None:
-    assert wrongs(simulate(case, Reference)) == []
+    assert wrongs(simulate(Case(case, Reference))) == []
 
 
 @pytest.mark.parametrize("case", [*spread("stop3"), *spread("light3")], ids=lambda s: s.name)
 def test_every_class_of_a_t(case: Scenario, wrongs) -> None:
-    assert wrongs(simulate(case, Reference)) == []
+    assert wrongs(simulate(Case(case, Reference))) == []
 
 
 @pytest.mark.parametrize(("junction", "setback"), [("stop4", 2.0), ("stop4", 8.0), ("light4", 4.0)])
@@ -62,37 +64,36 @@ def test_stop_lines_before_the_vertex_change_no_verdict(junction: str, setback: 
     path.write_text(opendrive(replace(LAYOUTS[junction], setback=setback)))
     for case in spread(junction)[5:6]:
         moved = replace_junction(case, str(path))
-        assert moved.find().setbacks == pytest.approx((setback,) * 4)
-        run = simulate(moved, Reference)
+        assert moved.place.setbacks == pytest.approx((setback,) * 4)
+        run = simulate(Case(moved, Reference))
         assert wrongs(run) == []
-        before = verdicts(simulate(case, Reference))
+        before = verdicts(simulate(Case(case, Reference)))
         # A rule may get triggered by waiting longer at the entrance; what was violated or open stays so, nothing is added.
         assert {r: s for r, s in verdicts(run).items() if s == "FAIL"} == {r: s for r, s in before.items() if s == "FAIL"}
 
 
 def replace_junction(case: Scenario, path: str) -> Scenario:
     return Scenario(
-        "1",
+        find("1", path),
         case.directions,
         distance=case.distances,
         speed=case.speeds,
         rotation=case.rotation,
         configuration=case.configuration,
-        map=path,
     )
 
 
 @pytest.mark.parametrize(("junction", "letter", "aggression"), [("stop4", "D", 3), ("light4", "I", 2)])
 def test_stronger_brakes_change_nothing(junction: str, letter: str, aggression: int, wrongs) -> None:
-    assert wrongs(simulate(scenario(junction, (1, 2, 3, 3), letter, aggression=aggression), Reference)) == []
+    assert wrongs(simulate(Case(scenario(junction, (1, 2, 3, 3), letter, aggression=aggression), Reference))) == []
 
 
 @pytest.mark.parametrize("code", ["1000", "0330", "2020", "1302"])
 def test_with_fewer_vehicles_nobody_is_excused(code: str, verdicts) -> None:
     # Four arrivals at once are a cycle; two or three are not.
     for letter in "BE":
-        run = simulate(scenario("stop4", tuple(map(int, code)), letter), Reference)
-        assert run.meta["end"] == "left"
+        run = simulate(Case(scenario("stop4", tuple(map(int, code)), letter), Reference))
+        assert run.provenance["end"] == "left"
         assert not run.collisions
         assert {"FAIL", "OPEN"}.isdisjoint(verdicts(run).values())
 
@@ -101,23 +102,23 @@ def test_left_turns_that_cross_take_turns(tmp_path) -> None:
     # Far stop lines and near lanes would let them pass each other; here they meet in the middle.
     path = tmp_path / "wide.xodr"
     path.write_text(opendrive(replace(LAYOUTS["light4"], stop=8.0, lane_offset=3.6)))
-    run = simulate(Scenario("1", "3030", map=str(path), distance=20, speed=10), Reference)
+    run = simulate(Case(Scenario(find("1", str(path)), "3030", distance=20, speed=10), Reference))
     inside = run.zone == Zone.JUNCTION
-    assert run.meta["end"] == "left"
+    assert run.provenance["end"] == "left"
     assert not run.collisions
     assert inside.any(axis=0).all()
 
 
 def test_it_stops_fully_before_the_line_at_a_stop_sign() -> None:
     for letter in "AD":
-        run = simulate(scenario("stop4", (2, 2, 2, 2), letter), Reference)
+        run = simulate(Case(scenario("stop4", (2, 2, 2, 2), letter), Reference))
         for column in range(4):
             stood = (run.zone[:, column] == Zone.ENTRANCE) & (run.speed[:, column] < 0.01) & (run.station[:, column] <= 0.0)
             assert stood.sum() >= 50
 
 
 def test_it_stops_before_turning_right_on_red() -> None:
-    run = simulate(Scenario("light4", "0100", distance=20, speed=10), Reference)
+    run = simulate(Case(Scenario(find("light4"), "0100", distance=20, speed=10), Reference))
     entry = int(np.flatnonzero(run.zone[:, 0] == Zone.JUNCTION)[0])
     assert run.lights[entry, 1] == 3
     assert run.speed[:entry, 0].min() < 0.01
@@ -132,8 +133,8 @@ def test_it_goes_on_when_yellow_comes_too_late_and_stops_otherwise() -> None:
             return 6.0
 
     # 4 m before the line 6 m/s would take 4.5 m/s^2, 20 m before it 0.9 m/s^2.
-    late = simulate(Scenario("light4", "2000", distance=94, speed=6), Steady)
-    early = simulate(Scenario("light4", "2000", distance=110, speed=6), Steady)
+    late = simulate(Case(Scenario(find("light4"), "2000", distance=94, speed=6), Steady))
+    early = simulate(Case(Scenario(find("light4"), "2000", distance=110, speed=6), Steady))
     assert late.station[1500, 0] == pytest.approx(-4.0, abs=0.7)
     assert 15.0 < late.entry(0) < 17.0
     assert early.entry(0) > 40.0, "the next green"
@@ -159,8 +160,8 @@ def test_it_drives_into_nobody_that_stands_in_its_way() -> None:
     for code in ("2200", "2020", "2300", "3200", "1002"):
         first = next(i for i, d in enumerate(code) if d != "0")
         distances = [2.0 if i == first else 25.0 for i in range(4)]
-        case = Scenario("stop4", code, distance=distances, speed=0, subject=first, duration=25)
-        run = simulate(case, Breakdown, traffic=Impatient)
+        case = Scenario(find("stop4"), code, distance=distances, speed=0, subject=first, duration=25)
+        run = simulate(Case(case, Breakdown, traffic=Impatient))
         assert not run.collisions, code
 
 
@@ -175,7 +176,7 @@ def test_it_decides_from_its_observation_alone() -> None:
                 heard.append((seen, answer))
             return answer
 
-    simulate(Scenario("stop4", "1231", distance=20, duration=15), Recording)
+    simulate(Case(Scenario(find("stop4"), "1231", distance=20, duration=15), Recording))
     replayed = Reference()
     assert [replayed.control(seen) for seen, _ in heard] == [answer for _, answer in heard]
 
@@ -186,17 +187,17 @@ def test_it_decides_from_its_observation_alone() -> None:
 def test_real_maps(place: str, shared, wrongs) -> None:
     file, junction = place.split()
     path = str(shared / "maps" / file)
-    probe = Scenario(junction, "1231" if junction in ("169", "68") else "121", map=path)
-    letters = PAPER[probe.find().control]
+    probe = Scenario(find(junction, path), "1231" if junction in ("169", "68") else "121")
+    letters = PAPER[probe.place.control]
     for k, code in enumerate(list(classes(probe.ways))[:: 11 if probe.ways == 4 else 2]):
-        run = simulate(scenario(junction, code, letters[k % 5], map=path), Reference)
+        run = simulate(Case(scenario(junction, code, letters[k % 5], map=path), Reference))
         # Narrow corners, where fronts swing into the next lane, may take a hard brake.
         assert [w for w in wrongs(run) if not w.startswith("braked")] == []
 
 
 @pytest.mark.parametrize("case", [spread("stop4")[8], spread("stop4")[14], spread("light4")[7], spread("light4")[12]], ids=str)
 def test_the_monitors_agree_with_the_definition(case: Scenario, verdicts) -> None:
-    run = simulate(case, Reference)
+    run = simulate(Case(case, Reference))
     assert {rule: check(run, rule).status.value for rule in verdicts(run)} == verdicts(run)
 
 
@@ -209,7 +210,7 @@ def test_all_scenarios_and_configurations(junction: str, wrongs) -> None:
     for code in product(range(1, layout.ways), repeat=layout.ways):
         for letter, phase in product(PAPER[layout.control], phases):
             case = scenario(junction, code, letter, rotation=phase)
-            found = wrongs(simulate(case, Reference))
+            found = wrongs(simulate(Case(case, Reference)))
             if found:
                 bad[case.name] = found
     assert bad == {}
@@ -226,10 +227,12 @@ def test_any_start_inside_the_envelope(data: st.DataObject, verdicts) -> None:
     # Not at the limit: who must brake fully from the first step on has no time to look.
     speeds = [share * vmax(d) if d > 0.5 else 0.0 for share, d in zip(shares, distances, strict=True)]
     rotation = data.draw(st.integers(0, ways - 1))
-    run = simulate(Scenario(junction, code, distance=distances, speed=speeds, rotation=rotation, duration=90), Reference)
+    run = simulate(
+        Case(Scenario(find(junction), code, distance=distances, speed=speeds, rotation=rotation, duration=90), Reference)
+    )
     assert run.fault is None
     assert not run.collisions
-    assert run.meta["end"] == "left"
+    assert run.provenance["end"] == "left"
     status = verdicts(run)
     if len(run.agents) == 4:
         status.pop("p2", None)  # a cycle, where all arrive at once
@@ -251,7 +254,7 @@ def test_who_goes_out_of_turn_is_let_in(verdicts) -> None:
             return Short()
 
     # Both stop together; the subject stands to the right and would be first, but the other does not wait.
-    run = simulate(Scenario("stop4", "2200", distance=20, subject=1), Reference, traffic=Pusher)
+    run = simulate(Case(Scenario(find("stop4"), "2200", distance=20, subject=1), Reference, traffic=Pusher))
     assert run.entry(0) < run.entry(1)
     assert verdicts(run)["p1"] == "PASS"
     assert not run.collisions
@@ -262,8 +265,8 @@ def test_who_goes_out_of_turn_is_let_in(verdicts) -> None:
 def test_with_a_tie_window_the_right_one_of_two_that_arrive_together_goes_first(
     distances: tuple[float, float], turns: str
 ) -> None:
-    case = Scenario("stop4", "2200", distance=(*distances, 20.0, 20.0), speed=5)
-    strict, loose = (simulate(case, factory) for factory in (Reference, partial(Reference, tie=0.5)))
+    case = Scenario(find("stop4"), "2200", distance=(*distances, 20.0, 20.0), speed=5)
+    strict, loose = (simulate(Case(case, factory)) for factory in (Reference, partial(Reference, tie=0.5)))
     assert [check(strict, rule).status.value == "FAIL" for rule in ("p3", "first_come")] == [False, False]
     assert [check(loose, rule).status.value == "FAIL" for rule in ("first_come", "right_first")] == [False, False]
     first = [min((0, 1), key=run.entry) for run in (strict, loose)]

@@ -3,6 +3,8 @@
 import pytest
 
 from pytest_rvads.drivers.traffic import POLICIES, traffic
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.metamorphic import compare
@@ -16,8 +18,8 @@ def test_a_policy_is_symmetric(policy: str, junction: str) -> None:
     """All but the paper's stack, which is documented to go by the order of creation."""
     code, letter, relations = POINTS[junction]
     point = configuration(letter, 4)
-    start = Scenario(junction, code, distance=point.distances, speed=point.speeds)
-    found = compare(start, traffic(policy), ("paper", "road"), relations=relations)
+    start = Scenario(find(junction), code, distance=point.distances, speed=point.speeds)
+    found = compare(Case(start, traffic(policy)), ("paper", "road"), relations=relations)
     assert found.differences == ()
     assert len(found.compared) >= len(relations)
     assert found.triggered

@@ -18,11 +18,12 @@ from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.rules.rule import rules_for
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import PAPER, configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model
 from pytest_rvads.search.consistency import core, decide
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 JUNCTIONS = ("stop4", "light4", "stop3", "light3")
 DRIVERS = {"paper": Reference, "road": partial(Reference, tie=TIE)}
@@ -47,12 +48,11 @@ def scenarios(junction: str, policy: str) -> Iterator[Scenario]:
             letter = letters[k % len(letters)]
             point = configuration(letter, ways)
             yield Scenario(
-                junction,
+                find(junction),
                 code,
                 distance=point.distances,
                 speed=point.speeds,
                 configuration=letter,
-                # Of the phases each in turn; with a subject its seat has both.
                 rotation=(k // len(letters)) % 2 if lights and seat is None else 0,
                 subject=seat,
             )
@@ -67,7 +67,7 @@ def contradicting(
     code = [0] * place.ways
     for entrance, exit in entrances:
         code[entrance] = (exit - entrance) % place.ways
-    agents = Scenario(junction, code).agents()
+    agents = Scenario(find(junction), code).agents()
     # To stop in the metre before the line takes half a second, with the strongest brakes (8 m/s^2). The window includes its end.
     model = Model(place, agents, arrivals, stop=TIE + DT / 2 if book == "road" else 0.0)
     rules = rules_for(book, place.control)
@@ -99,7 +99,7 @@ def lost(run: Run, junction: str, book: str) -> dict[str, str]:
 def judge(cases: list[Scenario], junction: str, policy: str, book: str) -> dict[str, dict[str, str]]:
     found = {}
     for case in cases:
-        run = simulate(case, DRIVERS[book], traffic=None if case.subject is None else traffic(policy))
+        run = simulate(Case(case, DRIVERS[book], traffic=None if case.subject is None else traffic(policy)))
         assert run.fault is None, run.fault
         found[run.label] = lost(run, junction, book)
     return {label: wrong for label, wrong in found.items() if wrong}
@@ -116,11 +116,11 @@ def test_a_sample_of_every_traffic(junction: str, book: str) -> None:
 @pytest.mark.parametrize("book", DRIVERS)
 def test_four_that_arrive_at_once(book: str) -> None:
     """What the game calls impossible occurs, and is told as unavoidable."""
-    case = Scenario("stop4", "1133", distance=20)
+    case = Scenario(find("stop4"), "1133", distance=20)
     assert judge([case], "stop4", "nobody", book) == {}
     name = {"paper": "p2", "road": "right_first"}[book]
     assert contradicting("stop4", ((0, 1), (1, 2), (2, 1), (3, 2)), (5.0, 5.0, 5.0, 5.0), book) == {name}
-    assert check(simulate(case, DRIVERS[book]), name).unavoidable
+    assert check(simulate(Case(case, DRIVERS[book])), name).unavoidable
 
 
 @pytest.mark.slow

@@ -14,12 +14,14 @@ from pytest_rvads.drivers.policies import HESITATION
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import POLICIES, Policy, traffic
 from pytest_rvads.errors import RunError, ScenarioError
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.judging.check import check
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.runfile import save_run
 from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 Among = Callable[[str, str], Run]
 
@@ -39,8 +41,8 @@ def among() -> Among:
     def get(policy: str, junction: str) -> Run:
         key = policy, junction
         if key not in found:
-            scenario = Scenario(junction, "2200", distance=(40, 25, 0, 0), speed=(0, 8, 0, 0), subject=0, duration=40)
-            found[key] = simulate(scenario, Parked, traffic=traffic(policy))
+            scenario = Scenario(find(junction), "2200", distance=(40, 25, 0, 0), speed=(0, 8, 0, 0), subject=0, duration=40)
+            found[key] = simulate(Case(scenario, Parked, traffic=traffic(policy)))
             assert found[key].fault is None
         return found[key]
 
@@ -103,8 +105,8 @@ def test_what_traffic_does_is_provoked_not_failed(among: Among, policy: str, rul
 def test_reference_among_traffic_is_not_to_blame(policy: str) -> None:
     """Two vehicles whose ways cross: the road rules can always be met."""
     for junction, code in (("stop4", "2200"), ("light4", "3020")):
-        scenario = Scenario(junction, code, distance=20, speed=8, subject=0, duration=40)
-        run = simulate(scenario, Reference, traffic=traffic(policy))
+        scenario = Scenario(find(junction), code, distance=20, speed=8, subject=0, duration=40)
+        run = simulate(Case(scenario, Reference, traffic=traffic(policy)))
         assert run.fault is None
         for rule in ("full_stop", "first_come", "red", "left_yields", "no_collision", "no_conflict", "keep_clear"):
             verdict = check(run, rule)
@@ -113,18 +115,18 @@ def test_reference_among_traffic_is_not_to_blame(policy: str) -> None:
 
 def test_a_replay_repeats_the_run_bit_by_bit(tmp_path: Path) -> None:
     start = {"distance": 15, "speed": 6, "duration": 12}
-    run = simulate(Scenario("stop4", "1133", **start), Reference)
-    again = simulate(Scenario("stop4", "1133", subject=2, **start), Reference, traffic=Replay(run))
+    run = simulate(Case(Scenario(find("stop4"), "1133", **start), Reference))
+    again = simulate(Case(Scenario(find("stop4"), "1133", subject=2, **start), Reference, traffic=Replay(run)))
     assert np.array_equal(again.station, run.station)
     save_run(run, tmp_path / "run.npz")
-    kept = simulate(Scenario("stop4", "1133", subject=2, **start), Reference, traffic=Replay(tmp_path / "run.npz"))
+    kept = simulate(Case(Scenario(find("stop4"), "1133", subject=2, **start), Reference, traffic=Replay(tmp_path / "run.npz")))
     assert kept.hash == again.hash
 
 
 def test_a_replay_started_elsewhere_catches_up() -> None:
-    run = simulate(Scenario("stop4", "2200", distance=(30, 20, 0, 0), duration=14), Reference)
-    scenario = Scenario("stop4", "2200", distance=(30, 21, 0, 0), duration=14, subject=0)
-    again = simulate(scenario, Parked, traffic=Replay(run))
+    run = simulate(Case(Scenario(find("stop4"), "2200", distance=(30, 20, 0, 0), duration=14), Reference))
+    scenario = Scenario(find("stop4"), "2200", distance=(30, 21, 0, 0), duration=14, subject=0)
+    again = simulate(Case(scenario, Parked, traffic=Replay(run)))
     off = np.abs(again.station[:, 1] - run.station[: again.steps, 1])
     assert off[0] == pytest.approx(1.0)
     standing = np.flatnonzero((run.zone[:, 1] == Zone.ENTRANCE) & (run.speed[:, 1] == 0.0))
@@ -132,8 +134,8 @@ def test_a_replay_started_elsewhere_catches_up() -> None:
 
 
 def test_a_replay_needs_positions_and_the_same_movements() -> None:
-    run = simulate(Scenario("stop4", "2200", duration=0.1), Parked)
-    other = simulate(Scenario("stop4", "1100", duration=0.1, subject=0), Parked, traffic=Replay(run))
+    run = simulate(Case(Scenario(find("stop4"), "2200", duration=0.1), Parked))
+    other = simulate(Case(Scenario(find("stop4"), "1100", duration=0.1, subject=0), Parked, traffic=Replay(run)))
     assert "has no vehicle from entrance 1 to exit 2 that a1 could replay" in other.fault.reason
     bare = Run("bare", run.junction, run.agents, run.zone, run.lights)
     with pytest.raises(RunError, match="'bare' holds no positions"):
@@ -144,7 +146,7 @@ def test_policies_have_names() -> None:
     assert Policy.of("hesitant").name == "hesitant"
     assert Policy.of(Parked).name == "Parked"
     assert Policy.of(lambda: Parked()).name == "lambda"
-    assert Policy.of(Replay(simulate(Scenario("stop4", "2000", duration=0.02), Parked))).name == "replay"
+    assert Policy.of(Replay(simulate(Case(Scenario(find("stop4"), "2000", duration=0.02), Parked)))).name == "replay"
     with pytest.raises(ScenarioError, match=r"unknown traffic 'hesitent', there are reference, .*did you mean 'hesitant'"):
         traffic("hesitent")
     with pytest.raises(ScenarioError, match="traffic takes names of policies or classes of autopilots, got 3"):
@@ -155,7 +157,7 @@ def test_policies_have_names() -> None:
 def test_reference_lets_a_runner_leave_the_junction_first(code: str) -> None:
     """A conflicting vehicle that is in the junction on red keeps the reference out of it, wherever it is."""
     for seat in (0, 2):
-        run = simulate(Scenario("light4", code, subject=seat), Reference, traffic=traffic("red_light_runner"))
+        run = simulate(Case(Scenario(find("light4"), code, subject=seat), Reference, traffic=traffic("red_light_runner")))
         for rule in ("no_conflict", "no_collision", "red"):
             verdict = check(run, rule)
             assert verdict.provoked or verdict.status in ("PASS", "NA"), f"{run.label}: {verdict.message}"
@@ -163,7 +165,7 @@ def test_reference_lets_a_runner_leave_the_junction_first(code: str) -> None:
 
 def test_reference_goes_on_green_when_the_one_it_let_in_on_red_never_moves() -> None:
     """A right turn on red waits for who comes from the left; one that does not use its green is not waited for for ever."""
-    run = simulate(Scenario("light4", "2100", subject=1), Reference, traffic=traffic("stopped"))
+    run = simulate(Case(Scenario(find("light4"), "2100", subject=1), Reference, traffic=traffic("stopped")))
     assert run.agents[1].turn == "right"
     entry = run.entry(1)
     assert entry is not None

@@ -8,11 +8,13 @@ import pytest
 
 from pytest_rvads.draw.replay import Track, replay
 from pytest_rvads.drivers.lgsvl import LgsvlLike
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, cell_record, conclude
 from pytest_rvads.report.session_report import Report, in_order
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
 
@@ -52,7 +54,7 @@ def open_page(browser: "webdriver.Chrome", tmp_path: Path) -> Iterator[Open]:
 
 @pytest.fixture(scope="module")
 def replayed() -> str:
-    run = simulate(Scenario("light4", "1132", distance=0.3, duration=LAST), LgsvlLike)
+    run = simulate(Case(Scenario(find("light4"), "1132", distance=0.3, duration=LAST), LgsvlLike))
     tracks = [Track("p6 a2, a0", ((0, "watching"), (50, "due"), (81, "violated")))]
     return replay(run, "p6 at t=0.81 s", "notes", [(0.81, "p6 is violated")], tracks, {"a2"})
 

@@ -13,10 +13,12 @@ import pytest
 from pytest_rvads.cli import main
 from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.judging.check import check
 from pytest_rvads.runs.runfile import load_run, save_run
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 RVADS = str(Path(sys.executable).with_name("rvads"))
 
@@ -123,7 +125,7 @@ def test_a_kept_run_gets_the_verdict_it_had(pytester: pytest.Pytester, capsys: p
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("kept") / "run.npz"
-    save_run(simulate(Scenario("light4", "1230", distance=5.0, duration=5.0), Reference), path)
+    save_run(simulate(Case(Scenario(find("light4"), "1230", distance=5.0, duration=5.0), Reference)), path)
     return path
 
 

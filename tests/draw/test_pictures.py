@@ -12,6 +12,7 @@ from pytest_rvads.draw.class_table import draw_classes
 from pytest_rvads.draw.picture import picture
 from pytest_rvads.draw.replay import events, replay
 from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.classes import classes, members
@@ -23,13 +24,13 @@ SVG = "{http://www.w3.org/2000/svg}"
 @pytest.fixture(scope="module")
 def run() -> Run:
     """A run along the centre lines at constant speeds, 5 m/s for a0, 1 m/s more for each further vehicle."""
-    scenario = Scenario("light4", "1233", distance=10)
+    scenario = Scenario(find("light4"), "1233", distance=10)
     itineraries, plan = scenario.itineraries(), scenario.signals()
     steps = 2000
     station = np.array([[-10 + (5 + k) * 0.01 * t for k in range(4)] for t in range(steps)])
     return Run(
         scenario.name,
-        scenario.find(),
+        scenario.place,
         scenario.agents(),
         np.array([[i.zone(s) for i, s in zip(itineraries, row, strict=True)] for row in station], dtype=np.int8),
         np.array([plan.colours(t * 0.01, 4) for t in range(steps)], dtype=np.int8),

@@ -65,7 +65,7 @@ def request(**changes: Any) -> dict[str, Any]:
 def test_a_built_junction_has_the_lengths_asked_for() -> None:
     junction = build_junction("t", JunctionControl.STOP, T, 3)
     for key, (turn, length) in T.items():
-        assert junction.turn(*key) is turn
+        assert junction.movements[*key].turn is turn
         assert junction.movements[key].length == pytest.approx(length, abs=0.05)
     assert junction.opposite == {(0, 2), (2, 0)}
     assert junction.right_of == find("stop3").right_of or junction.right_of == {(1, 0), (2, 1)}
@@ -73,9 +73,9 @@ def test_a_built_junction_has_the_lengths_asked_for() -> None:
 
 def test_lanes_of_a_built_junction_meet_without_a_kink() -> None:
     junction = build_junction("t", JunctionControl.STOP, T, 3)
-    assert junction.geometry is not None
-    for (i, k), movement in junction.geometry.movements.items():
-        path = join((junction.geometry.approaches[i], movement, junction.geometry.exits[k]))
+    assert junction.drivable
+    for (i, k), movement in ((key, m.path) for key, m in junction.movements.items()):
+        path = join((junction.way_in(i), movement, junction.way_out(k)))
         assert path is not None
         headings = [path.pose(float(s)).heading for s in range(100, 160)]
         assert max(abs(math.remainder(b - a, math.tau)) for a, b in pairwise(headings)) < 0.3
@@ -85,11 +85,11 @@ def test_the_lengths_of_a_drawn_junction_give_its_shape_back() -> None:
     drawn = find("paper_stop4")
     lengths = {key: (m.turn, m.length) for key, m in drawn.movements.items()}
     built = build_junction("x", JunctionControl.STOP, lengths, 4)
-    assert drawn.geometry is not None
-    assert built.geometry is not None
-    for key, segment in drawn.geometry.movements.items():
+    assert drawn.drivable
+    assert built.drivable
+    for key, segment in ((key, m.path) for key, m in drawn.movements.items()):
         for station in (0.0, segment.length / 2, segment.length):
-            assert built.geometry.movements[key].pose(station)[:2] == pytest.approx(segment.pose(station)[:2], abs=0.05)
+            assert built.way_through(*(key)).pose(station)[:2] == pytest.approx(segment.pose(station)[:2], abs=0.05)
 
 
 def test_the_zone_of_a_t_follows_its_stem() -> None:
@@ -97,8 +97,8 @@ def test_the_zone_of_a_t_follows_its_stem() -> None:
     turned = {(order.index(i), order.index(k)): value for (i, k), value in T.items()}
     one, two = (build_junction("t", JunctionControl.STOP, lengths, 3) for lengths in (T, turned))
     for junction, stem in ((one, 1), (two, 0)):
-        assert junction.geometry is not None
-        away = junction.geometry.exits[stem].pose(0.0).heading
+        assert junction.drivable
+        away = junction.way_out(stem).pose(0.0).heading
         assert math.remainder(frame(junction).heading - away, math.tau) == pytest.approx(0.0, abs=1e-6)
 
 
@@ -147,7 +147,7 @@ def test_null_stands_for_a_draw_of_one_and_a_half_seconds() -> None:
         (json.dumps(request(control="yield")), "'stop' or 'lights'"),
         (json.dumps(request(autopilot="lgsv")), "did you mean 'lgsvl'"),
         (json.dumps(request(order=["in0", "in1"])), "order must name"),
-        (json.dumps(request(directions="1123")), "one per entrance (4), got 3"),
+        (json.dumps(request(directions="1123")), "describe 4 entrances, junction 'site' has 3"),
         (json.dumps(request(directions="11")), "11"),
         (json.dumps(request(distances=[1, 2])), "distance"),
         (json.dumps(request(distances=["a", 1, 1])), "must hold numbers"),

@@ -8,7 +8,8 @@ import pytest
 from pytest_rvads import cli
 from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
 from pytest_rvads.errors import RunError
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.studies.experiment import outcome
 from pytest_rvads.studies.snapshots import SHOWN, LastFirst, Snapshot, snapshot, snapshots
 
@@ -35,12 +36,12 @@ def test_a_violation_of_every_rule_is_shown_before_and_after(found: dict[str, Sn
 
 def test_the_mutant_breaks_p3_and_the_original_does_not() -> None:
     scenario = SHOWN["p3"].scenario()
-    assert outcome(simulate(scenario, LastFirst), ("p3",)) == {"p3": "FAIL"}
-    assert outcome(simulate(scenario, LgsvlLike), ("p3",)) == {"p3": "PASS"}
+    assert outcome(simulate(Case(scenario, LastFirst)), ("p3",)) == {"p3": "FAIL"}
+    assert outcome(simulate(Case(scenario, LgsvlLike)), ("p3",)) == {"p3": "PASS"}
 
 
 def test_there_is_nothing_to_show_of_a_rule_that_holds() -> None:
-    run = simulate(SHOWN["p3"].scenario(), LgsvlLike)
+    run = simulate(Case(SHOWN["p3"].scenario(), LgsvlLike))
     with pytest.raises(RunError, match="no violation of p3 to show"):
         snapshot(run, "p3", Constants())
 

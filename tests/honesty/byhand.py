@@ -23,8 +23,7 @@ def joined(one: Run, other: Run) -> Run:
     agents = (*one.agents, *(replace(agent, name=agent.name.replace("a", "b")) for agent in other.agents))
     names = "zone", "station", "speed", "pose"
     arrays = {name: np.concatenate((getattr(one, name), getattr(other, name)), axis=1) for name in names}
-    facts = replace(one.facts, sizes=(*(one.facts.sizes or ()), *(other.facts.sizes or ())))
-    return replace(one, agents=agents, facts=facts, collisions=None, **arrays)
+    return replace(one, agents=agents, collisions=None, **arrays)
 
 
 def until_contact(run: Run) -> Run:

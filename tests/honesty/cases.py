@@ -31,18 +31,23 @@ class Case:
 
     def run(self) -> rvads.Run:
         """Simulate it."""
-        return rvads.simulate(self.scenario, self.driver, traffic=None if self.scenario.subject is None else self.traffic)
+        return rvads.simulate(
+            rvads.Case(self.scenario, self.driver, traffic=None if self.scenario.subject is None else self.traffic)
+        )
 
     def told(self, run: rvads.Run | None = None) -> dict[str, str]:
         """Return what is to be compared with `tells`."""
         run = run or self.run()
-        found = verdicts(run) | {"end": run.meta["end"]}
+        found = verdicts(run) | {"end": run.provenance["end"]}
         return {what: text for what, text in found.items() if what in self.tells or text.split()[0] in BROKEN}
 
 
-def at(junction: str, directions: str, *, distance: Any = 20.0, duration: float = 40.0, **more: Any) -> rvads.Scenario:
+def at(
+    junction: str | rvads.Junction, directions: str, *, distance: Any = 20.0, duration: float = 40.0, **more: Any
+) -> rvads.Scenario:
     """Return a scenario whose subject, if nothing else is said, comes from entrance 0."""
-    return rvads.Scenario(junction, directions, distance=distance, duration=duration, **{"subject": 0, **more})
+    place = rvads.find(junction) if isinstance(junction, str) else junction
+    return rvads.Scenario(place, directions, distance=distance, duration=duration, **{"subject": 0, **more})
 
 
 def told(verdict: rvads.Verdict) -> str:

@@ -38,7 +38,7 @@ TAKES_THE_WAY = {
     "left_turn_into_a_crash": Case(oncoming(14, 8), stops_at(0.0, go=0.5), {"left_yields": "FAIL a0", **CRASH}, BLIND),
     # The same in a mirror: traffic keeps left, and a0 turns right.
     "keep_left_and_turn_right_into_a_crash": Case(
-        at("1", "1020", distance=(0.3, 20, 14, 20), speed=(0, 0, 8, 0), duration=15, map=str(mirrored(oncoming(14, 8)))),
+        at(mirrored(rvads.find("light4")), "1020", distance=(0.3, 20, 14, 20), speed=(0, 0, 8, 0), duration=15),
         stops_at(0.0, go=0.5),
         {"left_yields": "FAIL a0", **CRASH},
         BLIND,

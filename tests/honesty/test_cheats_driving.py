@@ -183,5 +183,5 @@ def test_a_stop_beyond_the_line_is_none(tmp_path: Path) -> None:
     path = tmp_path / "setback.xodr"
     path.write_text(opendrive(Layout(setback=3.0)), encoding="utf-8")
     for station, outcome in ((-2.0, "FAIL a0"), (-3.2, "PASS")):
-        case = Case(at("1", "2000", map=str(path)), stops_at(station, go=10.0), {"full_stop": outcome})
+        case = Case(at(rvads.find("1", path), "2000"), stops_at(station, go=10.0), {"full_stop": outcome})
         assert case.told() == case.tells

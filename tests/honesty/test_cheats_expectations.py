@@ -44,7 +44,7 @@ EXPECTS = {
         """
         @pytest.fixture
         def rvads_run():
-            return rvads.simulate(rvads.Scenario("stop4", "2222", duration=30), rvads.Reference)
+            return rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2222", duration=30), rvads.Reference))
 
         @here()
         def test_it(run, rule, monitor):

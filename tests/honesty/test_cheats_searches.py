@@ -3,12 +3,13 @@
 import pytest
 
 import pytest_rvads as rvads
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.metamorphic import equivalent
 
 from .attempts import CHECKED, STOPPED, Session
 from .shown import shows
 
-STOP = rvads.Scenario("stop4", "1000", distance=0.3, duration=1)
+STOP = rvads.Scenario(rvads.find("stop4"), "1000", distance=0.3, duration=1)
 
 
 @shows("search_where_nothing_applies")
@@ -19,12 +20,12 @@ def test_a_search_in_which_a_rule_never_applied_found_nothing_out() -> None:
     def nothing_found() -> None: ...
 
     with pytest.raises(rvads.ScenarioError, match="p4 was not triggered in any of"):
-        nothing_found(rvads_vehicle=rvads.Vehicle())
+        nothing_found(rvads_vehicle=rvads.Vehicle(), rvads_simulator=rvads.bullet)
 
 
 @shows("sweep_where_nothing_applies")
 def test_a_sweep_in_which_a_rule_never_applied_found_nothing_out() -> None:
-    spread = rvads.sweep(STOP, rvads.Reference, "p4", 0.0, 0.1)
+    spread = rvads.sweep(rvads.Case(STOP, rvads.Reference), "p4", 0.0, 0.1)
     assert spread.status == "NA"
     with pytest.raises(rvads.ScenarioError, match="p4 never applies"):
         spread.check()
@@ -32,9 +33,9 @@ def test_a_sweep_in_which_a_rule_never_applied_found_nothing_out() -> None:
 
 @shows("compare_where_nothing_applies")
 def test_a_comparison_in_which_no_rule_applied_found_nothing_out() -> None:
-    two = rvads.Scenario("stop4", "1010", distance=0.3, duration=1)
+    two = rvads.Scenario(rvads.find("stop4"), "1010", distance=0.3, duration=1)
     with pytest.raises(rvads.ScenarioError, match="no rule applied"):
-        equivalent(two, rvads.Reference, rules="p4", relations="creation")
+        equivalent(Case(two, rvads.Reference), rules="p4", relations="creation")
 
 
 @shows("one_name_for_two_rules")

@@ -110,7 +110,9 @@ PASSES_OVER = {
         @here()
         def test_it(run, rule, monitor):
             with contextlib.suppress(Exception):
-                monitor.run = rvads.simulate(rvads.Scenario("stop4", "1133", distance=0.3, duration=9), rvads.Reference)
+                monitor.run = rvads.simulate(
+                    rvads.Case(rvads.Scenario(rvads.find("stop4"), "1133", distance=0.3, duration=9), rvads.Reference)
+                )
             monitor.check(rule)
         """,
         ("FAIL|ERROR",),
@@ -197,7 +199,7 @@ def test_a_violation_can_t_be_passed_over(case: Attempt, session: Session, pytes
 OWN_RUN = """
 @pytest.fixture
 def run():
-    return rvads.simulate(rvads.Scenario("stop4", "1133", distance=0.3, duration=9), rvads.Reference)
+    return rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1133", distance=0.3, duration=9), rvads.Reference))
 
 @here()
 def test_it(run, rule, monitor):

@@ -45,7 +45,7 @@ class _Moment:
 
 def mirror(junction: str, directions: str, **more: object) -> rvads.Scenario:
     """Return a scenario at a built-in junction as a mirror shows it: traffic keeps left, and left turns are the near ones."""
-    return at("1", directions, map=str(mirrored(at(junction, directions, **more))), **more)
+    return at(mirrored(rvads.find(junction)), directions, **more)
 
 
 DRIVES = {
@@ -86,7 +86,7 @@ def test_a_front_that_swings_out_has_not_left_its_lane(tmp_path: Path) -> None:
     """A bend of 5.25 m: the front of a car that follows it with its rear axle is far outside."""
     path = tmp_path / "narrow.xodr"
     path.write_text(opendrive(Layout(stop=7.0)), encoding="utf-8")
-    case = Case(at("1", "1000", map=str(path)), rvads.Reference, STOPPED)
+    case = Case(at(rvads.find("1", path), "1000"), rvads.Reference, STOPPED)
     run = case.run()
     way = rvads.Itinerary.through(run.junction, 0, 1)
     poses, stations = run.need("pose")[:, 0], run.need("station")[:, 0]

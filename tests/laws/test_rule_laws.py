@@ -28,8 +28,8 @@ def runs(draw: Any) -> Run:
     agents, zones = [], []
     entrances = sorted(draw(st.sets(st.integers(0, place.ways - 1), min_size=1)))
     for entrance in entrances:
-        leaving = place.exit_of(entrance, draw(st.integers(1, place.ways - 1)))
-        agents.append(Agent(f"a{entrance}", entrance, leaving, place.turn(entrance, leaving)))
+        leaving = place.leads(entrance, draw(st.integers(1, place.ways - 1))).exit
+        agents.append(Agent(f"a{entrance}", place.movements[entrance, leaving]))
         ticks = sorted(draw(st.lists(st.integers(0, STEPS + 6), min_size=3, max_size=3)))
         zones.append(np.searchsorted(ticks, np.arange(STEPS), side="right").astype(np.int8))
     lights = np.zeros((STEPS, place.ways), dtype=np.int8)

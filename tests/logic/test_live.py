@@ -10,6 +10,7 @@ from pytest_rvads.conduct.following import FOLLOWERS
 from pytest_rvads.drivers.policies import RedLightRunner
 from pytest_rvads.drivers.rolling import RollingStop
 from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.judging.live import RuleMonitor
 from pytest_rvads.logic.judging.verdicts import Status
@@ -17,8 +18,9 @@ from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.rule import Rule, get_rule, rulebook
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 Make = Callable[..., Run]
 GREEN, RED = Colour.GREEN, Colour.RED
@@ -27,7 +29,7 @@ GREEN, RED = Colour.GREEN, Colour.RED
 def follow(run: Run, rule: str | Rule, **more: Any) -> list[Truth]:
     """Feed a run of positions to a monitor, state by state."""
     facts = run.facts
-    monitor = RuleMonitor(rule, run.junction, run.agents, speed_limit=facts.speed_limit, vehicle_size=facts.sizes, **more)
+    monitor = RuleMonitor(rule, run.junction, run.agents, speed_limit=facts.speed_limit, **more)
     hits: dict[int, list[tuple[str, str]]] = {}
     for c in run.collisions or ():
         hits.setdefault(round(c.time / run.dt), []).append(c.agents)
@@ -64,16 +66,16 @@ def waiting(drive: Make) -> list[Run]:
 
 
 DRIVES = (
-    (Scenario("stop4", "2332", distance=(8, 12, 9, 14), speed=4, duration=7), RedLightRunner),
-    (Scenario("light4", "3122", distance=(12, 0.3, 14, 8), speed=(6, 0, 6, 6), duration=7), RedLightRunner),
-    (Scenario("light4", "3231", distance=(12, 15, 10, 5), speed=6, duration=7), RollingStop),
+    (Scenario(find("stop4"), "2332", distance=(8, 12, 9, 14), speed=4, duration=7), RedLightRunner),
+    (Scenario(find("light4"), "3122", distance=(12, 0.3, 14, 8), speed=(6, 0, 6, 6), duration=7), RedLightRunner),
+    (Scenario(find("light4"), "3231", distance=(12, 15, 10, 5), speed=6, duration=7), RollingStop),
 )
 
 
 @pytest.fixture(scope="module")
 def simulated() -> list[Run]:
     """What these drivers make of their starts; collisions are left to the monitor."""
-    return [replace(simulate(start, driver), collisions=None) for start, driver in DRIVES]
+    return [replace(simulate(Case(start, driver)), collisions=None) for start, driver in DRIVES]
 
 
 RULES = [r for book in ("paper", "variants", "road") for r in rulebook(book)]

@@ -27,7 +27,7 @@ FILES = {"4-way-stop": 60, "4-way-light": 60, "t-way-stop": 99, "t-way-light": 9
 def test_recorded_runs_get_their_published_verdicts(shared: Path, name: str, itinerary: bool) -> None:
     wrong, count = [], 0
     for run in read_recorded(shared / "runs" / f"{name}.json"):
-        for published, wanted in run.meta["verdicts"].items():
+        for published, wanted in run.provenance["verdicts"].items():
             got = check(run, RULES[published], itinerary=itinerary)
             count += 1
             if got.status != STATUS[wanted]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.conduct.standing import speeding, stopped
-from pytest_rvads.conduct.stretches import conflicts, shared
+from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.rules.rule import rules_for
@@ -164,7 +164,7 @@ def test_the_limit_of_the_run_counts(drive: Make) -> None:
 
 @pytest.mark.parametrize(
     ("rule", "lacks", "what"),
-    [("speed_limit", {"speed_limit": None}, "no speed limit"), ("keep_clear", {"sizes": None}, "no size of its vehicles")],
+    [("speed_limit", {"speed_limit": None}, "no speed limit"), ("keep_clear", {"size": None}, "no size of its vehicles")],
 )
 def test_what_a_run_does_not_record_is_not_guessed(drive: Make, rule: str, lacks: dict[str, None], what: str) -> None:
     verdict = check(drive("stop4", {0: (2, -10.0, [(0, 30.0)])}, 10, **lacks), rule)
@@ -172,7 +172,7 @@ def test_what_a_run_does_not_record_is_not_guessed(drive: Make, rule: str, lacks
 
 
 def test_conflicts_in_an_x() -> None:
-    found = conflicts(find("stop4"))
+    found = find("stop4").conflicts
     assert found is not None
     right, straight, left = ((0, 1), (0, 2), (0, 3))
     assert ((straight), (1, 3)) in found, "crossing"

@@ -5,24 +5,26 @@ import pytest
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import FormulaError
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.judging.timeline import timelines
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.rule import rule
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 
 @pytest.mark.parametrize(
     ("scenario", "names"),
     [
-        (Scenario("stop4", "1133", distance=0.3), ("p1", "p2", "p3")),
-        (Scenario("light4", "1132", distance=0.3), ("p4", "p5", "p6")),
+        (Scenario(find("stop4"), "1133", distance=0.3), ("p1", "p2", "p3")),
+        (Scenario(find("light4"), "1132", distance=0.3), ("p4", "p5", "p6")),
     ],
     ids=["stop", "light"],
 )
 def test_timelines_and_verdicts_agree(scenario: Scenario, names: tuple[str, ...]) -> None:
-    run = simulate(scenario, LgsvlLike)
+    run = simulate(Case(scenario, LgsvlLike))
     seen = set()
     for name in names:
         lines = {line.binding: line for line in timelines(run, name)}
@@ -38,7 +40,7 @@ def test_timelines_and_verdicts_agree(scenario: Scenario, names: tuple[str, ...]
 
 
 def test_a_monitor_can_be_satisfied_for_good_before_the_run_ends() -> None:
-    run = simulate(Scenario("stop4", "1000", distance=5.0), Reference)
+    run = simulate(Case(Scenario(find("stop4"), "1000", distance=5.0), Reference))
     (line,) = timelines(run, rule("passes", "forall a, j. F a@j"))
     assert [word for _, word in line.changes] == ["watching", "satisfied"]
     entered = run.entry(0)
@@ -48,6 +50,6 @@ def test_a_monitor_can_be_satisfied_for_good_before_the_run_ends() -> None:
 
 
 def test_an_unknown_rule_is_refused_by_name() -> None:
-    run = simulate(Scenario("stop4", "1000", distance=1.0, duration=0.1), Reference)
+    run = simulate(Case(Scenario(find("stop4"), "1000", distance=1.0, duration=0.1), Reference))
     with pytest.raises(FormulaError, match="p99"):
         timelines(run, "p99")

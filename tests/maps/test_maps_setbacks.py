@@ -29,9 +29,9 @@ def same_verdicts(
         folder.mkdir(exist_ok=True)
         if not path.exists():
             path.write_text(opendrive(Layout(4, control, setback=setback)), encoding="utf-8")
-        scenario = rvads.Scenario("1", directions, distance=distance, speed=speed, map=str(path))
-        assert scenario.find().setbacks == pytest.approx((setback,) * 4, abs=1e-6)
-        run = rvads.simulate(scenario, rvads.Reference)
+        scenario = rvads.Scenario(rvads.find("1", str(path)), directions, distance=distance, speed=speed)
+        assert scenario.place.setbacks == pytest.approx((setback,) * 4, abs=1e-6)
+        run = rvads.simulate(rvads.Case(scenario, rvads.Reference))
         assert not run.collisions
         assert run.fault is None
         found[setback] = [rvads.check(run, rule).status for rule in rules]

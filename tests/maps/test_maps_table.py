@@ -146,10 +146,10 @@ def test_walks_follow_the_lanes(shared: Path) -> None:
     """Approaches end, and exits start, where the movements do."""
     for stem, id in (("Town07", "169"), ("Town07", "68"), ("cubetown", "12"), ("multi_intersections", "148")):
         junction = find(id, shared / "maps" / f"{stem}.xodr")
-        assert junction.geometry is not None
-        for (entrance, exit), segment in junction.geometry.movements.items():
-            assert sum((segment.points[0] - junction.geometry.approaches[entrance].points[-1]) ** 2) <= 1.0
-            assert sum((segment.points[-1] - junction.geometry.exits[exit].points[0]) ** 2) <= 1.0
+        assert junction.drivable
+        for (entrance, exit), segment in ((key, m.path) for key, m in junction.movements.items()):
+            assert sum((segment.points[0] - junction.way_in(entrance).points[-1]) ** 2) <= 1.0
+            assert sum((segment.points[-1] - junction.way_out(exit).points[0]) ** 2) <= 1.0
 
 
 @pytest.mark.parametrize("stem", ["Town01", "Town04", "Town07"])

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads.junctions.road_map import read_map
+from pytest_rvads.scenarios.case import Case
 
 sumo = pytest.importorskip("sumo")
 
@@ -53,7 +54,7 @@ def compare(path: Path, out: Path) -> tuple[int, list[tuple[object, ...]]]:
 
 @pytest.mark.parametrize("stem", STEMS)
 def test_turn_types(shared: Path, tmp_path: Path, stem: str) -> None:
-    compared, other = compare(shared / "maps" / f"{stem}.xodr", tmp_path / "net.xml")
+    compared, other = compare(Case(shared / "maps" / f"{stem}.xodr", tmp_path / "net.xml"))
     print(f"{stem}: {compared} movements, {len(other)} with another turn type {other}")  # noqa: T201
     assert compared
     # What is "partially right" to SUMO (R), because a straighter movement shares its entrance, is straight to the paper.
@@ -91,5 +92,5 @@ def test_generated_maps(tmp_path: Path, shape: tuple[str, ...], type: str, expec
     assert found == expected
     assert {report.left_hand for report in reports} == {left_hand}
     assert 'rule="' not in path.read_text(encoding="utf-8")
-    _, other = compare(path, tmp_path / "back.net.xml")
+    _, other = compare(Case(path, tmp_path / "back.net.xml"))
     assert all(row[4] in ({"L"}, {"R"}) and row[3] == "straight" for row in other), other

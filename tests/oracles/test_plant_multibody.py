@@ -58,7 +58,7 @@ def drive(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Our plant: motions (k, 6), and the brake deceleration and steering angle in force in each step (k, 2)."""
     dynamics = Dynamics(vehicle)
-    world = BulletWorld(vehicle, [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
+    world = BulletWorld([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
     motions, actuators = [], []
     for k in range(2000):
         (motion,) = world.motions()

@@ -7,10 +7,12 @@ import pytest
 
 from pytest_rvads.drivers.commands import Acceleration, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 
 def answering(answer, period: float = 0.05):
@@ -24,14 +26,14 @@ def answering(answer, period: float = 0.05):
 
 def drive(answer, directions: str = "2000", period: float = 0.05, **start) -> Run:
     start = {"distance": 40, "speed": 5, "duration": 8} | start
-    run = simulate(Scenario("stop4", directions, **start), answering(answer, period))
+    run = simulate(Case(Scenario(find("stop4"), directions, **start), answering(answer, period)))
     assert run.fault is None
     return run
 
 
 def beside(run: Run) -> float:
     """How far the rear axle ever was from the centre line that it should be on [m]."""
-    scenario = Scenario("stop4", "".join("0123"[(a.exit - a.entrance) % 4] for a in run.agents) + "000")
+    scenario = Scenario(find("stop4"), "".join("0123"[(a.exit - a.entrance) % 4] for a in run.agents) + "000")
     (itinerary,), axle = scenario.itineraries(), Vehicle().rear_axle_offset
     off = [
         itinerary.project(x - axle * math.cos(yaw), y - axle * math.sin(yaw), station - axle)[1]
@@ -136,6 +138,6 @@ POINT = Waypoint(0.0, 1.0, 1.0)
     ],
 )
 def test_commands_that_mean_nothing_are_faults(answer, says: str) -> None:
-    run = simulate(Scenario("stop4", "2000", duration=0.1), answering(answer))
+    run = simulate(Case(Scenario(find("stop4"), "2000", duration=0.1), answering(answer)))
     assert run.fault is not None
     assert run.fault.reason.endswith(f"driving a0 at 0.00 s returned {says}")

@@ -19,7 +19,7 @@ IDEAL = Vehicle(brake=(50.0, 50.0, 50.0), brake_lag=1e-6, drive_lag=1e-6, drag=1
 def drive(vehicle: Vehicle, speed: float, seconds: float, throttle: float = 0.0, brake: float = 0.0, steering: float = 0.0):
     """Motions of a vehicle at every step, the first at the origin heading east."""
     dynamics = Dynamics(vehicle)
-    world = BulletWorld(vehicle, [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
+    world = BulletWorld([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
     motions = world.motions()
     for _ in range(round(seconds / DT)):
         m = motions[-1]

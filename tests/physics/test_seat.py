@@ -10,11 +10,13 @@ import pytest
 from pytest_rvads.conduct.lane import MAX_OFFSET, itinerary, off_route
 from pytest_rvads.drivers.interface import Control, Observation, TrafficSystem
 from pytest_rvads.errors import AutopilotError, ScenarioError
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.states import Agent
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
-SCENARIO = Scenario("stop4", "1231", distance=20, duration=0.1)
+SCENARIO = Scenario(find("stop4"), "1231", distance=20, duration=0.1)
 
 
 def answering(answer, after: float = 0.03, who: str = "a1"):
@@ -39,14 +41,14 @@ def answering(answer, after: float = 0.03, who: str = "a1"):
     ],
 )
 def test_an_answer_that_is_no_control_ends_the_run(answer, words: str) -> None:
-    run = simulate(SCENARIO, answering(answer))
+    run = simulate(Case(SCENARIO, answering(answer)))
     assert run.fault is not None
     assert run.fault.agent == "a1"
     assert run.fault.time == pytest.approx(0.04)
     assert run.fault.reason.startswith(f"{answering(answer).__qualname__} driving a1 at 0.04 s ")
     assert words in run.fault.reason
     assert run.steps == 5, "the states up to there are kept"
-    assert run.meta["end"] == "fault"
+    assert run.provenance["end"] == "fault"
 
 
 @pytest.mark.parametrize(
@@ -59,7 +61,7 @@ def test_an_answer_that_is_no_control_ends_the_run(answer, words: str) -> None:
     ],
 )
 def test_numbers_of_any_kind_are_fine(answer: Control) -> None:
-    run = simulate(SCENARIO, answering(answer))
+    run = simulate(Case(SCENARIO, answering(answer)))
     assert run.fault is None
     assert ((run.controls[..., :2] >= 0) & (run.controls[..., :2] <= 1)).all()
 
@@ -71,7 +73,7 @@ def test_an_exception_becomes_a_fault_that_says_where() -> None:
                 raise ZeroDivisionError("no\nway")
             return Control()
 
-    run = simulate(SCENARIO, Broken)
+    run = simulate(Case(SCENARIO, Broken))
     assert run.fault.agent == "a2"
     assert run.fault.time == pytest.approx(0.02)
     assert f"{Broken.__qualname__} driving a2 raised ZeroDivisionError: no way ({Path(__file__).name}:" in run.fault.reason
@@ -84,8 +86,8 @@ def test_interrupts_pass() -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        simulate(SCENARIO, Interrupted)
-    assert simulate(SCENARIO, answering(Control())).fault is None, "the next run is not disturbed"
+        simulate(Case(SCENARIO, Interrupted))
+    assert simulate(Case(SCENARIO, answering(Control()))).fault is None, "the next run is not disturbed"
 
 
 def test_what_can_not_be_made_or_can_not_drive_is_a_fault_at_the_start() -> None:
@@ -93,7 +95,7 @@ def test_what_can_not_be_made_or_can_not_drive_is_a_fault_at_the_start() -> None
         raise OSError("no such model")
 
     for factory, words in ((broken, "raised OSError: no such model"), (object, "needs a method control")):
-        run = simulate(SCENARIO, factory)
+        run = simulate(Case(SCENARIO, factory))
         assert run.fault.time == 0.0
         assert run.fault.agent == "a0"
         assert words in run.fault.reason
@@ -102,7 +104,7 @@ def test_what_can_not_be_made_or_can_not_drive_is_a_fault_at_the_start() -> None
 
 def test_an_instance_is_refused() -> None:
     with pytest.raises(AutopilotError, match="pass the class, not an instance"):
-        simulate(SCENARIO, answering(Control())())
+        simulate(Case(SCENARIO, answering(Control())()))
 
 
 def test_autopilots_are_made_once_per_vehicle_in_creation_order() -> None:
@@ -119,9 +121,9 @@ def test_autopilots_are_made_once_per_vehicle_in_creation_order() -> None:
             return Control(brake=1.0)
 
     order: dict[str, int] = {}
-    run = simulate(Scenario("stop4", "1231", rotation=1, duration=0.05), functools.partial(Counted, "x"))
+    run = simulate(Case(Scenario(find("stop4"), "1231", rotation=1, duration=0.05), functools.partial(Counted, "x")))
     assert order == {"a1": 0, "a2": 1, "a3": 2, "a0": 3}
-    assert run.meta["autopilot"].endswith("Counted")
+    assert run.provenance["autopilot"].endswith("Counted")
 
 
 def test_a_period_holds_the_last_answer() -> None:
@@ -135,14 +137,14 @@ def test_a_period_holds_the_last_answer() -> None:
             self.calls += 1
             return Control(self.calls / 100)
 
-    run = simulate(SCENARIO, Slow)
+    run = simulate(Case(SCENARIO, Slow))
     assert run.controls[:10, 0, 0] == pytest.approx([0.01, 0.01, 0.01, 0.02, 0.02, 0.02, 0.03, 0.03, 0.03, 0.04])
 
 
 @pytest.mark.parametrize("period", [0.0, 0.015, -0.01, math.nan, "0.1", True])
 def test_a_period_that_does_not_fit_is_a_fault(period) -> None:
     slow = type("Slow", (), {"period": period, "control": lambda self, seen: Control()})
-    run = simulate(SCENARIO, slow)
+    run = simulate(Case(SCENARIO, slow))
     assert "its period must be a whole multiple of 0.01 s" in run.fault.reason
 
 
@@ -165,7 +167,7 @@ def test_a_traffic_system_is_made_once_and_coordinates_all() -> None:
 
             return [Member() for _ in agents]
 
-    run = simulate(Scenario("stop4", "1231", rotation=3, duration=0.02), Convoy)
+    run = simulate(Case(Scenario(find("stop4"), "1231", rotation=3, duration=0.02), Convoy))
     assert run.fault is None
     assert len(systems) == 1
     assert systems[0].agents == ["a3", "a0", "a1", "a2"]
@@ -177,7 +179,7 @@ def test_a_traffic_system_that_forgets_somebody_is_a_fault() -> None:
         def autopilots(self, agents: list[Agent]):
             return []
 
-    run = simulate(SCENARIO, Forgetful)
+    run = simulate(Case(SCENARIO, Forgetful))
     assert "returned 0 autopilots, expected one for each of 4 agents" in run.fault.reason
     assert run.fault.agent == "a0"
 
@@ -193,18 +195,18 @@ def test_the_subject_gets_the_autopilot_and_the_others_the_traffic() -> None:
     class Theirs(Mine):
         pass
 
-    run = simulate(Scenario("stop4", "1231", subject=2, duration=0.02), Mine, traffic=Theirs)
+    run = simulate(Case(Scenario(find("stop4"), "1231", subject=2, duration=0.02), Mine, traffic=Theirs))
     assert seats == {"a0": "Theirs", "a1": "Theirs", "a2": "Mine", "a3": "Theirs"}
-    assert run.meta["autopilot"].endswith("Mine")
-    assert run.meta["traffic"].endswith("Theirs")
+    assert run.provenance["autopilot"].endswith("Mine")
+    assert run.provenance["traffic"].endswith("Theirs")
 
 
 def test_subject_and_traffic_belong_together() -> None:
     drive = answering(Control())
     with pytest.raises(ScenarioError, match="pass it as traffic="):
-        simulate(Scenario("stop4", "1231", subject=2), drive)
+        simulate(Case(Scenario(find("stop4"), "1231", subject=2), drive))
     with pytest.raises(ScenarioError, match="give the scenario a subject"):
-        simulate(SCENARIO, drive, traffic=drive)
+        simulate(Case(SCENARIO, drive, traffic=drive))
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -213,8 +215,8 @@ def test_leaving_the_route_ends_the_run_and_is_driving(side: int) -> None:
         def control(self, seen: Observation) -> Control:
             return Control(1.0, 0.0, 0.3 * side)
 
-    run = simulate(Scenario("stop4", "2000", distance=60, speed=8), Lost)
-    assert (run.fault, run.meta["end"], run.facts.strayed) == (None, "route", ("a0",))
+    run = simulate(Case(Scenario(find("stop4"), "2000", distance=60, speed=8), Lost))
+    assert (run.fault, run.provenance["end"], run.facts.strayed) == (None, "route", ("a0",))
     assert run.steps > 50
     off = off_route(run, 0)
     assert off[-1]

@@ -13,10 +13,11 @@ from pytest_rvads.junctions.finder import find
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import VehicleState, Zone
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import Senses
-from pytest_rvads.simulators.bullet import simulate
 from pytest_rvads.simulators.perception import Perception, hidden
+from pytest_rvads.simulators.simulator import simulate
 
 START = {"distance": 20, "speed": 6, "subject": 0}
 
@@ -37,14 +38,14 @@ NOTES: list[list[Observation]] = []
 
 def watch(senses: Senses, directions: str = "2202", duration: float = 3.0, **start: object) -> tuple[list[Observation], Run]:
     NOTES.clear()
-    scenario = Scenario("stop4", directions, senses=senses, duration=duration, **(START | start))
-    run = simulate(scenario, Note, traffic=Reference)
+    scenario = Scenario(find("stop4"), directions, senses=senses, duration=duration, **START | start)
+    run = simulate(Case(scenario, Note, traffic=Reference))
     assert run.fault is None
     return NOTES[-1], run
 
 
 def test_nothing_changes_by_default() -> None:
-    plain, ideal = Scenario("stop4", "2202", **START), Scenario("stop4", "2202", senses=Senses(), **START)
+    plain, ideal = Scenario(find("stop4"), "2202", **START), Scenario(find("stop4"), "2202", senses=Senses(), **START)
     assert plain == ideal
     assert plain.name == ideal.name == "stop4-class00-as2202-s0-cfgd20.00v06.00"
     assert plain.record()["senses"] == {}
@@ -149,7 +150,7 @@ def test_draws_come_from_the_seed_and_the_vehicle() -> None:
     senses = Senses(position_noise=0.5, dropout=0.2, jitter=0.1)
 
     def hashes(one: Senses) -> str:
-        return simulate(Scenario("stop4", "1133", senses=one, duration=4, **START), Reference, traffic=Reference).hash
+        return simulate(Case(Scenario(find("stop4"), "1133", senses=one, duration=4, **START), Reference, traffic=Reference)).hash
 
     assert hashes(senses) == hashes(senses)
     assert hashes(senses) != hashes(replace(senses, seed=1))
@@ -171,7 +172,7 @@ class Brake:
 
 @pytest.mark.parametrize("latency", [0.0, 0.05, 0.3])
 def test_commands_take_effect_after_the_latency(latency: float) -> None:
-    run = simulate(Scenario("stop4", "2000", duration=2, speed=6, senses=Senses(latency=latency)), Brake)
+    run = simulate(Case(Scenario(find("stop4"), "2000", duration=2, speed=6, senses=Senses(latency=latency)), Brake))
     assert np.flatnonzero(run.controls[:, 0, 1])[0] == round((1.0 + latency) / DT)
 
 
@@ -186,7 +187,7 @@ def test_jitter_adds_up_to_its_bound_and_keeps_the_order() -> None:
             self.asked += 1
             return Control(throttle=self.asked / 100)
 
-    run = simulate(Scenario("stop4", "2000", duration=3, senses=Senses(latency=0.1, jitter=0.2)), Count)
+    run = simulate(Case(Scenario(find("stop4"), "2000", duration=3, senses=Senses(latency=0.1, jitter=0.2)), Count))
     steps = [int(np.flatnonzero(np.isclose(run.controls[:, 0, 0], k / 100))[0]) for k in range(1, 40) if k / 100 in run.controls]
     delays = np.array([np.flatnonzero(run.controls[:, 0, 0] >= k / 100 - 1e-9)[0] - 5 * (k - 1) for k in range(1, 50)]) * DT
     assert (np.diff(run.controls[:-1, 0, 0]) >= 0).all(), "none overtakes another"
@@ -197,16 +198,16 @@ def test_jitter_adds_up_to_its_bound_and_keeps_the_order() -> None:
 
 def test_traffic_sees_everything() -> None:
     """With a subject, only the subject is impaired."""
-    blind = Scenario("stop4", "2220", duration=15, senses=Senses(range=0.0), **START)
-    clear = Scenario("stop4", "2220", duration=15, **START)
-    one, two = (simulate(s, Note, traffic=Reference) for s in (blind, clear))
+    blind = Scenario(find("stop4"), "2220", duration=15, senses=Senses(range=0.0), **START)
+    clear = Scenario(find("stop4"), "2220", duration=15, **START)
+    one, two = (simulate(Case(s, Note, traffic=Reference)) for s in (blind, clear))
     assert np.array_equal(one.station, two.station)
 
 
 def test_labels_name_what_is_not_ideal() -> None:
     senses = Senses(delay=0.2, range=40, occlusion=True, seed=3)
     assert senses.label == "delay00.20.range40.00.occlusion.seed3"
-    scenario = Scenario("stop4", "1133", senses=senses, **START)
+    scenario = Scenario(find("stop4"), "1133", senses=senses, **START)
     assert scenario.name == "stop4-class07-as1133-s0-cfgd20.00v06.00.delay00.20.range40.00.occlusion.seed3"
     assert scenario.record()["senses"] == {"delay": 0.2, "range": 40.0, "occlusion": True, "seed": 3}
 
@@ -239,4 +240,4 @@ def test_axes_that_are_none_are_refused() -> None:
     with pytest.raises(ScenarioError, match="lists of at least one value"):
         Senses.grid({"delay": []})
     with pytest.raises(ScenarioError, match=r"senses must be rvads.Senses\(...\), got 0.2"):
-        Scenario("stop4", "1133", senses=0.2)  # type: ignore[arg-type]
+        Scenario(find("stop4"), "1133", senses=0.2)  # type: ignore[arg-type]

@@ -15,13 +15,14 @@ from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 
 def test_a_run_holds_states_of_all_agents(cruiser) -> None:
-    scenario = Scenario("stop4", "1030", distance=[20, 0, 30, 0], speed=[5, 0, 6, 0])
-    run = simulate(scenario, cruiser)
+    scenario = Scenario(find("stop4"), "1030", distance=[20, 0, 30, 0], speed=[5, 0, 6, 0])
+    run = simulate(Case(scenario, cruiser))
     assert [a.name for a in run.agents] == ["a0", "a2"]
     assert run.label == scenario.name
     assert run.zone.shape == run.station.shape == run.speed.shape == (run.steps, 2)
@@ -33,8 +34,8 @@ def test_a_run_holds_states_of_all_agents(cruiser) -> None:
 
 
 def test_zones_follow_the_station_and_none_is_skipped(cruiser) -> None:
-    run = simulate(Scenario("stop4", "1230", distance=(20, 45, 70, 20), speed=6), cruiser)
-    itineraries = Scenario("stop4", "1230").itineraries()
+    run = simulate(Case(Scenario(find("stop4"), "1230", distance=(20, 45, 70, 20), speed=6), cruiser))
+    itineraries = Scenario(find("stop4"), "1230").itineraries()
     for column, itinerary in enumerate(itineraries):
         zones = run.zone[:, column]
         assert [itinerary.zone(s) for s in run.station[:, column]] == list(zones)
@@ -43,8 +44,8 @@ def test_zones_follow_the_station_and_none_is_skipped(cruiser) -> None:
 
 
 def test_poses_are_those_of_the_front_bumper(cruiser) -> None:
-    run = simulate(Scenario("stop4", "0200", distance=20, speed=6), cruiser)
-    (itinerary,) = Scenario("stop4", "0200").itineraries()
+    run = simulate(Case(Scenario(find("stop4"), "0200", distance=20, speed=6), cruiser))
+    (itinerary,) = Scenario(find("stop4"), "0200").itineraries()
     for k in range(0, run.steps, 50):
         x, y, _ = itinerary.pose(float(run.station[k, 0]))
         # Straight on, the bumper is on the centre line.
@@ -52,29 +53,29 @@ def test_poses_are_those_of_the_front_bumper(cruiser) -> None:
 
 
 def test_the_last_state_repeats_the_controls_before_it() -> None:
-    run = simulate(Scenario("stop4", "2200", distance=(20, 10, 0, 0), speed=8, duration=3), Reference)
+    run = simulate(Case(Scenario(find("stop4"), "2200", distance=(20, 10, 0, 0), speed=8, duration=3), Reference))
     assert (run.controls[-1] == run.controls[-2]).all()
     assert (run.controls[-1] != run.controls[0]).any()
     assert (run.controls[-1, 0] != run.controls[-1, 1]).any()
 
 
 def test_speed_is_the_change_of_place(cruiser) -> None:
-    run = simulate(Scenario("stop4", "2000", distance=20, speed=6), cruiser)
+    run = simulate(Case(Scenario(find("stop4"), "2000", distance=20, speed=6), cruiser))
     assert np.diff(run.station[:, 0]) == pytest.approx(run.speed[1:, 0] * DT, abs=1e-9)
 
 
 def test_the_run_ends_when_everybody_has_left(cruiser) -> None:
-    scenario = Scenario("stop4", "2010", distance=[20, 20, 60, 20], speed=6)
-    run = simulate(scenario, cruiser)
+    scenario = Scenario(find("stop4"), "2010", distance=[20, 20, 60, 20], speed=6)
+    run = simulate(Case(scenario, cruiser))
     leave = [i.leave for i in scenario.itineraries()]
-    assert run.meta["end"] == "left"
+    assert run.provenance["end"] == "left"
     assert (run.station[-1] >= leave).all()
     assert not (run.station[-2] >= leave).all()
 
 
 def test_the_run_ends_at_its_duration(stander) -> None:
-    run = simulate(Scenario("stop4", "1111", duration=0.5), stander)
-    assert run.meta["end"] == "duration"
+    run = simulate(Case(Scenario(find("stop4"), "1111", duration=0.5), stander))
+    assert run.provenance["end"] == "duration"
     assert run.steps == 51
     assert run.duration == pytest.approx(0.5)
 
@@ -87,7 +88,7 @@ def test_who_is_gone_leaves_the_world_and_nobody_sees_it_any_more(cruiser) -> No
             seen_by.setdefault(seen.me.name, []).append([o.name for o in seen.others])
             return 14.0 if seen.me.entrance == 0 else 1.0
 
-    run = simulate(Scenario("stop4", "2200", distance=5, speed=1, duration=20), Witness)
+    run = simulate(Case(Scenario(find("stop4"), "2200", distance=5, speed=1, duration=20), Witness))
     assert run.zone[-1, 0] == Zone.GONE
     gone = int(np.flatnonzero(run.zone[:, 0] == Zone.GONE)[0])
     assert seen_by["a1"][gone - 1] == ["a0"]
@@ -104,7 +105,7 @@ def test_everybody_decides_on_the_same_state() -> None:
             states.append((seen.time, {s.name: s for s in (seen.me, *seen.others)}))
             return Control(0.3)
 
-    simulate(Scenario("stop4", "1111", duration=0.2), Recorder)
+    simulate(Case(Scenario(find("stop4"), "1111", duration=0.2), Recorder))
     for k in range(0, len(states), 4):
         assert states[k] == states[k + 1] == states[k + 2] == states[k + 3]
     assert [t for t, _ in states[::4]] == pytest.approx([k * DT for k in range(20)])
@@ -118,7 +119,7 @@ def test_others_come_in_creation_order(stander) -> None:
             order.append((seen.me.name, [o.name for o in seen.others]))
             return Control(brake=1.0)
 
-    simulate(Scenario("stop4", "1231", rotation=2, duration=DT), Named)
+    simulate(Case(Scenario(find("stop4"), "1231", rotation=2, duration=DT), Named))
     assert order == [
         ("a2", ["a3", "a0", "a1"]),
         ("a3", ["a2", "a0", "a1"]),
@@ -136,7 +137,7 @@ def test_observations_tell_what_the_scenario_fixes(stander) -> None:
             return Control(brake=1.0)
 
     vehicle = Vehicle(mass=1200.0)
-    simulate(Scenario("light4", "1000", aggression=3, wait=2.5, duration=DT), Curious, vehicle=vehicle)
+    simulate(Case(Scenario(find("light4"), "1000", aggression=3, wait=2.5, duration=DT), Curious, fleet=Fleet(vehicle)))
     (view,) = views
     assert (view.aggression, view.wait, view.vehicle, view.junction) == (3, 2.5, vehicle, find("light4"))
     assert view.lights == (Colour.GREEN, Colour.RED, Colour.GREEN, Colour.RED)
@@ -145,8 +146,8 @@ def test_observations_tell_what_the_scenario_fixes(stander) -> None:
 
 
 def test_lights_change_on_their_tick_and_swap_for_odd_rotations(stander) -> None:
-    run = simulate(Scenario("light4", "1111", duration=20.5), stander)
-    turned = simulate(Scenario("light4", "1111", rotation=1, duration=1), stander)
+    run = simulate(Case(Scenario(find("light4"), "1111", duration=20.5), stander))
+    turned = simulate(Case(Scenario(find("light4"), "1111", rotation=1, duration=1), stander))
     changes = {int(k) + 1: list(run.lights[k + 1]) for k in np.flatnonzero(np.diff(run.lights, axis=0).any(axis=1))}
     green, yellow, red = Colour.GREEN, Colour.YELLOW, Colour.RED
     assert changes == {1500: [yellow, red] * 2, 1800: [red, red] * 2, 2000: [red, green] * 2}
@@ -155,13 +156,13 @@ def test_lights_change_on_their_tick_and_swap_for_odd_rotations(stander) -> None
 
 @pytest.mark.parametrize("aggression", [1, 2, 3])
 def test_aggression_selects_the_brake(stander, aggression: int) -> None:
-    run = simulate(Scenario("stop4", "2000", distance=60, speed=10, aggression=aggression, duration=1), stander)
+    run = simulate(Case(Scenario(find("stop4"), "2000", distance=60, speed=10, aggression=aggression, duration=1), stander))
     slowest = -np.diff(run.speed[:, 0]).min() / DT
     assert slowest == pytest.approx(Vehicle().brake[aggression - 1] + 0.12, abs=0.05)
 
 
 def test_a_standing_vehicle_stands_exactly(stander) -> None:
-    run = simulate(Scenario("stop4", "1231", distance=0.01), stander)
+    run = simulate(Case(Scenario(find("stop4"), "1231", distance=0.01), stander))
     assert run.duration == 60.0
     assert (run.station == run.station[0]).all()
     assert (run.pose == run.pose[0]).all()
@@ -173,7 +174,7 @@ def test_collisions_come_with_time_pair_and_speed(cruiser) -> None:
         def target_speed(self, seen: Observation) -> float:
             return 8.0
 
-    run = simulate(Scenario("stop4", "2222", distance=20, speed=8, duration=8), Blind)
+    run = simulate(Case(Scenario(find("stop4"), "2222", distance=20, speed=8, duration=8), Blind))
     first = run.collisions[0]
     assert len({c.agents for c in run.collisions}) == len(run.collisions)
     k = round(first.time / DT)
@@ -191,8 +192,8 @@ def test_an_impact_ends_the_run(cruiser) -> None:
         def towards(self, seen: Observation, target: float) -> float:
             return 3.0
 
-    run = simulate(Scenario("stop4", "2222", distance=[60, 60.5, 61, 61.5], speed=11, duration=20), Fast)
-    assert (run.fault, run.meta["end"], run.facts.strayed) == (None, "collision", ())
+    run = simulate(Case(Scenario(find("stop4"), "2222", distance=[60, 60.5, 61, 61.5], speed=11, duration=20), Fast))
+    assert (run.fault, run.provenance["end"], run.facts.strayed) == (None, "collision", ())
     assert [c.time for c in run.collisions] == pytest.approx([run.duration - DT] * len(run.collisions)), (
         "what follows is no driving"
     )
@@ -201,18 +202,21 @@ def test_an_impact_ends_the_run(cruiser) -> None:
 def test_vehicles_that_start_inside_each_other_are_refused(stander) -> None:
     # At the vertices neighbours are 16.6 m apart in either direction.
     with pytest.raises(ScenarioError, match="a0 and a1 start inside each other in stop4-class00-as1100"):
-        simulate(Scenario("stop4", "1100", distance=0), stander, vehicle=Vehicle(width=36.0))
-    assert simulate(Scenario("stop4", "1100", distance=0, duration=DT), stander, vehicle=Vehicle(width=12.0)).fault is None
+        simulate(Case(Scenario(find("stop4"), "1100", distance=0), stander, fleet=Fleet(Vehicle(width=36.0))))
+    assert (
+        simulate(Case(Scenario(find("stop4"), "1100", distance=0, duration=DT), stander, fleet=Fleet(Vehicle(width=12.0)))).fault
+        is None
+    )
 
 
 def test_a_start_beyond_the_approach_is_refused(stander) -> None:
     with pytest.raises(ScenarioError, match=r"distance 130 m does not fit on entrance 0 .* its approach is 120\.0 m long"):
-        simulate(Scenario("stop4", "1111", distance=130), stander)
+        simulate(Case(Scenario(find("stop4"), "1111", distance=130), stander))
 
 
 def test_meta_is_made_of_builtins(stander) -> None:
-    scenario = Scenario("stop4", "1111", duration=DT)
-    meta = simulate(scenario, stander).meta
+    scenario = Scenario(find("stop4"), "1111", duration=DT)
+    meta = simulate(Case(scenario, stander)).provenance
     assert json.loads(json.dumps(meta)) == json.loads(json.dumps(dict(meta)))
     assert meta["scenario"] == scenario.record()
     assert meta["autopilot"].endswith("Stander")
@@ -220,54 +224,54 @@ def test_meta_is_made_of_builtins(stander) -> None:
 
 
 SCENARIOS = [
-    Scenario("stop4", "1133", distance=20, speed=10, duration=12),
-    Scenario("stop4", "3333", distance=0.3, duration=12),
-    Scenario("light4", "3232", distance=20, duration=12, rotation=1),
+    Scenario(find("stop4"), "1133", distance=20, speed=10, duration=12),
+    Scenario(find("stop4"), "3333", distance=0.3, duration=12),
+    Scenario(find("light4"), "3232", distance=20, duration=12, rotation=1),
 ]
 """Some runs; also made by the process below."""
 
 CODE = """
-from pytest_rvads import Reference, Scenario, simulate
+from pytest_rvads import Case, Reference, Scenario, find, simulate
 for scenario in reversed([
-    Scenario("stop4", "1133", distance=20, speed=10, duration=12),
-    Scenario("stop4", "3333", distance=0.3, duration=12),
-    Scenario("light4", "3232", distance=20, duration=12, rotation=1),
+    Scenario(find("stop4"), "1133", distance=20, speed=10, duration=12),
+    Scenario(find("stop4"), "3333", distance=0.3, duration=12),
+    Scenario(find("light4"), "3232", distance=20, duration=12, rotation=1),
 ]):
-    print(simulate(scenario, Reference).hash)
+    print(simulate(Case(scenario, Reference)).hash)
 """
 
 
 def test_runs_are_bit_identical_in_any_order_and_any_process(cruiser) -> None:
-    first = [simulate(s, Reference).hash for s in SCENARIOS]
-    simulate(Scenario("stop3", "121", distance=5, duration=3), cruiser)
-    again = [simulate(s, Reference).hash for s in reversed(SCENARIOS)][::-1]
+    first = [simulate(Case(s, Reference)).hash for s in SCENARIOS]
+    simulate(Case(Scenario(find("stop3"), "121", distance=5, duration=3), cruiser))
+    again = [simulate(Case(s, Reference)).hash for s in reversed(SCENARIOS)][::-1]
     other = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, check=True).stdout.split()[::-1]
     assert first == again == other
     assert len(set(first)) == 3
 
 
 def test_a_run_within_a_run_changes_neither(cruiser) -> None:
-    inner = Scenario("stop4", "1000", distance=5, speed=3, duration=1)
+    inner = Scenario(find("stop4"), "1000", distance=5, speed=3, duration=1)
     hashes = []
 
     class Planner(cruiser):
         def target_speed(self, seen: Observation) -> float:
             if round(seen.time / DT) == 50:
-                hashes.append(simulate(inner, cruiser).hash)
+                hashes.append(simulate(Case(inner, cruiser)).hash)
             return 6.0
 
-    outer = Scenario("stop4", "2000", distance=20, speed=6, duration=2)
-    planned = simulate(outer, Planner)
-    assert planned.hash == simulate(outer, cruiser).hash
-    assert hashes == [simulate(inner, cruiser).hash]
+    outer = Scenario(find("stop4"), "2000", distance=20, speed=6, duration=2)
+    planned = simulate(Case(outer, Planner))
+    assert planned.hash == simulate(Case(outer, cruiser)).hash
+    assert hashes == [simulate(Case(inner, cruiser)).hash]
 
 
 def test_memory_stays_flat(stander) -> None:
     resource = pytest.importorskip("resource")
-    scenario = Scenario("stop4", "1231", duration=0.05)
+    scenario = Scenario(find("stop4"), "1231", duration=0.05)
     for _ in range(300):
-        simulate(scenario, stander)
+        simulate(Case(scenario, stander))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for _ in range(700):
-        simulate(scenario, stander)
+        simulate(Case(scenario, stander))
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2048, "kilobytes over 700 runs"

@@ -18,7 +18,7 @@ def at(x: float, y: float = 0.0, vx: float = 0.0, yaw: float = 0.0) -> Motion:
 
 
 def test_free_bodies_neither_slow_down_nor_fall() -> None:
-    world = BulletWorld(CAR, [at(0, 0, 10.0), at(0, 50, 3.0, yaw=1.0)])
+    world = BulletWorld([CAR] * 2, [at(0, 0, 10.0), at(0, 50, 3.0, yaw=1.0)])
     for _ in range(1000):
         world.step([0.0] * 6)
     one, two = world.motions()
@@ -28,7 +28,7 @@ def test_free_bodies_neither_slow_down_nor_fall() -> None:
 
 
 def test_forces_accelerate_by_mass_and_moments_by_inertia() -> None:
-    world = BulletWorld(CAR, [at(0, 0), at(0, 50)])
+    world = BulletWorld([CAR] * 2, [at(0, 0), at(0, 50)])
     for _ in range(100):
         world.step([0.0, CAR.mass, 0.0, 0.0, 0.0, CAR.yaw_inertia])
     pushed, turned = world.motions()
@@ -41,7 +41,7 @@ def test_forces_accelerate_by_mass_and_moments_by_inertia() -> None:
 
 def test_a_rear_end_hit_is_seen_when_it_happens_and_keeps_momentum() -> None:
     gap = 7.03
-    world = BulletWorld(CAR, [at(0, 0, 10.0), at(gap + CAR.length)])
+    world = BulletWorld([CAR] * 2, [at(0, 0, 10.0), at(gap + CAR.length)])
     step, touched = 0, []
     while not touched:
         before = world.motions()
@@ -57,7 +57,7 @@ def test_a_rear_end_hit_is_seen_when_it_happens_and_keeps_momentum() -> None:
 
 
 def test_of_four_bodies_those_that_touch_are_named() -> None:
-    world = BulletWorld(CAR, [at(0, 0), at(0, 50), at(0, 100), at(1.0, 51.0)])
+    world = BulletWorld([CAR] * 4, [at(0, 0), at(0, 50), at(0, 100), at(1.0, 51.0)])
     world.step([0.0] * 12)
     touched = world.contacts()
     world.close()
@@ -68,18 +68,18 @@ def test_the_body_reaches_from_the_front_bumper_backwards() -> None:
     reach = CAR.gravity_offset
     for gap, expected in ((0.01, []), (-0.01, [(0, 1)])):
         # Nose to nose: the reference points are `gap` apart.
-        world = BulletWorld(CAR, [at(-reach), Motion(gap + reach, 0.0, 3.141592653589793, 0.0, 0.0, 0.0)])
+        world = BulletWorld([CAR] * 2, [at(-reach), Motion(gap + reach, 0.0, 3.141592653589793, 0.0, 0.0, 0.0)])
         assert world.contacts() == expected
         world.close()
     back = CAR.length - reach
     for gap, expected in ((0.01, []), (-0.01, [(0, 1)])):
-        world = BulletWorld(CAR, [at(back), Motion(-gap - back, 0.0, 3.141592653589793, 0.0, 0.0, 0.0)])
+        world = BulletWorld([CAR] * 2, [at(back), Motion(-gap - back, 0.0, 3.141592653589793, 0.0, 0.0, 0.0)])
         assert world.contacts() == expected
         world.close()
 
 
 def test_a_removed_body_touches_nothing_and_stands() -> None:
-    world = BulletWorld(CAR, [at(0, 0, 10.0), at(10)])
+    world = BulletWorld([CAR] * 2, [at(0, 0, 10.0), at(10)])
     world.remove(1)
     for _ in range(200):
         world.step([0.0] * 6)
@@ -91,8 +91,8 @@ def test_a_removed_body_touches_nothing_and_stands() -> None:
 
 
 def test_worlds_may_be_open_side_by_side() -> None:
-    one = BulletWorld(CAR, [at(0, 0, 1.0)])
-    two = BulletWorld(CAR, [at(0, 0, 2.0)])
+    one = BulletWorld([CAR], [at(0, 0, 1.0)])
+    two = BulletWorld([CAR], [at(0, 0, 2.0)])
     for _ in range(100):
         one.step([0.0] * 3)
         two.step([0.0] * 3)
@@ -102,7 +102,7 @@ def test_worlds_may_be_open_side_by_side() -> None:
 
 
 def test_a_closed_world_says_so() -> None:
-    world = BulletWorld(CAR, [at(0)])
+    world = BulletWorld([CAR], [at(0)])
     world.close()
     with pytest.raises(RunError, match="closed"):
         world.motions()
@@ -114,7 +114,7 @@ def test_pybullet_is_imported_late_and_in_silence() -> None:
         "from pytest_rvads.physics.world import BulletWorld, Motion\n"
         "from pytest_rvads.runs.vehicle import Vehicle\n"
         "print('pybullet' in sys.modules)\n"
-        "BulletWorld(Vehicle(), [Motion(0, 0, 0, 0, 0, 0)]).close()\n"
+        "BulletWorld([Vehicle()], [Motion(0, 0, 0, 0, 0, 0)]).close()\n"
         "print('after', file=sys.stderr)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

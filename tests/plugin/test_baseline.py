@@ -6,10 +6,12 @@ import pytest
 
 from pytest_rvads.cli import main
 from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.judging.check import check
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.session.comparing import explain
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 CONFTEST = """
     import pytest
@@ -190,7 +192,8 @@ def test_comparing_runs_and_verdicts(pytester: pytest.Pytester) -> None:
 
         @pytest.fixture(scope="module")
         def run():
-            return rvads.simulate(rvads.Scenario("stop4", "1133", distance=0.3, duration=1.0), rvads.Reference)
+            case = rvads.Case(rvads.Scenario(rvads.find("stop4"), "1133", distance=0.3, duration=1.0), rvads.Reference)
+            return rvads.simulate(case)
 
         def test_differ(run):
             speed = run.speed.copy()
@@ -223,7 +226,7 @@ def test_comparing_runs_and_verdicts(pytester: pytest.Pytester) -> None:
 
 
 def test_only_two_runs_or_two_verdicts_are_compared_in_words() -> None:
-    run = simulate(Scenario("stop4", "1133", distance=0.3, duration=0.1), Reference)
+    run = simulate(Case(Scenario(find("stop4"), "1133", distance=0.3, duration=0.1), Reference))
     verdict = check(run, "p4")
     assert explain("==", verdict, check(run, "p3")) is not None
     assert explain("==", run, run) is not None

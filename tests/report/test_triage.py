@@ -26,7 +26,7 @@ def failures(mutant: str, junction: str, letters: str, classes: Sequence[int]) -
     found: Runs = {}
     points = grid(letters, place.ways, place.control)
     for scenario in Selection.of(junction, None, place.ways, points, classes=tuple(classes), duration=40.0):
-        run = rvads.simulate(scenario, MUTANTS[mutant])
+        run = rvads.simulate(rvads.Case(scenario, MUTANTS[mutant]))
         records = found[scenario.name] = []
         for rule in rules_for(("paper", "road"), place.control):
             verdict = rvads.check(run, rule)

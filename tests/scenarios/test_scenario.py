@@ -8,13 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.errors import MapError, ScenarioError
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.scenarios.scenario import Scenario
 
 
 def test_the_name_is_the_one_of_the_architecture() -> None:
     # `stop4-class07-as3113-cfgD.r1` stands in ARCHITECTURE.md as the row 1 of class 7.
-    made = Scenario("stop4", "1133", distance=20, speed=10, configuration="D", rotation=1)
+    made = Scenario(find("stop4"), "1133", distance=20, speed=10, configuration="D", rotation=1)
     assert made.name == "stop4-class07-as3113-cfgD.r1"
 
 
@@ -22,8 +23,8 @@ def test_the_name_is_the_one_of_the_architecture() -> None:
 @settings(derandomize=True)
 def test_everything_rotates_together(directions: list[int], row: int) -> None:
     distances, speeds = (1.0, 2.0, 3.0, 4.0), (0.1, 0.2, 0.3, 0.4)
-    still = Scenario("light4", directions, distance=distances, speed=speeds)
-    turned = Scenario("light4", directions, distance=distances, speed=speeds, rotation=row)
+    still = Scenario(find("light4"), directions, distance=distances, speed=speeds)
+    turned = Scenario(find("light4"), directions, distance=distances, speed=speeds, rotation=row)
     for entrance in range(4):
         moved = (entrance + row) % 4
         assert turned.placed[moved] == still.placed[entrance]
@@ -34,7 +35,7 @@ def test_everything_rotates_together(directions: list[int], row: int) -> None:
 
 
 def test_agents_leave_by_the_exit_of_their_direction() -> None:
-    agents = Scenario("stop4", "1203").agents()
+    agents = Scenario(find("stop4"), "1203").agents()
     assert [(a.name, a.entrance, a.exit, a.turn.value) for a in agents] == [
         ("a0", 0, 1, "right"),
         ("a1", 1, 3, "straight"),
@@ -43,9 +44,9 @@ def test_agents_leave_by_the_exit_of_their_direction() -> None:
 
 
 def test_equal_scenarios_are_equal_and_hashable() -> None:
-    one, two = Scenario("stop4", "1133", distance=5), Scenario("stop4", (1, 1, 3, 3), distance=(5, 5, 5, 5))
+    one, two = Scenario(find("stop4"), "1133", distance=5), Scenario(find("stop4"), (1, 1, 3, 3), distance=(5, 5, 5, 5))
     assert one == two
-    assert len({one, two, Scenario("stop4", "1133", distance=6)}) == 2
+    assert len({one, two, Scenario(find("stop4"), "1133", distance=6)}) == 2
     assert one.record()["distances"] == (5.0, 5.0, 5.0, 5.0)
 
 
@@ -63,23 +64,23 @@ def test_equal_scenarios_are_equal_and_hashable() -> None:
 )
 def test_wrong_values_are_named(change: dict[str, Any], says: str) -> None:
     with pytest.raises(ScenarioError, match=says):
-        Scenario("stop4", "1133", **change)
+        Scenario(find("stop4"), "1133", **change)
 
 
 def test_a_subject_needs_a_vehicle() -> None:
-    assert Scenario("stop4", "1030", subject=2).name == "stop4-class00-as1030-s2-cfgd20.00v00.00"
+    assert Scenario(find("stop4"), "1030", subject=2).name == "stop4-class00-as1030-s2-cfgd20.00v00.00"
     with pytest.raises(ScenarioError, match="occupied entrance"):
-        Scenario("stop4", "1030", subject=1)
+        Scenario(find("stop4"), "1030", subject=1)
 
 
 def test_junction_and_directions_have_to_agree() -> None:
     with pytest.raises(ScenarioError, match="describe 3 entrances, junction 'stop4' has 4"):
-        Scenario("stop4", "112").find()
+        Scenario(find("stop4"), "112").find()
     with pytest.raises(MapError, match="unknown junction"):
-        Scenario("stop9", "1111").find()
+        Scenario(find("stop9"), "1111").find()
 
 
 def test_a_start_beyond_the_approach_is_refused_where_a_vehicle_stands() -> None:
-    Scenario("stop4", "0111", distance=(500, 20, 20, 20)).fit()
+    Scenario(find("stop4"), "0111", distance=(500, 20, 20, 20)).fit()
     with pytest.raises(ScenarioError, match="distance 500 m does not fit on entrance 1"):
-        Scenario("stop4", "1111", distance=(500, 20, 20, 20), rotation=1).fit()
+        Scenario(find("stop4"), "1111", distance=(500, 20, 20, 20), rotation=1).fit()

@@ -8,4 +8,4 @@ import pytest_rvads as rvads
 @lru_cache(maxsize=256)
 def simulated(scenario: rvads.Scenario, autopilot):
     """Simulate once per process."""
-    return rvads.simulate(scenario, autopilot)
+    return rvads.simulate(rvads.Case(scenario, autopilot))

@@ -20,8 +20,8 @@ PAPER = rules_for("paper")
 
 
 def model(junction, directions, arrivals):
-    scenario = rvads.Scenario(junction, directions)
-    return Model(scenario.find(), scenario.agents(), arrivals)
+    scenario = rvads.Scenario(rvads.find(junction), directions)
+    return Model(scenario.place, scenario.agents(), arrivals)
 
 
 def drawn(found, configurations):
@@ -84,7 +84,7 @@ def agrees(run, rules):
 def test_simulation_agrees_where_nobody_can_pass(autopilot):
     rules = rules_for("paper", rvads.find("stop4").control)
     for code in ((1, 1, 3, 3), (2, 2, 2, 2)):
-        run = rvads.simulate(rvads.Scenario("stop4", code, distance=20), autopilot)
+        run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), code, distance=20), autopilot))
         assert len(set(arrivals(run))) == 1
         assert not decide(Model(run.junction, run.agents, arrivals(run)), rules).possible
         assert rvads.check(run, "p2").status in (rvads.Status.FAIL, rvads.Status.OPEN)
@@ -98,7 +98,7 @@ def test_simulation_agrees_on_every_class(autopilot):
     for junction, code in product(("stop4", "light4"), classes(4)):
         rules = rules_for("paper", rvads.find(junction).control)
         for distance in (20, (0.3, 0.3, 20, 20), (2, 4, 6, 8), (20, 10, 20, 10)):
-            run = rvads.simulate(rvads.Scenario(junction, code, distance=distance), autopilot)
+            run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find(junction), code, distance=distance), autopilot))
             assert agrees(run, rules)
             impossible += not decide(Model(run.junction, run.agents, arrivals(run)), rules).possible
     assert impossible >= 24
@@ -107,11 +107,11 @@ def test_simulation_agrees_on_every_class(autopilot):
 @pytest.mark.slow
 def test_all_scenarios_and_orders_of_an_x():
     """The p2 cycle, and nothing else; 6075 pairs at each kind of junction."""
-    found = survey("stop4", PAPER)
+    found = survey(rvads.find("stop4"), PAPER)
     assert (found.scenarios, found.orders) == (81, 75)
     assert {(c.arrivals, c.rules) for c in found.contradictions} == {((0.0, 0.0, 0.0, 0.0), ("p2",))}
     assert len(found.contradictions) == 81
-    assert survey("light4", PAPER).contradictions == ()
+    assert survey(rvads.find("light4"), PAPER).contradictions == ()
 
 
 def test_a_whole_rulebook_is_decided():
@@ -138,7 +138,7 @@ def test_what_suits_every_rule_in_one_way_changes_no_answer(monkeypatch):
 def test_members_of_a_class_are_alike_without_using_it():
     """The survey decides one member per rotation; deciding each anew gives the same."""
     rules = [get_rule("p2"), Rule("left", get_rule("p2").text.replace("(N a'@j.en') U a@j", "(N a@j.en) U a'@j"))]
-    found = survey("stop4", rules, scenarios=members((1, 1, 2, 3)))
+    found = survey(rvads.find("stop4"), rules, scenarios=members((1, 1, 2, 3)))
     known = {(c.directions, c.arrivals) for c in found.contradictions}
     for code in members((1, 1, 2, 3)):
         for ranks in list(weak_orders(4))[::5]:
@@ -202,7 +202,7 @@ def test_command_line_misused(arguments, says, capsys):
 
 def test_whoever_has_to_stop_is_still_there_when_the_next_one_comes() -> None:
     """Four that come within half a second: only who could get in before the others came would not have to wait for anybody."""
-    place, agents = rvads.find("stop4"), rvads.Scenario("stop4", "2222").agents()
+    place, agents = rvads.find("stop4"), rvads.Scenario(rvads.find("stop4"), "2222").agents()
     rules = rules_for("road", place.control)
     arrivals = (0.0, 0.3, 0.3, 0.3)
     assert decide(Model(place, agents, arrivals), rules).possible

@@ -30,7 +30,7 @@ def test_ignored_ties_are_found_with_two_vehicles_every_time_alike():
     assert vehicles(one) == 2
     assert one.scenario == other.scenario
     assert (one.found, one.simulations) == (other.found, other.simulations)
-    run = rvads.simulate(one.scenario, lgsvl("i3"))
+    run = rvads.simulate(rvads.Case(one.scenario, lgsvl("i3")))
     assert rvads.check(run, "p2").status is rvads.Status.FAIL
 
 
@@ -39,10 +39,10 @@ def test_the_reference_survives():
 
 
 def test_what_nobody_could_have_avoided_is_no_counterexample():
-    four = rvads.simulate(rvads.Scenario("stop4", "1111"), rvads.Reference)
+    four = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1111"), rvads.Reference))
     assert rvads.check(four, "p2").status is rvads.Status.FAIL
     assert not avoidable(four, get_rule("p2"))
-    two = rvads.simulate(rvads.Scenario("paper_stop4", "2200"), lgsvl("i3"))
+    two = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("paper_stop4"), "2200"), lgsvl("i3")))
     assert rvads.check(two, "p2").status is rvads.Status.FAIL
     assert avoidable(two, get_rule("p2"))
 
@@ -57,7 +57,7 @@ def test_faults_are_reported_with_the_scenario():
 
 
 def test_the_pasteable_test_names_all_that_is_not_usual():
-    scenario = rvads.Scenario("light4", "0110", distance=(20, 3.5, 5, 20), speed=(0, 0, 1.25, 0), wait=2.5)
+    scenario = rvads.Scenario(rvads.find("light4"), "0110", distance=(20, 3.5, 5, 20), speed=(0, 0, 1.25, 0), wait=2.5)
     text = pasteable(scenario, "p5")
     assert (
         "@rvads.scenario('light4', scenarios='0110', distances=(20, 3.5, 5, 20), speeds=(0, 0, 1.25, 0), rules='p5', wait=2.5)"

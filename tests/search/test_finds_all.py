@@ -28,7 +28,7 @@ def test_each_deficiency_alone_is_found_with_two_vehicles(deficiency):
     found = search(partial(rvads.LgsvlLike, **(NONE | {deficiency: True})), deficiency)
     assert found is not None
     assert sum(map(bool, found.scenario.directions)) <= 2
-    without = rvads.simulate(found.scenario, partial(rvads.LgsvlLike, **NONE))
+    without = rvads.simulate(rvads.Case(found.scenario, partial(rvads.LgsvlLike, **NONE)))
     assert rvads.check(without, SEARCHES[deficiency][1]).status in (rvads.Status.PASS, rvads.Status.NA)
 
 

@@ -40,9 +40,11 @@ def test_random_speeds_stay_inside_the_braking_envelope():
 
 
 def test_ties_detect_i3_and_nothing_else():
-    tied = rvads.Scenario("paper_stop4", "2200")
-    assert detects(("I3", tied))
-    assert not detects(("I1", tied))
+    tied = rvads.Scenario(rvads.find("paper_stop4"), "2200")
+    assert detects(("I3", tied, None))
+    assert not detects(("I1", tied, None))
+    among = tied.but(subject=tied.creation[0])
+    assert detects(("I3", among, "reference")), "the first one created ignores who is on its right"
 
 
 def test_the_race_counts_up_to_the_first_that_detects(monkeypatch):

@@ -18,30 +18,30 @@ class Tired(rvads.Reference):
 
 
 def test_the_reference_is_rational_and_determinate():
-    rvads.rational(rvads.Scenario("stop4", "2200", distance=5), rvads.Reference, farther=(5,))
-    rvads.determinate(rvads.Scenario("stop4", "1300", distance=(20, 12, 20, 20)), rvads.Reference, at=2.0)
+    rvads.rational(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2200", distance=5), rvads.Reference), farther=(5,))
+    rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1300", distance=(20, 12, 20, 20)), rvads.Reference), at=2.0)
 
 
 def test_who_tires_on_the_way_is_not_rational():
     with pytest.raises(rvads.MetamorphicViolation, match="20 m farther away: turns p1 from PASS into FAIL") as caught:
-        rvads.rational(rvads.Scenario("stop4", "2020", distance=1), Tired, "p1", farther=(20,))
+        rvads.rational(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2020", distance=1), Tired), "p1", farther=(20,))
     assert "20 m farther away" in caught.value.__notes__[0]
 
 
 def test_who_counts_from_the_start_is_not_determinate():
     with pytest.raises(rvads.MetamorphicViolation, match="restarted at 4 s"):
-        rvads.determinate(rvads.Scenario("stop4", "2020"), Tired, "p1", at=4.0)
+        rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2020"), Tired), "p1", at=4.0)
 
 
 def test_what_can_t_be_asked_is_refused():
     with pytest.raises(rvads.ScenarioError, match="no rule passes in"):
-        rvads.rational(rvads.Scenario("stop4", "2000"), rvads.Reference)
+        rvads.rational(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000"), rvads.Reference))
     with pytest.raises(rvads.ScenarioError, match="its lights would start anew"):
-        rvads.determinate(rvads.Scenario("light4", "2200"), rvads.Reference)
+        rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("light4"), "2200"), rvads.Reference))
     with pytest.raises(rvads.ScenarioError, match="past the stopping line at 9 s"):
-        rvads.determinate(rvads.Scenario("stop4", "2200"), rvads.Reference, at=9.0)
+        rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2200"), rvads.Reference), at=9.0)
     with pytest.raises(rvads.ScenarioError, match="can't be restarted at 1000"):
-        rvads.determinate(rvads.Scenario("stop4", "2200"), rvads.Reference, at=1000)
+        rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2200"), rvads.Reference), at=1000)
 
 
 def test_bisection_finds_the_edges_of_an_interval():
@@ -63,8 +63,8 @@ def test_a_range_of_one_draw():
 
 
 def test_right_on_red_after_a_timer_fails_for_some_draws():
-    scenario = rvads.Scenario("paper_light4", "1100", distance=(2, 1, 20, 20))
-    found = rvads.sweep(scenario, partial(rvads.LgsvlLike, **(NONE | {"i4": True})), "p5", 0, 1, step=0.5)
+    scenario = rvads.Scenario(rvads.find("paper_light4"), "1100", distance=(2, 1, 20, 20))
+    found = rvads.sweep(rvads.Case(scenario, partial(rvads.LgsvlLike, **(NONE | {"i4": True}))), "p5", 0, 1, step=0.5)
     first, second = found.intervals
     assert (first.status, second.status) == (rvads.Status.FAIL, rvads.Status.PASS)
     assert found.status is rvads.Status.FAIL
@@ -73,7 +73,7 @@ def test_right_on_red_after_a_timer_fails_for_some_draws():
         found.check()
     # The edge is where it is said to be.
     for wait, status in ((first.high, rvads.Status.FAIL), (second.low, rvads.Status.PASS)):
-        once = rvads.sweep(scenario, partial(rvads.LgsvlLike, **(NONE | {"i4": True})), "p5", wait, wait)
+        once = rvads.sweep(rvads.Case(scenario, partial(rvads.LgsvlLike, **(NONE | {"i4": True}))), "p5", wait, wait)
         assert once.status is status
     assert second.low - first.high == pytest.approx(0.01)
 

@@ -14,11 +14,11 @@ from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.judging.check import check
-from pytest_rvads.maps.segment import Turn
-from pytest_rvads.runs.run import Facts, Run
+from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 Make = Callable[..., Run]
 Box = tuple[float, float, float, float, float]
@@ -28,11 +28,10 @@ Box = tuple[float, float, float, float, float]
 def placed(*boxes: Box, **facts: object) -> Run:
     """A run of one state with these bodies, recorded without collisions."""
     place = find("stop4")
-    agents = tuple(Agent(f"a{k}", k, (k + 2) % 4, Turn.STRAIGHT) for k in range(len(boxes)))
+    agents = tuple(Agent(f"a{k}", place.movements[k, (k + 2) % 4], size=box[3:]) for k, box in enumerate(boxes))
     pose = np.array([[box[:3] for box in boxes]])
     zone = np.full((1, len(boxes)), Zone.APPROACH, dtype=np.int8)
-    sizes = tuple((box[3], box[4]) for box in boxes)
-    return Run("placed", place, agents, zone, np.zeros((1, 4), dtype=np.int8), pose=pose, facts=Facts(sizes=sizes))
+    return Run("placed", place, agents, zone, np.zeros((1, 4), dtype=np.int8), pose=pose)
 
 
 def inside(point: np.ndarray, box: Box) -> bool:
@@ -80,7 +79,7 @@ def test_two_recorded_bodies_in_one_place_collide(drive: Make) -> None:
     assert (check(apart, "no_collision").status, contacts(apart)) == ("PASS", ())
     assert check(replace(apart, pose=None), "no_collision").reason == "not recorded: the run holds no positions"
     with pytest.raises(RunError, match="no size"):
-        contacts(replace(apart, facts=Facts()))
+        contacts(replace(apart, agents=tuple(replace(agent, size=None) for agent in apart.agents)))
 
 
 @pytest.mark.parametrize(("tick", "hit"), [(0, 0), (30, 30), (49, 49), (50, 49)])
@@ -108,7 +107,7 @@ class Blind(Follower):
 
 @pytest.mark.parametrize("code", ["2222", "2200", "2030", "1301"])
 def test_the_engine_and_the_rectangles_agree_on_the_first_contact(code: str) -> None:
-    run = simulate(Scenario("stop4", code, distance=20, speed=8, duration=8), Blind)
+    run = simulate(Case(Scenario(find("stop4"), code, distance=20, speed=8, duration=8), Blind))
     assert run.collisions
     first, (other, *_) = run.collisions[0], contacts(replace(run, collisions=None))
     # The engine's bodies touch when their margins do, a few centimetres early: two steps at most at this speed.

@@ -12,7 +12,7 @@ from pytest_rvads.runs.run import Collision, Run
 
 @pytest.fixture(scope="module")
 def run() -> Run:
-    return rvads.simulate(rvads.Scenario("stop4", "1133", distance=0.3, duration=2.0), rvads.Reference)
+    return rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1133", distance=0.3, duration=2.0), rvads.Reference))
 
 
 def changed(run: Run, field: str, *index: int, value: float) -> Run:
@@ -22,7 +22,7 @@ def changed(run: Run, field: str, *index: int, value: float) -> Run:
 
 
 def test_equal_runs_do_not_part(run: Run) -> None:
-    again = rvads.simulate(rvads.Scenario("stop4", "1133", distance=0.3, duration=2.0), rvads.Reference)
+    again = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1133", distance=0.3, duration=2.0), rvads.Reference))
     assert diverge(run, again) is None
     assert run == again
     assert len({run, again}) == 1

@@ -11,12 +11,13 @@ import pytest
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import digest
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.check import check
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run
-from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.runs.states import Colour, Kind, Zone
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 Make = Callable[..., Run]
 
@@ -26,10 +27,17 @@ def run(drive: Make) -> Run:
     return drive("light4", {0: (2, -5.0, [(0, 9.0)]), 2: (3, -9.0, [(0, 8.0)])}, 200, {0: [(0, Colour.GREEN)]})
 
 
+def moved_line(junction: Junction) -> Junction:
+    """The junction with the first stopping line 1 m farther back."""
+    first, *others = junction.entrances
+    return replace(junction, entrances=(replace(first, setback=1.0), *others))
+
+
 FACTS: dict[str, Callable[[Run], Any]] = {
     "subject": lambda run: {"facts": replace(run.facts, subject="a0")},
     "another subject": lambda run: {"facts": replace(run.facts, subject="a2")},
-    "sizes": lambda run: {"facts": replace(run.facts, sizes=((4.6, 1.86), (12.0, 2.5)))},
+    "a size": lambda run: {"agents": (run.agents[0], replace(run.agents[1], size=(12.0, 2.5)))},
+    "a kind": lambda run: {"agents": (run.agents[0], replace(run.agents[1], kind=Kind.TRUCK))},
     "speed limit": lambda run: {"facts": replace(run.facts, speed_limit=8.0)},
     "who strayed": lambda run: {"facts": replace(run.facts, strayed=("a2",))},
     "nothing known": lambda run: {"facts": Facts()},
@@ -42,7 +50,7 @@ FACTS: dict[str, Callable[[Run], Any]] = {
     "collisions": lambda run: {"collisions": (Collision(1.0, ("a0", "a2"), 2.0),)},
     "nobody watched collisions": lambda run: {"collisions": None},
     "a fault": lambda run: {"fault": Fault(1.0, "a0", "it broke")},
-    "the junction": lambda run: {"junction": replace(run.junction, setbacks=(1.0, 0.0, 0.0, 0.0))},
+    "the junction": lambda run: {"junction": moved_line(run.junction)},
     "who is who": lambda run: {"agents": run.agents[::-1]},
     "the time step": lambda run: {"dt": 0.02},
     "the label": lambda run: {"label": "another"},
@@ -56,12 +64,12 @@ def test_every_fact_counts(run: Run) -> None:
 
 
 def test_where_a_run_comes_from_does_not(run: Run) -> None:
-    assert replace(run, meta={"autopilot": "somebody", "speed_limit": 3.0}) == run
+    assert replace(run, provenance={"autopilot": "somebody", "speed_limit": 3.0}) == run
     assert replace(run, zone=run.zone.copy(), facts=replace(run.facts)) == run
 
 
 def test_no_verdict_reads_where_a_run_comes_from(run: Run) -> None:
-    told = replace(run, meta={"subject": "a2", "speed_limit": 1.0, "vehicle": "truck"})
+    told = replace(run, provenance={"subject": "a2", "speed_limit": 1.0, "vehicle": "truck"})
     for rule in ("speed_limit", "keep_lane", "no_conflict", "left_yields"):
         one, other = check(told, rule), check(run, rule)
         assert (one.status, one.message, one.responsible) == (other.status, other.message, other.responsible)
@@ -86,8 +94,9 @@ def test_nor_can_what_is_derived_from_them(run: Run, name: str) -> None:
 
 
 def test_a_simulated_run_is_a_value_too() -> None:
-    run = simulate(Scenario("stop4", "2000", distance=10, duration=5, subject=0), Reference, traffic=Reference)
-    assert run.facts == Facts(subject="a0", sizes=((4.6, 1.86),), speed_limit=11.176)
+    run = simulate(Case(Scenario(find("stop4"), "2000", distance=10, duration=5, subject=0), Reference, traffic=Reference))
+    assert run.facts == Facts(subject="a0", speed_limit=11.176)
+    assert run.agents[0].size == (4.6, 1.86)
     assert run.subject == "a0"
     speed = run.speed
     assert speed is not None
@@ -105,7 +114,7 @@ def test_whoever_made_an_array_may_go_on_writing_to_it(run: Run) -> None:
 def test_a_run_survives_a_pickle(run: Run) -> None:
     again = pickle.loads(pickle.dumps(run))
     assert again == run
-    assert digest(again.junction) == digest(run.junction)
+    assert again.junction.digest == run.junction.digest
     assert check(again, "speed_limit").message == check(run, "speed_limit").message
 
 
@@ -115,7 +124,7 @@ def test_tables_of_a_junction_cannot_be_written_to() -> None:
 
 
 def test_what_is_not_known_is_asked_for_by_name(run: Run) -> None:
-    bare = replace(run, station=None, speed=None, pose=None, facts=Facts())
+    bare = replace(run, station=None, speed=None, pose=None, agents=tuple(replace(a, size=None) for a in run.agents))
     for name, what in (("station", "positions"), ("pose", "positions"), ("speed", "speeds")):
         with pytest.raises(RunError, match=f"the run holds no {what}"):
             bare.need(name)

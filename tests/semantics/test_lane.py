@@ -12,13 +12,15 @@ from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.check import check
-from pytest_rvads.maps.segment import Segment
+from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 Make = Callable[..., Run]
 # Lanes of the built-in maps are 3.5 m wide, a body 1.86 m: 0.3 m over the border is 1.75 + 0.3 - 0.93 m beside the centre.
@@ -82,8 +84,8 @@ class Beside(Follower):
 @pytest.mark.parametrize("offset", [2.1, -2.1])
 def test_in_the_wrong_lane_all_the_way(offset: float) -> None:
     pilot = type("Wrong", (Beside,), {"offset": offset})
-    run = simulate(Scenario("light4", "2000", distance=40, duration=25), pilot)
-    assert run.meta["end"] == "left"
+    run = simulate(Case(Scenario(find("light4"), "2000", distance=40, duration=25), pilot))
+    assert run.provenance["end"] == "left"
     verdict = check(run, "keep_lane")
     assert (verdict.status, verdict.responsible) == ("FAIL", ("a0",))
     assert check(run, "on_route").status == "PASS"
@@ -91,7 +93,7 @@ def test_in_the_wrong_lane_all_the_way(offset: float) -> None:
 
 @pytest.mark.parametrize("code", ["1111", "2222", "3333"])
 def test_a_good_driver_keeps_its_lane(code: str) -> None:
-    run = simulate(Scenario("stop4", code, distance=30, speed=8), Reference)
+    run = simulate(Case(Scenario(find("stop4"), code, distance=30, speed=8), Reference))
     for rule in ("keep_lane", "on_route"):
         assert check(run, rule).status == "PASS"
 
@@ -102,9 +104,9 @@ def test_leaving_the_route_is_the_driver_s_violation(side: int) -> None:
         def control(self, seen: Observation) -> Control:
             return Control(0.5, 0.0, side * 0.2) if seen.time > 2.0 else super().control(seen)
 
-    scenario = Scenario("light4", "2020", distance=60, speed=8, subject=0)
-    run = simulate(scenario, Lost, traffic=Reference)
-    assert (run.fault, run.meta["end"]) == (None, "route")
+    scenario = Scenario(find("light4"), "2020", distance=60, speed=8, subject=0)
+    run = simulate(Case(scenario, Lost, traffic=Reference))
+    assert (run.fault, run.provenance["end"]) == (None, "route")
     verdict = check(run, "on_route")
     assert (verdict.status, verdict.responsible, verdict.time) == ("FAIL", ("a0",), pytest.approx(run.duration))
     rest = check(run, "speed_limit")
@@ -117,7 +119,7 @@ def test_leaving_the_route_is_the_driver_s_violation(side: int) -> None:
 
 def test_a_front_that_swings_out_is_on_the_route_while_the_rear_axle_is() -> None:
     path = Segment("straight", np.array([[0.0, 0.0], [100.0, 0.0]]))
-    way = Itinerary(0, 2, find("stop4").turn(0, 2), path, 50.0, 20.0, 0.0)
+    way = Itinerary(0, 2, Turn.STRAIGHT, path, 50.0, 20.0, 0.0)
     assert not beside(way, 30.0, 2.9, 0.0, -20.0, 4.6), "less than 3 m"
     assert beside(way, 30.0, 3.1, 0.0, -20.0, 4.6)
     assert beside(way, 30.0, -3.1, 0.0, -20.0, 4.6)
@@ -126,9 +128,9 @@ def test_a_front_that_swings_out_is_on_the_route_while_the_rear_axle_is() -> Non
     assert beside(way, 30.0, 3.1, 0.40, -20.0, 4.6)
 
 
-def test_without_a_map_nothing_is_said(drive: Make) -> None:
+def test_without_a_map_nothing_is_said(drive: Make, topology: Callable[[Junction], Junction]) -> None:
     run = drive("stop4", {0: (2, -30.0, [(0, 8.0)])}, 5)
-    bare = replace(run, junction=replace(run.junction, geometry=None))
+    bare = replace(run, junction=topology(run.junction))
     for predicate in (off_lane, off_route):
         with pytest.raises(RunError, match="no geometry"):
             predicate(bare, 0)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from pytest_rvads.conduct.priority import BEND_BRAKING, DUE, HARD_BRAKING, MIN_GAP, due, obstructs, owes
-from pytest_rvads.conduct.stretches import Shared, shared, stretches
+from pytest_rvads.conduct.stretches import shared
+from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
@@ -21,7 +22,7 @@ LEFT, STRAIGHT = ((0, 3), (2, 0))
 
 
 def common(one: tuple[int, int] = LEFT, two: tuple[int, int] = STRAIGHT) -> Shared:
-    found = stretches(find("light4"))
+    found = find("light4").stretches
     assert found is not None
     return found[one, two]
 

@@ -20,7 +20,6 @@ from pytest_rvads.conduct.progress import (
     lost_time,
     may_go,
 )
-from pytest_rvads.conduct.stretches import stretches
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.judging.check import check
@@ -120,9 +119,8 @@ def queue(drive: Make, gap: float, speed: float = 0.0) -> Run:
 
 def together(one: Run, two: Run) -> Run:
     both = {name: np.concatenate((one.need(name), two.need(name)), axis=1) for name in ("station", "speed", "pose")}
-    facts = replace(one.facts, sizes=((4.6, 1.86),) * 2)
     agents = (*one.agents, replace(two.agents[0], name="b0"))
-    return replace(one, agents=agents, zone=np.concatenate((one.zone, two.zone), axis=1), facts=facts, **both)
+    return replace(one, agents=agents, zone=np.concatenate((one.zone, two.zone), axis=1), **both)
 
 
 @pytest.mark.parametrize(("exits", "waits"), [((2, 2), True), ((2, 1), False)])
@@ -171,7 +169,7 @@ def test_half_a_second_is_about_the_same_time(make: Make, delay: int, right_firs
 
 
 def test_a_due_oncoming_vehicle_is_a_reason_for_a_left_turn(drive: Make) -> None:
-    common = stretches(find("light4"))
+    common = find("light4").stretches
     assert common is not None
     start = common[(0, 3), (2, 0)].yours.start
     for speed, ahead, waits in ((8.0, 31.0, True), (8.0, 33.0, False), (0.0, 31.0, False)):
@@ -188,7 +186,7 @@ def test_turning_on_red_is_no_duty(drive: Make) -> None:
 
 
 def test_who_waits_for_another_that_stands_there_has_a_reason_and_that_one_has_not(drive: Make) -> None:
-    common = stretches(find("stop4"))
+    common = find("stop4").stretches
     assert common is not None
     mine, yours, _ = common[(0, 3), (1, 0)]
     run = drive("stop4", {0: (3, mine.start - 0.5, [(0, 0.0)]), 1: (3, yours.start + 1.0, [(0, 0.0)])}, 1500)
@@ -198,7 +196,7 @@ def test_who_waits_for_another_that_stands_there_has_a_reason_and_that_one_has_n
 
 
 def test_those_that_wait_for_each_other_have_none(drive: Make) -> None:
-    common = stretches(find("stop4"))
+    common = find("stop4").stretches
     assert common is not None
     both = common[(0, 2), (1, 3)]
     run = drive("stop4", {0: (2, both.mine.start + 1.0, [(0, 0.0)]), 1: (2, both.yours.start + 1.0, [(0, 0.0)])}, 1500)
@@ -210,7 +208,7 @@ def test_those_that_wait_for_each_other_have_none(drive: Make) -> None:
 
 
 def test_who_came_in_on_red_excuses_the_one_with_green(drive: Make) -> None:
-    common = stretches(find("light4"))
+    common = find("light4").stretches
     assert common is not None
     both = common[(0, 2), (1, 3)]
     stop_there = [(0, 5.0), (400, 0.0)]
@@ -256,7 +254,7 @@ def test_the_body_counts_to_its_rear(drive: Make) -> None:
 
 
 def test_giving_way_blocks_nothing(drive: Make) -> None:
-    common = stretches(find("light4"))
+    common = find("light4").stretches
     assert common is not None
     mine, yours, _ = common[(0, 3), (2, 0)]
     # a0 waits 6 s in the middle while a2 comes slowly, and goes on when it has passed.

@@ -143,7 +143,7 @@ def test_verdicts_may_be_absent(tmp_path: Path) -> None:
     data = document()
     del data["runs"][0]["verdicts"]
     (run,) = read_recorded(write(tmp_path, data))
-    assert run.meta["verdicts"] == {}
+    assert run.provenance["verdicts"] == {}
 
 
 def test_lights(tmp_path: Path) -> None:

@@ -10,24 +10,27 @@ import numpy as np
 import pytest
 
 from pytest_rvads.conduct.kpis import describe, kpis
-from pytest_rvads.conduct.stretches import stretches
 from pytest_rvads.conduct.validate import agree, validate
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction, Movement
 from pytest_rvads.logic.judging.check import check
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run
 from pytest_rvads.runs.runfile import VERSION, load_run, save_run
 from pytest_rvads.runs.states import Agent, Colour, Zone
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
+
+ELSEWHERE = Movement(0, 7, Turn.LEFT, 10.0, "m")
 
 
 @pytest.fixture(scope="module")
 def real() -> Run:
-    return simulate(Scenario("light4", "1230", distance=5.0), Reference)
+    return simulate(Case(Scenario(find("light4"), "1230", distance=5.0), Reference))
 
 
 def moving(vehicles: dict[tuple[int, int], tuple[float, list[float]]], **changes: Any) -> Run:
@@ -40,11 +43,11 @@ def moving(vehicles: dict[tuple[int, int], tuple[float, list[float]]], **changes
         station = start + np.concatenate(([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2))) * 0.01
         pose = np.array([itinerary.pose(float(s)) for s in station])
         zone = np.array([itinerary.zone(float(s)) for s in station], dtype=np.int8)
-        agents.append(Agent(f"a{entrance}", entrance, leaving, place.turn(entrance, leaving)))
+        agents.append(Agent(f"a{entrance}", place.movements[entrance, leaving], size=(4.6, 1.86)))
         columns.append((zone, station, speed, pose))
     zone, station, speed, pose = (np.stack([c[k] for c in columns], axis=1) for k in range(4))
     lights = np.zeros((len(zone), 4), dtype=np.int8)
-    facts = Facts(sizes=((4.6, 1.86),) * len(agents), speed_limit=11.176)
+    facts = Facts(speed_limit=11.176)
     run = Run("moving", place, tuple(agents), zone, lights, station=station, speed=speed, pose=pose, facts=facts)
     return replace(run, **changes)
 
@@ -58,7 +61,7 @@ def test_a_kept_run_comes_back_bit_by_bit(real: Run, tmp_path: Path) -> None:
     save_run(run, path)
     back = load_run(path)
     assert back.hash == run.hash
-    assert (back.collisions, back.fault, back.meta["autopilot"]) == (run.collisions, run.fault, run.meta["autopilot"])
+    assert (back.collisions, back.fault, back.provenance["autopilot"]) == (run.collisions, run.fault, run.provenance["autopilot"])
     one, two = run.junction, back.junction
     assert (one.name, one.id, one.control, one.right_of, one.opposite, one.phase_groups, one.setbacks, one.left_hand) == (
         *(two.name, two.id, two.control, two.right_of, two.opposite, two.phase_groups, two.setbacks, two.left_hand),
@@ -78,17 +81,13 @@ def test_a_kept_run_gets_the_same_verdicts(real: Run, tmp_path: Path) -> None:
         assert check(back, name).explanation == check(real, name).explanation
 
 
-def test_a_recorded_run_is_kept_without_what_it_lacks(tmp_path: Path) -> None:
-    place = replace_geometry()
-    run = Run("bare", place, (Agent("c0", 0, 1, place.turn(0, 1)),), np.zeros((3, 1), np.int8), np.zeros((3, 4), np.int8))
+def test_a_recorded_run_is_kept_without_what_it_lacks(tmp_path: Path, topology: Callable[[Junction], Junction]) -> None:
+    place = topology(find("stop4"))
+    run = Run("bare", place, (Agent("c0", place.movements[0, 1]),), np.zeros((3, 1), np.int8), np.zeros((3, 4), np.int8))
     save_run(run, tmp_path / "run.npz")
     back = load_run(tmp_path / "run.npz")
-    assert (back.station, back.speed, back.pose, back.controls, back.junction.geometry) == (None,) * 5
+    assert (back.station, back.speed, back.pose, back.controls, back.junction.drivable) == (*(None,) * 4, False)
     assert back.hash == run.hash
-
-
-def replace_geometry() -> Any:
-    return replace(find("stop4"), geometry=None)
 
 
 def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]) -> None:
@@ -107,28 +106,38 @@ def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]
     [
         (lambda h, a: h.update(format="other"), "its format is 'other'"),
         (lambda h, a: h.update(version=VERSION + 1), f"this library reads version {VERSION}"),
-        (lambda h, a: h.pop("label"), "damaged: 'label' is missing"),
-        (lambda h, a: a.pop("zone"), "damaged: 'zone' is missing"),
-        (lambda h, a: a.pop("header"), "damaged: 'header' is missing"),
-        (lambda h, a: h.update(meta=[]), "damaged: meta must be an object, got list"),
-        (lambda h, a: h["facts"].update(speed_limit="fast"), "damaged: speed_limit must be a finite number, got 'fast'"),
-        (lambda h, a: h["facts"].update(speed_limit=0), "damaged: speed_limit in facts must be positive, got 0"),
-        (lambda h, a: h["facts"]["sizes"][0].__setitem__(1, -1), "damaged: sizes in facts must be positive, got -1"),
-        (lambda h, a: h["facts"]["sizes"].pop(), "damaged: sizes must hold one for each of 3 vehicles, got 2"),
-        (lambda h, a: h["facts"].update(subject="a7"), "damaged: subject in facts must be one of the vehicles, got 'a7'"),
-        (lambda h, a: h.pop("facts"), "damaged: 'facts' is missing"),
-        (lambda h, a: h["agents"][0].pop(), r"damaged: agents must be a list of 4, got \['a0', 0, 1\]"),
-        (lambda h, a: h["agents"][0].__setitem__(1, "0"), "damaged: agents must be a whole number, got '0'"),
-        (lambda h, a: h["junction"].update(setbacks=[0.0]), "damaged: setbacks and phase_groups must be about the 4 entrances"),
-        (lambda h, a: h["junction"]["geometry"]["exits"].pop(), "damaged: geometry must have one line per approach and exit"),
-        (lambda h, a: h["junction"]["geometry"]["movements"].pop(), "damaged: geometry must have one line per movement"),
-        (lambda h, a: a.pop("segment_0"), "damaged: 'segment_0' is missing"),
+        (lambda h, a: h.pop("label"), ".*`label`"),
+        (lambda h, a: a.pop("zone"), "'zone' is missing"),
+        (lambda h, a: a.pop("header"), "'header' is missing"),
+        (lambda h, a: h.update(provenance=[]), r"Expected `object`, got `array` - at `\$.provenance`"),
+        (
+            lambda h, a: h["facts"].update(speed_limit="fast"),
+            r"Expected `float \| null`, got `str` - at `\$.facts.speed_",
+        ),
+        (lambda h, a: h["facts"].update(speed_limit=0), r"Expected `float` > 0.* - at `\$.facts.speed_limit`"),
+        (
+            lambda h, a: h["agents"][0]["size"].__setitem__(1, -1),
+            r"Expected `float` > 0.* - at `\$.agents\[0\].size\[1\]`",
+        ),
+        (lambda h, a: h["facts"].update(subject="a7"), "subject in facts must be one of the vehicles, got 'a7'"),
+        (lambda h, a: h.pop("facts"), ".*`facts`"),
+        (lambda h, a: h["agents"][0].pop("kind"), r".*`kind` - at `\$.agents\[0\]`"),
+        (lambda h, a: h["agents"][0].update(kind="tank"), r"Invalid enum value 'tank' - at `\$.agents\[0\].kind`"),
+        (lambda h, a: h["agents"][0].update(route=[0, 0]), "a0 goes from entrance 0 to exit 0, where no movement leads"),
+        (
+            lambda h, a: h["agents"][0]["route"].__setitem__(1, "0"),
+            r"damaged: Expected `int`, got `str` - at `\$.agents\[0\].route",
+        ),
+        (
+            lambda h, a: h["junction"]["entrances"].pop(),
+            "damaged: junction 'light4' has 3 entrances and 4 exits, and no room for",
+        ),
+        (lambda h, a: a.pop("line_0"), "damaged: 'line_0' is missing"),
         (lambda h, a: a.update(zone=np.int8(1)), "damaged: zone must be whole numbers in 2 dimensions"),
         (lambda h, a: a.update(speed=a["zone"]), "damaged: speed must be numbers in 2 dimensions"),
-        (lambda h, a: h["junction"].update(control="roundabout"), "damaged: 'roundabout' is not a valid"),
         (
-            lambda h, a: h["junction"].update(geometry=None, movements=h["junction"]["movements"][1:]),
-            "damaged: junction 'light4' needs one movement",
+            lambda h, a: h["junction"]["exits"][0].update(arm=7),
+            "damaged: junction 'light4' needs two or more arms, numbered from 0",
         ),
     ],
 )
@@ -151,7 +160,7 @@ def test_files_that_are_no_runs(tmp_path: Path) -> None:
         with pytest.raises(RunError, match=r"run\.npz: "):
             load_run(path)
     with pytest.raises(RunError, match="can't be kept"):
-        save_run(moving({(0, 2): (-5.0, [1.0] * 5)}, meta={"what": object()}), path)
+        save_run(moving({(0, 2): (-5.0, [1.0] * 5)}, provenance={"what": object()}), path)
 
 
 # Integrity
@@ -186,7 +195,7 @@ def without(run: Run, ticks: slice) -> Run:
         (lambda: replace(straight(), speed=np.zeros((5, 1))), "values", "speed must have shape (400, 1), got (5, 1)"),
         (lambda: changed("zone", (7, 0), 9), "values", "the run has a zone that is none of approach"),
         (lambda: replace(straight(), dt=0.0), "values", "must be positive, got 0.0 s"),
-        (lambda: replace(straight(), agents=(Agent("a0", 0, 7, Turn.LEFT),)), "values", "goes from entrance 0 to exit 7, where"),
+        (lambda: replace(straight(), agents=(Agent("a0", ELSEWHERE),)), "values", "goes from entrance 0 to exit 7, where"),
         (lambda: replace(straight(), agents=()), "values", "zone must have shape (400, 0), got (400, 1)"),
         (lambda: changed("zone", (slice(20, None), 0), Zone.EXIT), "jump", "at 0.20 s: from approach to exit in one step"),
         (lambda: changed("zone", (slice(20, None), 0), Zone.ENTRANCE), "zone", "zone entrance, but its station is -3.40 m"),
@@ -229,8 +238,9 @@ def test_a_damaged_run_is_not_judged_as_if_it_were_fine() -> None:
         ("station", (7, 0), np.inf, "station of a0 at 0.07 s is not a finite number"),
     ):
         assert check(changed(array, place, value), "p1").reason.startswith(says)
-    for sizes in ((), ((4.6, 0.0),), ((4.6, 1.86), (4.6, 1.86))):
-        assert check(replace(straight(), facts=Facts(sizes=sizes)), "p1").reason.startswith("sizes must be 1 positive lengths")
+    for size in ((), (4.6, 0.0), (4.6, 1.86, 1.4), (np.inf, 1.86)):
+        odd = replace(straight(), agents=(replace(straight().agents[0], size=size),))
+        assert check(odd, "p1").reason.startswith("the size of a0 must be a positive length and width")
     for broken in (changed("zone", (7, 0), 9), replace(straight(), speed=np.zeros((5, 1))), replace(straight(), dt=np.nan)):
         assert check(broken, "p1").status == "ERROR"
 
@@ -302,7 +312,7 @@ def test_post_encroachment_time_by_hand() -> None:
     # Two crossing straight movements; the second starts 40 m further back at the same speed, that is 5 s later.
     near, far = (0, 2), (1, 3)
     run = moving({near: (-10.0, [8.0] * 1600), far: (-50.0, [8.0] * 1600)})
-    shared = stretches(find("stop4"))
+    shared = find("stop4").stretches
     assert shared is not None
     (_, end), (start, _), _ = shared[near, far]
     wanted = (50.0 + start) / 8.0 - (10.0 + end + 4.6) / 8.0
@@ -317,23 +327,23 @@ def test_who_never_leaves_the_place_of_conflict_is_met_there() -> None:
     # Both drive to the middle and stand there: the second enters the shared stretch with the first one in it.
     speeds = [8.0] * 340 + [0.0] * 110
     run = moving({(0, 2): (-10.0, speeds), (1, 3): (-16.0, speeds)})
-    shared = stretches(find("stop4"))
+    shared = find("stop4").stretches
     assert shared is not None
     start = shared[(0, 2), (1, 3)].yours.start
     entered = (16.0 + start) / 8.0
     assert kpis(run).pet == pytest.approx(entered - 4.5, abs=0.011), "at least as long as the run lasted"
 
 
-def test_what_is_not_recorded_is_named() -> None:
+def test_what_is_not_recorded_is_named(topology: Callable[[Junction], Junction]) -> None:
     run = moving({(0, 2): (-16.5, [8.0] * 50), (1, 3): (-16.5, [8.0] * 50)})
     assert kpis(run).unavailable == ()
     lacking = {
         ("delay",): replace(run, facts=replace(run.facts, speed_limit=None)),
-        ("ttc", "pet"): replace(run, facts=Facts(speed_limit=8.0)),
+        ("ttc", "pet"): replace(run, agents=tuple(replace(agent, size=None) for agent in run.agents)),
         ("deceleration", "jerk", "ttc"): replace(run, speed=None),
         ("delay", "pet"): replace(run, station=None),
         ("ttc",): replace(run, pose=None),
-        ("pet",): replace(run, junction=replace(run.junction, geometry=None)),
+        ("pet",): replace(run, junction=topology(run.junction)),
     }
     for names, lacks in lacking.items():
         assert kpis(lacks).unavailable == names

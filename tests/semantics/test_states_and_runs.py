@@ -1,6 +1,7 @@
 """The semantic model: zones, waiting times, signal plans, vehicles, runs."""
 
 import math
+from collections.abc import Callable
 from dataclasses import fields, replace
 from itertools import pairwise
 
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.lights import SignalPlan
 from pytest_rvads.runs.run import Run
@@ -25,7 +27,7 @@ def itinerary() -> Itinerary:
 
 def run_of(zones: list[list[int]]) -> Run:
     junction = find("stop4")
-    agents = tuple(Agent(f"a{k}", k, k + 1, junction.turn(k, k + 1)) for k in range(len(zones[0])))
+    agents = tuple(Agent(f"a{k}", junction.movements[k, k + 1]) for k in range(len(zones[0])))
     return Run("made by hand", junction, agents, np.array(zones, dtype=np.int8), np.zeros((len(zones), 4), dtype=np.int8))
 
 
@@ -63,15 +65,9 @@ def test_poses_and_projection_are_inverse(itinerary: Itinerary) -> None:
         assert offset == pytest.approx(0.3, abs=0.01)
 
 
-def test_a_recorded_junction_has_nowhere_to_drive() -> None:
+def test_a_recorded_junction_has_nowhere_to_drive(topology: Callable[[Junction], Junction]) -> None:
     with pytest.raises(MapError, match="recording without positions"):
-        Itinerary.through(replace_geometry(), 0, 1)
-
-
-def replace_geometry():  # type: ignore[no-untyped-def]
-    junction = find("stop4")
-    values = {f.name: getattr(junction, f.name) for f in fields(junction) if f.init}
-    return type(junction)(**{**values, "geometry": None})
+        Itinerary.through(topology(find("stop4")), 0, 1)
 
 
 def test_two_groups_show_the_recorded_plan() -> None:

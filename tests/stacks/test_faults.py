@@ -8,10 +8,12 @@ import pytest
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.stacks.process import Process
 from pytest_rvads.errors import AutopilotError
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.judging.check import check
 from pytest_rvads.runs.run import Run
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 Make = Callable[..., Process]
 STRAY = "to its standard output, which carries the protocol: print to standard error instead"
@@ -35,11 +37,11 @@ AT_DECISION = {
     "close": "it closed its standard input or output and went on",
 }
 """What is said of each fault."""
-SCENARIO = Scenario("stop4", "2000", distance=20, speed=5, duration=0.5)
+SCENARIO = Scenario(find("stop4"), "2000", distance=20, speed=5, duration=0.5)
 
 
 def drive(stack: Process, scenario: Scenario = SCENARIO) -> Run:
-    return simulate(scenario, stack)
+    return simulate(Case(scenario, stack))
 
 
 @pytest.mark.parametrize("fault", AT_DECISION)
@@ -127,7 +129,7 @@ def test_a_second_answer_is_not_taken_for_the_next_one(faulty: Make) -> None:
 
 def test_one_process_for_subject_and_traffic_is_refused(faulty: Make) -> None:
     stack = faulty("none")
-    run = simulate(Scenario("stop4", "2200", duration=0.5, subject=0), stack, traffic=stack)
+    run = simulate(Case(Scenario(find("stop4"), "2200", duration=0.5, subject=0), stack, traffic=stack))
     assert "it serves two vehicles at once: give the traffic a Process of its own" in run.fault.reason
 
 
@@ -147,6 +149,6 @@ def test_arguments_that_mean_nothing_are_refused(arguments: dict[str, object], s
 
 
 def test_the_traffic_may_be_a_stack_too(faulty: Make) -> None:
-    run = simulate(Scenario("stop4", "2202", duration=0.5, subject=0), Reference, traffic=faulty("none"))
+    run = simulate(Case(Scenario(find("stop4"), "2202", duration=0.5, subject=0), Reference, traffic=faulty("none")))
     assert run.fault is None
-    assert set(run.meta["timing"]) == {"a1", "a3"}
+    assert set(run.provenance["timing"]) == {"a1", "a3"}

@@ -10,13 +10,15 @@ from pytest_rvads.drivers.commands import TargetSpeed
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.stacks.process import Process
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
+from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import simulate
+from pytest_rvads.simulators.simulator import simulate
 
 ROOT = Path(__file__).parents[2]
-SCENARIO = Scenario("stop4", "1133", distance=20, subject=0, duration=12)
+SCENARIO = Scenario(find("stop4"), "1133", distance=20, subject=0, duration=12)
 
 ECHO = """
 import random, sys, time
@@ -62,7 +64,7 @@ def echo(tmp_path: Path) -> Callable[..., Process]:
 
 
 def drive(autopilot: object, scenario: Scenario = SCENARIO) -> Run:
-    run = simulate(scenario, autopilot, traffic=Reference)
+    run = simulate(Case(scenario, autopilot, traffic=Reference))
     assert run.fault is None, run.fault
     return run
 
@@ -76,16 +78,16 @@ def test_a_stack_drives_as_the_same_code_in_process(echo: Callable[..., Process]
 def test_random_sleeps_change_no_bit(echo: Callable[..., Process]) -> None:
     fast, *slow = drive(echo()), drive(echo(1, sleeps=True)), drive(echo(2, sleeps=True))
     assert {run.hash for run in slow} == {fast.hash}
-    longest = slow[0].meta["timing"]["a0"]["longest"]
+    longest = slow[0].provenance["timing"]["a0"]["longest"]
     assert 0.001 < longest < 1.0, "the compute time is reported"
     steps = int((fast.zone[:-1, 0] != Zone.GONE).sum())
-    assert slow[0].meta["timing"]["a0"]["decisions"] == -(-steps // 5), "asked at 20 Hz while it is in the run"
+    assert slow[0].provenance["timing"]["a0"]["decisions"] == -(-steps // 5), "asked at 20 Hz while it is in the run"
 
 
 def test_one_process_serves_many_scenarios(compiled: Path, marked: Callable[[str], list[int]]) -> None:
     """A run does not depend on what the process did before, and there is one process."""
-    scenarios = [Scenario("stop4", "1133", subject=s, duration=8) for s in range(4)] + [
-        Scenario("light3", "112", subject=1, duration=8)
+    scenarios = [Scenario(find("stop4"), "1133", subject=s, duration=8) for s in range(4)] + [
+        Scenario(find("light3"), "112", subject=1, duration=8)
     ]
     with Process([str(compiled)]) as stack:
         together = [drive(stack, s).hash for s in scenarios]
@@ -98,7 +100,7 @@ def test_one_process_serves_many_scenarios(compiled: Path, marked: Callable[[str
 
 def test_every_vehicle_may_be_a_stack(compiled: Path, marked: Callable[[str], list[int]]) -> None:
     with Process([str(compiled)]) as stack:
-        run = simulate(Scenario("stop4", "2222", duration=5), stack)
+        run = simulate(Case(Scenario(find("stop4"), "2222", duration=5), stack))
         assert run.fault is None
         assert len(marked(str(compiled))) == 4
 
@@ -106,5 +108,5 @@ def test_every_vehicle_may_be_a_stack(compiled: Path, marked: Callable[[str], li
 def test_the_rate_is_the_one_asked_for(compiled: Path) -> None:
     for rate, decisions in ((None, 10), (10, 5), (50, 25)):
         with Process([str(compiled)], rate=rate) as stack:
-            run = simulate(Scenario("stop4", "2000", duration=0.5), stack)
-        assert run.meta["timing"]["a0"]["decisions"] == decisions
+            run = simulate(Case(Scenario(find("stop4"), "2000", duration=0.5), stack))
+        assert run.provenance["timing"]["a0"]["decisions"] == decisions

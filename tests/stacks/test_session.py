@@ -89,7 +89,7 @@ def test_the_command_line_overrides_the_fixture(pytester: pytest.Pytester) -> No
 
         @rvads.scenario("stop3", subject=0, scenarios="111", grid="C", duration=1)
         def test_it(run):
-            assert run.meta["autopilot"].startswith("stack ")
+            assert run.provenance["autopilot"].startswith("stack ")
         """
     )
     pytester.runpytest("--rvads-sut", command("none")).assert_outcomes(passed=1)

@@ -6,7 +6,6 @@ import math
 from typing import Protocol
 
 from pytest_rvads.drivers.lgsvl.constants import Constants, ZoneBox
-from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import Pose, Turn
 from pytest_rvads.runs.states import VehicleState, Zone
@@ -79,7 +78,7 @@ def zone_of(junction: Junction, constants: Constants, hidden: bool) -> Box | Who
         constants: the boxes.
         hidden: whether it is a box (I2) instead of the junction.
     """
-    if not hidden or junction.ways not in (3, 4) or junction.geometry is None:
+    if not hidden or junction.ways not in (3, 4) or not junction.drivable:
         return Whole(junction)
     return Box(constants.zone4 if junction.ways == 4 else constants.zone3, frame(junction))
 
@@ -90,14 +89,12 @@ def frame(junction: Junction) -> Pose:
     Raises:
         MapError: the junction has no geometry.
     """
-    geometry = junction.geometry
-    if geometry is None:
-        raise MapError(f"junction {junction.name!r} comes from a recording without positions, so it has no zone")
     # The point nearest to the axes of all arms: sum (I - d d') (p - c) = 0, with the heading d and a point p of each.
     xx = xy = yy = bx = by = 0.0
     headings = []
-    for approach, exit in zip(geometry.approaches, geometry.exits, strict=True):
-        enter, away = approach.pose(approach.length), exit.pose(0.0)
+    for arm in junction.arms:
+        approach = junction.way_in(arm.entrances[0])
+        enter, away = approach.pose(approach.length), junction.way_out(arm.exits[0]).pose(0.0)
         x, y = (enter.x + away.x) / 2, (enter.y + away.y) / 2
         c, s = math.cos(enter.heading), math.sin(enter.heading)
         xx, xy, yy = xx + s * s, xy - s * c, yy + c * c
@@ -106,5 +103,5 @@ def frame(junction: Junction) -> Pose:
     scale = xx * yy - xy * xy
     straight = {m.entrance for m in junction.movements.values() if m.turn is Turn.STRAIGHT}
     # x leads along the stem of a T, from which nobody goes straight on, and along arm 1 of an X.
-    arm = next((i for i in range(junction.ways) if i not in straight), 1)
-    return Pose((yy * bx - xy * by) / scale, (xx * by - xy * bx) / scale, headings[arm])
+    stem = next((i for i in range(junction.ways) if i not in straight), 1)
+    return Pose((yy * bx - xy * by) / scale, (xx * by - xy * bx) / scale, headings[stem])

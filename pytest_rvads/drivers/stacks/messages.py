@@ -168,7 +168,6 @@ def _vehicle(state: VehicleState) -> dict[str, Any]:
 @lru_cache(maxsize=64)
 def _map(junction: Junction) -> dict[str, Any]:
     """Return a junction as builtins: what regulates it, who has the right of way, where its lanes are."""
-    geometry = junction.geometry
     return {
         "junction": junction.name,
         "control": junction.control.value,
@@ -182,16 +181,18 @@ def _map(junction: Junction) -> dict[str, Any]:
                 "exit": m.exit,
                 "turn": m.turn.value,
                 "length": m.length,
-                "path": [] if geometry is None else _points(geometry.movements[m.entrance, m.exit]),
+                "path": _points(m.path),
             }
             for m in junction.movements.values()
         ],
-        "approaches": [] if geometry is None else [_points(segment) for segment in geometry.approaches],
-        "exits": [] if geometry is None else [_points(segment) for segment in geometry.exits],
+        "approaches": [_points(entrance.approach) for entrance in junction.entrances],
+        "exits": [_points(exit.road) for exit in junction.exits],
     }
 
 
-def _points(segment: Segment) -> list[Pose]:
-    """Return x, y [m], heading [rad] along a centre line, by two metres."""
+def _points(segment: Segment | None) -> list[Pose]:
+    """Return x, y [m], heading [rad] along a centre line, by two metres; nothing where it is not known."""
+    if segment is None:
+        return []
     stations = [float(s) for s in range(0, int(segment.length), 2)] + [segment.length]
     return [segment.pose(s) for s in stations]

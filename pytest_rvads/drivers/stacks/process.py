@@ -46,7 +46,7 @@ class Process:
 
     Example:
         >>> stack = Process(["./stack", "--quiet"], rate=20, timeout=2.0)
-        >>> run = simulate(Scenario("stop4", "1133", subject=0), stack, traffic=Reference)
+        >>> run = simulate(Case(Scenario(find("stop4"), "1133", subject=0), stack, traffic=Reference))
     """
 
     def __init__(

@@ -84,7 +84,8 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
                     return in_junction(run, agent)
                 if sort is Sort.ENTRANCE:
                     return at_entrance(run, agent)
-                return on_approach(run, agent) if sort is Sort.ROAD and place < run.junction.ways else on_exit(run, agent)
+                leads_in = sort is Sort.ROAD and place < len(run.junction.entrances)
+                return on_approach(run, agent) if leads_in else on_exit(run, agent)
             case (("=" | "!="), (f.Attr(f.Element(_, light), "cl"), f.Word(name))) | (
                 ("=" | "!="),
                 (f.Word(name), f.Attr(f.Element(_, light), "cl")),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,7 +59,10 @@ class RuleMonitor:
         if self.rule.about not in (None, junction.control):
             raise RunError(f"{self.rule.name} is about junctions with {self.rule.about}, this one has {junction.control}")
         self._junction, self._agents, self._dt = junction, tuple(agents), dt
-        self._facts = Facts(None, None if vehicle_size is None else _sizes(vehicle_size, len(self._agents)), speed_limit)
+        if vehicle_size is not None:
+            sizes = _sizes(vehicle_size, len(self._agents))
+            self._agents = tuple(replace(a, size=size) for a, size in zip(self._agents, sizes, strict=True))
+        self._facts = Facts(speed_limit=speed_limit)
         self._monitors: tuple[tuple[Template, Monitor], ...] | None = None
         self._past = Past(len(self._agents))
         self._followed: dict[f.Atom, Callable[[Run], bool]] = {}
@@ -124,7 +128,7 @@ class RuleMonitor:
         collisions: Iterable[tuple[str, str]] | None,
     ) -> Run:
         """Return a run of one state."""
-        count, ways = len(self._agents), self._junction.ways
+        count, ways = len(self._agents), len(self._junction.entrances)
         return Run(
             "live",
             self._junction,

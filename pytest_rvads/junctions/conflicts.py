@@ -1,0 +1,70 @@
+"""Where the movements of a junction get in each other's way, and who then gives way to whom."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.maps.segment import Segment
+
+__all__ = ["CONFLICT_WIDTH", "Key", "Shared", "Stretch", "stretches"]
+
+CONFLICT_WIDTH = 2.6
+"""Two movements whose centre lines come nearer than this are in conflict [m]: the width of a car and what its body sweeps
+in a bend."""
+_SPACING = 0.5
+
+Key = tuple[int, int]
+"""A movement: numbers of its entrance and its exit."""
+
+
+class Stretch(NamedTuple):
+    """Part of a movement, after the entrance vertex."""
+
+    start: float
+    """[m]."""
+    end: float
+    """[m]."""
+
+
+class Shared(NamedTuple):
+    """Where two movements get in each other's way."""
+
+    mine: Stretch
+    """On the first movement."""
+    yours: Stretch
+    """On the second one."""
+    merges: bool
+    """Whether both lead into the same exit: behind each other there is then room for both."""
+
+
+def stretches(paths: Mapping[Key, Segment]) -> dict[tuple[Key, Key], Shared]:
+    """Return what pairs of movements share, in both orders.
+
+    Movements from one entrance don't count: there one vehicle follows the other.
+
+    Args:
+        paths: the centre line of every movement.
+    """
+    lines = {key: _sample(segment) for key, segment in paths.items()}
+    found = {}
+    for one, (along, first) in lines.items():
+        for two, (across, second) in lines.items():
+            if one[0] >= two[0]:
+                continue
+            near = np.hypot(first[:, None, 0] - second[None, :, 0], first[:, None, 1] - second[None, :, 1]) < CONFLICT_WIDTH
+            if near.any():
+                here, there = along[near.any(axis=1)], across[near.any(axis=0)]
+                mine, yours = Stretch(float(here[0]), float(here[-1])), Stretch(float(there[0]), float(there[-1]))
+                merges = one[1] == two[1]
+                found[one, two], found[two, one] = Shared(mine, yours, merges), Shared(yours, mine, merges)
+    return found
+
+
+def _sample(segment: Segment) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return stations, shape ``(k,)``, and points, shape ``(k, 2)``, along a centre line [m]."""
+    stations = np.append(np.arange(0.0, segment.length, _SPACING), segment.length)
+    return stations, np.array([segment.pose(float(s))[:2] for s in stations])

@@ -1,0 +1,78 @@
+"""Cases: a scenario, what drives in it, and in which bodies. Whatever simulates, searches, caches or records takes a case."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+from pytest_rvads.drivers.interface import Factory
+from pytest_rvads.errors import AutopilotError, ScenarioError
+from pytest_rvads.runs.states import Agent
+from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.scenario import Scenario
+
+__all__ = ["Case", "Fleet"]
+
+
+@dataclass(frozen=True, slots=True)
+class Fleet:
+    """In which bodies the agents of a scenario drive."""
+
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    """Of every agent that has no other one."""
+    others: Mapping[str, Vehicle] = field(default_factory=dict, hash=False)
+    """By the name of the agent."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "others", MappingProxyType(dict(self.others)))
+
+    def of(self, agent: str) -> Vehicle:
+        """Return the vehicle of the agent of that name."""
+        return self.others.get(agent, self.vehicle)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Everything that a run depends on.
+
+    Raises:
+        ScenarioError: a subject without traffic, or traffic without a subject.
+        AutopilotError: `driver` or `traffic` is nothing that can be called.
+    """
+
+    scenario: Scenario
+    driver: Factory
+    """Drives every vehicle, or the subject alone: a class or callable without arguments, called once per vehicle, in creation
+    order, or once for all when it makes a `TrafficSystem`."""
+    traffic: Factory | None = None
+    """Drives the other vehicles of a scenario with a subject, and only there."""
+    fleet: Fleet = field(default_factory=Fleet)
+
+    def __post_init__(self) -> None:
+        if self.scenario.subject is not None and self.traffic is None:
+            raise ScenarioError("the scenario has a subject, so its other vehicles need an autopilot: pass it as traffic=")
+        if self.scenario.subject is None and self.traffic is not None:
+            raise ScenarioError(
+                "traffic= drives the vehicles beside a subject: give the scenario a subject, or leave traffic= out"
+            )
+        for factory in (self.driver, self.traffic):
+            if factory is not None and not callable(factory):
+                raise AutopilotError(
+                    f"an autopilot must be a class or a callable that makes one, got {factory!r}: every vehicle of every run "
+                    "gets a new one, so pass the class, not an instance"
+                    + ("; rvads.traffic(name) returns a traffic policy" if isinstance(factory, str) else "")
+                )
+
+    def but(self, **changes: Any) -> Case:
+        """Return the case with some arguments of its scenario's constructor changed."""
+        return replace(self, scenario=self.scenario.but(**changes))
+
+    def agents(self) -> tuple[Agent, ...]:
+        """Return the agents with their sizes, by entrance."""
+        found = []
+        for agent in self.scenario.agents():
+            vehicle = self.fleet.of(agent.name)
+            found.append(replace(agent, size=(vehicle.length, vehicle.width)))
+        return tuple(found)

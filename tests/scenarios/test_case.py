@@ -1,0 +1,59 @@
+"""Cases: everything that a run depends on, as one value; and the fleet."""
+
+import pickle
+from dataclasses import replace
+
+import pytest
+
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.rolling import RollingStop
+from pytest_rvads.drivers.traffic import POLICIES
+from pytest_rvads.errors import AutopilotError, ScenarioError
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.runs.runfile import load_run, save_run
+from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case, Fleet
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.simulators.simulator import simulate
+
+TRUCK = Vehicle(length=12.0, width=2.5, mass=16_000.0, front_axle=3.0, rear_axle=3.0, yaw_inertia=150e3, height=3.5, drive=1.5)
+
+
+def test_equal_cases_are_equal_and_hash_alike() -> None:
+    one, other = (Case(Scenario(find("stop4"), "1133"), Reference) for _ in range(2))
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one != one.but(distance=5.0)
+    assert one != Case(one.scenario, Reference, fleet=Fleet(TRUCK))
+
+
+def test_a_scenario_that_was_sent_to_another_process_is_the_same() -> None:
+    scenario = Scenario(find("light4"), "1203", subject=1)
+    sent = pickle.loads(pickle.dumps(scenario))
+    assert sent == scenario
+    assert sent.place is not scenario.place
+    case = Case(scenario, Reference, POLICIES["hesitant"])
+    assert simulate(case).hash == simulate(replace(case, scenario=sent)).hash
+
+
+def test_a_subject_needs_traffic_and_traffic_a_subject() -> None:
+    with pytest.raises(ScenarioError, match="pass it as traffic="):
+        Case(Scenario(find("stop4"), "1133", subject=0), Reference)
+    with pytest.raises(ScenarioError, match="give the scenario a subject"):
+        Case(Scenario(find("stop4"), "1133"), Reference, RollingStop)
+    with pytest.raises(AutopilotError, match="pass the class, not an instance"):
+        Case(Scenario(find("stop4"), "1133"), Reference())  # type: ignore[arg-type]
+    with pytest.raises(ScenarioError, match=r"needs a junction, such as rvads.find\('stop4'\), got 'stop4'"):
+        Scenario("stop4", "1133")  # type: ignore[arg-type]
+
+
+def test_every_agent_has_the_body_that_the_fleet_gives_it(tmp_path) -> None:
+    case = Case(Scenario(find("stop4"), "2020", distance=15.0), Reference, fleet=Fleet(others={"a2": TRUCK}))
+    run = simulate(case)
+    assert [agent.size for agent in run.agents] == [(4.6, 1.86), (12.0, 2.5)]
+    speed = run.need("speed")
+    assert speed[150, 0] > 1.5 * speed[150, 1], "the truck accelerates half as hard"
+    save_run(run, tmp_path / "run.npz")
+    assert load_run(tmp_path / "run.npz").agents == run.agents
+    with pytest.raises(ScenarioError, match="start inside each other"):
+        simulate(replace(case, scenario=Scenario(find("stop4"), "1111", distance=0.3), fleet=Fleet(Vehicle(width=36.0))))
