@@ -12,7 +12,7 @@ from pytest_rvads.report.terminal import summary
 
 
 def record(name: str, status: str, *, known: str | None = None, margin: float | None = None, pet: float | None = None) -> Any:
-    keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": "p1"}
+    keys: dict[str, str | int] = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": "p1"}
     made = cell_record(name, 3, "test", keys, 4)
     if status == "NOT RUN":
         return not_run(made, "the session ended before")

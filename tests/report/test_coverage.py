@@ -12,7 +12,7 @@ from pytest_rvads.report.session_report import Report
 
 
 def record(cls: int, rule: str, status: str, *, row: int = 0, hash: str = "aa") -> dict[str, Any]:
-    keys = {"junction": "stop4", "cls": cls, "scenario": "1111", "cfg": "C", "rotation": row, "rule": rule}
+    keys: dict[str, str | int] = {"junction": "stop4", "cls": cls, "scenario": "1111", "cfg": "C", "rotation": row, "rule": rule}
     made = cell_record(f"t.py::test[{cls}-r{row}-{rule}]", 3, "test", keys, 4)
     if status == "NOT RUN":
         return not_run(made, "the session ended before")

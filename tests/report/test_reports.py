@@ -21,7 +21,7 @@ TOTALS = {4: (24, 81)}
 def record(
     cls: int, cfg: str, rule: str, status: str, *, known: str | None = None, scenario: str = "1111", cause: str = "both in"
 ) -> Any:
-    keys = {
+    keys: dict[str, str | int] = {
         "junction": "stop4",
         "cls": cls,
         "scenario": scenario,
@@ -80,7 +80,7 @@ def test_coverage_counts_what_was_exercised() -> None:
 
 
 def test_an_item_that_never_ran_is_an_error_or_not_run() -> None:
-    keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0}
+    keys: dict[str, str | int] = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0}
     broken, skipped = cell_record("a", 1, "t", keys, 4), cell_record("b", 2, "t", keys, 4)
     conclude(broken, [], "setup", "failed", text="autopilot raised")
     conclude(skipped, [], "setup", "skipped")

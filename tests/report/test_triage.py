@@ -31,7 +31,8 @@ def failures(mutant: str, junction: str, letters: str, classes: Sequence[int]) -
         for rule in rules_for(("paper", "road"), place.control):
             verdict = rvads.check(run, rule)
             if verdict.status in ("FAIL", "OPEN"):
-                keys = {"junction": junction, "cls": scenario.number, "scenario": "", "cfg": "", "rotation": 0, "rule": rule.name}
+                keys: dict[str, str | int] = {"junction": junction, "cls": scenario.number, "rule": rule.name}
+                keys |= {"scenario": "", "cfg": "", "rotation": 0}
                 record = cell_record(f"{mutant}::{scenario.name}-{rule.name}", 1, "test", keys, place.ways)
                 conclude(record, [verdict.record()], "call", "failed", text=verdict.message)
                 records.append(record | {"hash": run.hash})
@@ -92,7 +93,7 @@ def test_cause_groups_are_few_and_pure() -> None:
 
 
 def failed(run: str, rule: str, violated: str, time: float | None, **more: Any) -> dict[str, Any]:
-    keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": rule}
+    keys: dict[str, str | int] = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": rule}
     record = cell_record(f"t.py::test[{run}-{rule}]", 3, "test", keys, 4)
     verdict = {"status": "FAIL", "cause": violated, "violated": violated, "time": time, **more}
     conclude(record, [verdict], "call", "failed", text=violated)
