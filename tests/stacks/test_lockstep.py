@@ -1,8 +1,9 @@
 """Lock-step: what a stack in another process drives does not depend on how fast it is, nor in which language or format."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,6 +15,8 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.bullet import simulate
+
+from .conftest import Find
 
 ROOT = Path(__file__).parents[2]
 SCENARIO = Scenario("stop4", "1133", distance=20, subject=0, duration=12)
@@ -47,8 +50,8 @@ class Echo:
 
 
 @pytest.fixture
-def echo(tmp_path: Path) -> Callable[..., Process]:
-    made = []
+def echo(tmp_path: Path) -> Iterator[Callable[..., Process]]:
+    made: list[Process] = []
 
     def make(seed: int = 0, sleeps: bool = False) -> Process:
         script = tmp_path / f"echo{len(made)}.py"
@@ -61,7 +64,7 @@ def echo(tmp_path: Path) -> Callable[..., Process]:
         stack.close()
 
 
-def drive(autopilot: object, scenario: Scenario = SCENARIO) -> Run:
+def drive(autopilot: Any, scenario: Scenario = SCENARIO) -> Run:
     run = simulate(scenario, autopilot, traffic=Reference)
     assert run.fault is None, run.fault
     return run
@@ -82,7 +85,7 @@ def test_random_sleeps_change_no_bit(echo: Callable[..., Process]) -> None:
     assert slow[0].meta["timing"]["a0"]["decisions"] == -(-steps // 5), "asked at 20 Hz while it is in the run"
 
 
-def test_one_process_serves_many_scenarios(compiled: Path, marked: Callable[[str], list[int]]) -> None:
+def test_one_process_serves_many_scenarios(compiled: Path, marked: Find) -> None:
     """A run does not depend on what the process did before, and there is one process."""
     scenarios = [Scenario("stop4", "1133", subject=s, duration=8) for s in range(4)] + [
         Scenario("light3", "112", subject=1, duration=8)
@@ -96,7 +99,7 @@ def test_one_process_serves_many_scenarios(compiled: Path, marked: Callable[[str
             assert drive(stack, scenario).hash == found
 
 
-def test_every_vehicle_may_be_a_stack(compiled: Path, marked: Callable[[str], list[int]]) -> None:
+def test_every_vehicle_may_be_a_stack(compiled: Path, marked: Find) -> None:
     with Process([str(compiled)]) as stack:
         run = simulate(Scenario("stop4", "2222", duration=5), stack)
         assert run.fault is None
