@@ -4,6 +4,7 @@ import math
 import re
 import subprocess
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -36,7 +37,7 @@ def compare(path: Path, out: Path) -> tuple[int, list[tuple[object, ...]]]:
     """Return the number of movements at usable junctions, and those with another turn type than netconvert's."""
     road_map, theirs = read_map(path), connections(path, out)
     edges = road_map.network.edges
-    compared, other = 0, []
+    compared, other = 0, list[tuple[object, ...]]()
     for report in road_map.junctions:
         if not report.usable:
             continue
@@ -76,7 +77,7 @@ SPIDER = ("--spider", "--spider.circle-number", "1", "--spider.arm-number")
     ],
     ids=["grid", "lights", "spider5", "spider8"],
 )
-def test_generated_maps(tmp_path: Path, shape: tuple[str, ...], type: str, expected: dict, left_hand: bool) -> None:
+def test_generated_maps(tmp_path: Path, shape: tuple[str, ...], type: str, expected: dict[str, Any], left_hand: bool) -> None:
     """Ways, control and side of traffic as netgenerate was told; no road of these files states on which side traffic keeps."""
     home, net, path = Path(sumo.SUMO_HOME) / "bin", tmp_path / "g.net.xml", tmp_path / "g.xodr"
     side = ("--lefthand",) if left_hand else ()

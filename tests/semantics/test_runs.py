@@ -204,7 +204,7 @@ def test_what_breaks_the_model_is_found(run: Callable[[], Run], kind: str, messa
 
 def test_coarse_sampling_is_told() -> None:
     run = moving({(0, 2): (-90.0, [8.0] * 100)})
-    coarse = replace(run, dt=0.2, station=run.station[:1] + 1.6 * np.arange(100)[:, None])  # type: ignore[index]
+    coarse = replace(run, dt=0.2, station=run.station[:1] + 1.6 * np.arange(100)[:, None])
     (finding,) = [f for f in validate(coarse) if f.kind == "sampling"]
     assert str(finding).startswith("a0 drives 8.0 m/s at 0.00 s: in 0.2 s that is more than the entrance zone of 1 m")
     assert not [f for f in validate(run) if f.kind == "sampling"]
@@ -309,7 +309,7 @@ def test_post_encroachment_time_by_hand() -> None:
     assert kpis(run).pairs[0].pet == pytest.approx(wanted, abs=0.021)
     together = moving({near: (-10.0, [8.0] * 1600), far: (-10.0, [8.0] * 1600)})
     assert kpis(together).pairs[0].pet is not None
-    assert kpis(together).pet < 0  # type: ignore[operator]
+    assert kpis(together).pet < 0
     assert kpis(moving({(0, 2): (-10.0, [8.0] * 900), (2, 0): (-10.0, [8.0] * 900)})).pet is None, "they never meet"
 
 

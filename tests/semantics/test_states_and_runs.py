@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.lights import SignalPlan
 from pytest_rvads.runs.run import Run
@@ -68,10 +69,10 @@ def test_a_recorded_junction_has_nowhere_to_drive() -> None:
         Itinerary.through(replace_geometry(), 0, 1)
 
 
-def replace_geometry():  # type: ignore[no-untyped-def]
+def replace_geometry() -> Junction:
     junction = find("stop4")
     values = {f.name: getattr(junction, f.name) for f in fields(junction) if f.init}
-    return type(junction)(**{**values, "geometry": None})
+    return Junction(**{**values, "geometry": None})
 
 
 def test_two_groups_show_the_recorded_plan() -> None:
