@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.pursuit import lookahead, pursue
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.runs.vehicle import Vehicle
@@ -25,7 +25,7 @@ STANDING = 0.01
 """A vehicle slower than this stands [m/s]."""
 
 
-class Follower:
+class Follower(Autopilot):
     """Follows its itinerary at the speed that `target_speed` returns, slower in bends.
 
     Example:

@@ -57,7 +57,7 @@ def simulate(scenario: Scenario, autopilot: Factory, *, vehicle: Vehicle | None 
     meta = {
         "scenario": scenario.record(),
         "autopilot": name_of(autopilot),
-        "traffic": name_of(traffic),
+        "traffic": None if traffic is None else name_of(traffic),
         "vehicle": asdict(vehicle),
         "end": loop.end,
         "versions": versions(),
@@ -114,7 +114,7 @@ class _Loop:
             self._sample()
             order = [self._agents[column] for column in self._active]
             key = f"{scenario.junction} {scenario.placed} {scenario.configuration}"
-            crewed = crew(order, autopilot, scenario.subject, traffic, scenario.senses, key)
+            crewed = crew(order, autopilot, traffic, self._subject(), scenario.senses, key)
             seats = dict(zip(self._active, crewed, strict=True))
             self.seats = tuple(seats.values())
             while self._step < last and not self._over():
@@ -127,8 +127,10 @@ class _Loop:
 
     def facts(self) -> Facts:
         """Return what verdicts can depend on beside the states."""
-        subject = next((agent.name for agent in self._agents if agent.entrance == self.scenario.subject), None)
-        return Facts(subject, (self._size,) * len(self._agents), SPEED_LIMIT, self.strayed)
+        return Facts(self._subject(), (self._size,) * len(self._agents), SPEED_LIMIT, self.strayed)
+
+    def _subject(self) -> str | None:
+        return next((agent.name for agent in self._agents if agent.entrance == self.scenario.subject), None)
 
     def _over(self) -> bool:
         """Tell whether the run is over before its time, and note why."""

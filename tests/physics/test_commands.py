@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pytest_rvads.drivers.commands import Acceleration, TargetSpeed, Trajectory, Waypoint
-from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.interface import Acceleration, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.drivers.commands import TargetSpeed
-from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.interface import Observation, TargetSpeed
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.stacks.process import Process
 from pytest_rvads.runs.run import Run

@@ -6,8 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from pytest_rvads.drivers.commands import Command
-from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.interface import Command, Observation
 from pytest_rvads.drivers.stacks import frames, messages
 from pytest_rvads.drivers.stacks.child import Child, StackError
 

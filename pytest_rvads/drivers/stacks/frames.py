@@ -10,8 +10,7 @@ import json
 import struct
 from typing import Any
 
-from pytest_rvads.drivers.commands import Acceleration, Command, TargetSpeed, Trajectory, Waypoint
-from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.drivers.stacks.child import StackError
 from pytest_rvads.drivers.stacks.messages import Answer
 from pytest_rvads.junctions.junction import JunctionControl

@@ -16,8 +16,7 @@ import json
 from functools import lru_cache
 from typing import Any
 
-from pytest_rvads.drivers.commands import Acceleration, Command, TargetSpeed, Trajectory, Waypoint
-from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.drivers.stacks.child import StackError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import Pose, Segment
