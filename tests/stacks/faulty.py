@@ -40,7 +40,7 @@ for line in sys.stdin:
     if content["type"] == "hello":
         if fault == "mute":
             time.sleep(60)
-        say({"type": "hello", "version": 2 if fault == "version" else 1, "name": "faulty", "rate": 7 if fault == "rate" else 20})
+        say({"type": "hello", "version": 1 if fault == "version" else 2, "name": "faulty", "rate": 7 if fault == "rate" else 20})
     elif content["type"] == "reset":
         runs, asked = runs + 1, 0
         if fault == "unready":

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.drivers.interface import Autopilot, Command, Observation, TrafficSystem
-from pytest_rvads.drivers.stacks import messages
 from pytest_rvads.drivers.stacks.child import Child, StackError
 from pytest_rvads.drivers.stacks.connection import Connection
+from pytest_rvads.drivers.stacks.place import reset
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Agent
@@ -144,7 +144,7 @@ class Pilot(Autopilot):
         """
         try:
             if not self._begun:
-                self._connection.reset(messages.reset(seen, self.period))
+                self._connection.reset(reset(seen, self.period))
                 self._connection.serves = self
                 self._begun = True
             if self._connection.serves is not self:
