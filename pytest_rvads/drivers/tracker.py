@@ -53,7 +53,7 @@ class Tracker:
         soon = line.at(seen.time + vehicle.drive_lag)[1]
         wanted = (soon - speed) / vehicle.drive_lag + PLACE_GAIN * (place - here) + SPEED_GAIN * (speed - me.speed)
         x, y = line.point(here - vehicle.rear_axle_offset + lookahead(me.speed))
-        return self._follower.drive(seen, wanted)._replace(steering=pursue(me, vehicle, x, y))
+        return self._follower.drive(seen, wanted)._replace(steering=pursue(me, vehicle.rear_axle_offset, vehicle.wheelbase, x, y))
 
 
 class _Line:

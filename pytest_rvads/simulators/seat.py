@@ -65,7 +65,7 @@ class Seat:
             if self._latency is not None:
                 self._latency.send(step, self._held)
         command = self._held if self._latency is None else self._latency.held(step)
-        if isinstance(command, Control):
+        if type(command) is Control:
             return command
         if self._tracker is None:
             self._tracker = Tracker()
