@@ -7,17 +7,8 @@ from dataclasses import dataclass
 from itertools import product
 
 from pytest_rvads.errors import ScenarioError
-from pytest_rvads.scenarios.classes import (
-    Directions,
-    classes,
-    count_classes,
-    count_scenarios,
-    members,
-    parse,
-    rotate,
-    rotations,
-    seats,
-)
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.scenarios.classes import Directions, classes, count_classes, count_scenarios, members, rotate, rotations, seats
 from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import IDEAL, Senses
@@ -33,87 +24,63 @@ class Selection:
     """Abstract scenarios of one junction times configurations.
 
     Raises:
-        ScenarioError: a class number, scenario or cover that does not exist.
+        ScenarioError: a class, scenario or subject that the junction does not have.
     """
 
-    junction: str
-    map: str | None
-    ways: int
+    place: Junction
     configurations: tuple[Configuration, ...]
     cover: str = "class"
-    numbers: tuple[int, ...] | None = None
+    """One of `COVERS`."""
+    classes: tuple[int, ...] | None = None
     """Class numbers, or None for all."""
     scenarios: tuple[Directions, ...] | None = None
     """Scenarios that stand at row 0 of their class, or None for the representatives."""
-    duration: float = 60.0
-    aggression: int = 1
-    wait: float = 1.5
     subject: int | str | None = None
     """Entrance of the vehicle under test among traffic, or ``"all"`` for every seat in turn."""
     senses: tuple[Senses, ...] = (IDEAL,)
     """One after the other, for every configuration."""
+    duration: float = 60.0
+    aggression: int = 1
+    wait: float = 1.5
+    left_out: int = 0
+    """How many more configurations were asked for, in which nobody could stop."""
+    source: tuple[str, str | None] | None = None
+    """Junction and map by the names that scenarios have today; a built-in junction's name by default."""
 
     def __post_init__(self) -> None:
-        total = count_classes(self.ways)
-        if self.cover not in COVERS:
-            raise ScenarioError(f"cover must be one of {', '.join(COVERS)}, got {self.cover!r}")
-        if self.numbers is not None and self.scenarios is not None:
-            raise ScenarioError("give classes= or scenarios=, not both: a scenario names its class")
-        if not (self.subject in (None, "all") or (type(self.subject) is int and 0 <= self.subject < self.ways)):
-            raise ScenarioError(f"subject must be an entrance, 0 to {self.ways - 1}, or 'all', got {self.subject!r}")
-        for number in self.numbers or ():
-            if not isinstance(number, int) or not 1 <= number <= total:
-                raise ScenarioError(f"a {self.ways}-way junction has classes 1..{total}, got {number!r}")
-
-    @classmethod
-    def of(
-        cls,
-        junction: str,
-        map: str | None,
-        ways: int,
-        configurations: tuple[Configuration, ...],
-        *,
-        classes: tuple[int, ...] | None = None,
-        scenarios: tuple[str, ...] | None = None,
-        cover: str = "class",
-        duration: float = 60.0,
-        aggression: int = 1,
-        wait: float = 1.5,
-        subject: int | str | None = None,
-        senses: tuple[Senses, ...] = (IDEAL,),
-    ) -> Selection:
-        """Build a selection from class numbers or direction strings."""
-        for code in scenarios or ():
-            if len(code) != ways:
-                raise ScenarioError(f"scenario {code!r} names {len(code)} entrances, junction {junction!r} has {ways}")
-        codes = None if scenarios is None else tuple(parse(s) for s in scenarios)
-        return cls(junction, map, ways, configurations, cover, classes, codes, duration, aggression, wait, subject, senses)
+        ways, total = self.place.ways, count_classes(self.place.ways)
+        for number in self.classes or ():
+            if not 1 <= number <= total:
+                raise ScenarioError(f"a {ways}-way junction has classes 1..{total}, got {number!r}")
+        if self.subject not in (None, "all", *range(ways)):
+            raise ScenarioError(f"subject must be an entrance, 0 to {ways - 1}, or 'all', got {self.subject!r}")
 
     def count(self) -> int:
         """Return how many abstract scenarios (rows and seats) are selected, without listing a whole arity."""
-        if self.numbers is None and self.scenarios is None:
-            seats_each = self.ways if self.subject == "all" else 1
+        if self.classes is None and self.scenarios is None:
+            seats_each = self.place.ways if self.subject == "all" else 1
             if self.cover == "rotation":
-                return count_classes(self.ways) * self.ways * seats_each
+                return count_classes(self.place.ways) * self.place.ways * seats_each
             if self.cover == "scenario":
-                return count_scenarios(self.ways) * seats_each
+                return count_scenarios(self.place.ways) * seats_each
             # By symmetry there are as many classes of (scenario, seat) as scenarios.
-            return count_classes(self.ways) if self.subject is None else count_scenarios(self.ways)
+            return count_classes(self.place.ways) if self.subject is None else count_scenarios(self.place.ways)
         return sum(len(self._seated(first)) for first in self._firsts())
 
     def __iter__(self) -> Iterator[Scenario]:
         """Yield the scenarios, class by class, row by row, configuration by configuration."""
+        junction, map = self.source or (self.place.name, None)
         for first in self._firsts():
             for row, subject in self._seated(first):
-                for point, senses in product(self.configurations, self.senses):
+                for configuration, senses in product(self.configurations, self.senses):
                     yield Scenario(
-                        self.junction,
+                        junction,  # the one place where a junction goes by its name
                         first,
-                        distance=point.distances,
-                        speed=point.speeds,
+                        distance=configuration.distances,
+                        speed=configuration.speeds,
                         rotation=row,
-                        configuration=point.label,
-                        map=self.map,
+                        configuration=configuration.label,
+                        map=map,
                         duration=self.duration,
                         aggression=self.aggression,
                         wait=self.wait,
@@ -126,8 +93,8 @@ class Selection:
         if self.scenarios is not None:
             yield from self.scenarios
             return
-        wanted = None if self.numbers is None else frozenset(self.numbers)
-        for number, code in enumerate(classes(self.ways), start=1):
+        wanted = None if self.classes is None else frozenset(self.classes)
+        for number, code in enumerate(classes(self.place.ways), start=1):
             if wanted is None or number in wanted:
                 yield code
             if wanted is not None and number >= max(wanted):
