@@ -124,7 +124,8 @@ def _params(cells: Iterable[Cell], declared: Sequence[pytest.Mark]) -> Iterator[
 
 def _cells(mark: pytest.Mark, metafunc: pytest.Metafunc, options: Options) -> Iterator[Cell]:
     from pytest_rvads.junctions.finder import find
-    from pytest_rvads.logic.rules.rule import Rule, rules_for
+    from pytest_rvads.logic.rules.book import rules_for
+    from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.scenarios.selection import Selection
 
     ask = mark.kwargs

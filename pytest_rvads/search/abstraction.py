@@ -114,6 +114,7 @@ class Abstracted(Values):
 
     def __init__(self, model: Model, tie: float) -> None:
         super().__init__(model.run, tie)
+        self._readers["wt"] = lambda _, agent: self._wt(agent)
         self._arrivals = model.arrivals
         self._window = tie
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.logic.judging.check import check
-from pytest_rvads.logic.rules.rule import rules_for
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.falsify import broken

@@ -14,8 +14,8 @@ from random import Random
 from statistics import median
 
 from pytest_rvads.drivers.lgsvl import LgsvlLike
-from pytest_rvads.logic.judging.check import check
-from pytest_rvads.logic.rules.rule import rules_for
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.falsify import avoidable, broken
 from pytest_rvads.search.relations import with_fields

@@ -4,7 +4,7 @@ import pytest
 
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.rolling import RollingStop
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.bullet import simulate

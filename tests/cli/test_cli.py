@@ -13,7 +13,7 @@ import pytest
 from pytest_rvads.cli import main
 from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.bullet import simulate

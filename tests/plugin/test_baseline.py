@@ -6,7 +6,7 @@ import pytest
 
 from pytest_rvads.cli import main
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.session.comparing import explain
 from pytest_rvads.simulators.bullet import simulate

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.logic.rules.rule import rules_for
+from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.report.record import cell_record, conclude
 from pytest_rvads.report.triage import causes
 from pytest_rvads.scenarios.configurations import grid

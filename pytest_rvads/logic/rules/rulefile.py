@@ -15,7 +15,8 @@ from configparser import Error as IniError
 from pathlib import Path
 
 from pytest_rvads.errors import FormulaError, suggest
-from pytest_rvads.logic.rules.rule import Rule, rule
+from pytest_rvads.logic.rules.book import rule
+from pytest_rvads.logic.rules.rule import Rule
 
 __all__ = ["load_rules"]
 
