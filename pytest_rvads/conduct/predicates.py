@@ -6,7 +6,9 @@ agent comes to, which light controls it) is gathered in `Static`, the paper's mo
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,9 @@ from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = ["Static", "at_entrance", "colour", "extract", "in_junction", "on_approach", "on_exit", "speed", "ticks"]
+__all__ = ["Static", "at_entrance", "colour", "extract", "in_junction", "on_approach", "on_exit", "once", "speed", "ticks"]
+
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,21 +60,33 @@ class Static:
 
 def extract(run: Run) -> Static:
     """Return the static model of a run (Algorithm 1 of the paper)."""
+    return once(run, _extract)
+
+
+def _extract(run: Run) -> Static:
     junction = run.junction
-    lights = tuple(int(e) for e in range(run.lights.shape[1]) if (run.lights[:, e] != Colour.NONE).any())
     everywhere = tuple(range(junction.ways))
     return Static(
         junction.ways,
         junction.control,
         junction.right_of,
         junction.opposite,
-        everywhere if junction.control is JunctionControl.LIGHTS else lights,
+        everywhere if junction.control is JunctionControl.LIGHTS else tuple(np.flatnonzero(run.lights.any(axis=0)).tolist()),
         everywhere if junction.control is JunctionControl.STOP else (),
         run.agents,
         conflicts(junction),
         junction.near,
         junction.far,
     )
+
+
+def once(run: Run, work: Callable[[Run], _Result]) -> _Result:
+    """Return what `work` finds out about a run, which is then known: a run is judged by many rules, and never changes."""
+    known = run.__dict__.setdefault("found", {})
+    if work not in known:
+        known[work] = work(run)
+    result: _Result = known[work]
+    return result
 
 
 def in_junction(run: Run, agent: int) -> NDArray[np.bool_]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pytest_rvads.conduct.predicates import extract
+from pytest_rvads.conduct.predicates import extract, once
 from pytest_rvads.conduct.validate import damage
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import JunctionControl
@@ -70,7 +70,7 @@ def check(
     window = rule.tie if tie is None else tie
     if not window >= 0:
         raise RunError(f"the tie window must be a number of seconds, at least 0, got {tie!r}")
-    broken = damage(run)
+    broken = once(run, damage)
     if broken:
         return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason if run.fault else str(broken[0])))
     story = _judged(rule, Values(run, window, standing=standing), book, itinerary)

@@ -13,7 +13,7 @@ from math import prod
 
 from pytest_rvads.conduct.predicates import Static
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import conj, disj, iff, neg
+from pytest_rvads.logic.ltl.boolean import conj, disj, plain
 from pytest_rvads.logic.ltl.effort import Budget
 from pytest_rvads.logic.ltl.rewrite import rebuild
 from pytest_rvads.logic.rules.lexicon import HERE, word_of
@@ -202,30 +202,23 @@ def _bind(term: f.Term, env: Mapping[str, f.Element]) -> f.Term:
 def _fold(node: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
     """Rebuild a node with constants simplified away, by laws that hold on finite runs as well."""
     match node:
-        case f.Const():
-            return node
-        case f.Not():
-            return neg(parts[0])
-        case f.And():
-            return conj(parts)
-        case f.Or():
-            return disj(parts)
         case f.Implies():
-            left, right = parts
-            if isinstance(left, f.Const):
-                return right if left.value else f.TRUE
-            return right if right == f.TRUE else f.Implies(left, right)
-        case f.Iff():
-            return iff(*parts)
+            if isinstance(parts[0], f.Const):
+                return parts[1] if parts[0].value else f.TRUE
+            return f.TRUE if parts[1] == f.TRUE else f.Implies(*parts)
         case f.Next():  # N true is false in the last state of a run
             return f.FALSE if parts[0] == f.FALSE else f.Next(parts[0])
         case f.Always() | f.Eventually():
             return parts[0] if isinstance(parts[0], f.Const) else type(node)(parts[0])
-    left, right = parts
+        case f.Until() | f.WeakUntil() | f.Release():
+            return _fold_until(node, *parts)
+    return plain(node, parts)
+
+
+def _fold_until(node: f.Formula, left: f.Formula, right: f.Formula) -> f.Formula:
     if isinstance(right, f.Const):
-        if isinstance(node, f.WeakUntil) and not right.value:
-            return left if isinstance(left, f.Const) else f.Always(left)
-        return right
+        forever = isinstance(node, f.WeakUntil) and not right.value
+        return right if not forever else left if isinstance(left, f.Const) else f.Always(left)
     match node, left:
         case f.Until(), f.Const(value):
             return f.Eventually(right) if value else right
@@ -233,7 +226,7 @@ def _fold(node: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
             return f.TRUE if value else right
         case f.Release(), f.Const(value):
             return right if value else f.Always(right)
-    return rebuild(node, parts)
+    return rebuild(node, (left, right))
 
 
 def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:

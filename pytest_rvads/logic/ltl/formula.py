@@ -223,7 +223,7 @@ _TEMPORAL = (Next, Always, Eventually, Until, WeakUntil, Release)
 
 def is_boolean(formula: Formula) -> bool:
     """Say whether the formula speaks about the present state alone."""
-    return not any(isinstance(n, _TEMPORAL) for n, _ in walk(formula))
+    return not isinstance(formula, _TEMPORAL) and all(map(is_boolean, children(formula)))
 
 
 _UNARY = {Not: "!", Next: "N ", Always: "G ", Eventually: "F "}

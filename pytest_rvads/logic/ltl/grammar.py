@@ -202,7 +202,7 @@ class Build(Transformer[Token, Any]):
         if name in self._language.values:
             raise Mistake(at, f"{name!s} is a value, it can't be a variable")
         if declared is not None and declared not in sorts:
-            raise Mistake(declared.start_pos or 0, f"unknown sort {declared!s}{suggest(declared, sorts)}")
+            raise Mistake(declared.start_pos or 0, f"unknown sort {declared!s}{suggest(declared, map(str, sorts))}")
         sort = told if declared is None else sorts[sorts.index(declared)]
         if sort is None:
             raise Mistake(at, f"the letters of {name!s} tell no sort: declare one, such as `forall {name!s}: {sorts[0]}.`")
