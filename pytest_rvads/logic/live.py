@@ -47,7 +47,7 @@ class RuleMonitor:
         RunError: the rule is about another kind of junction.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - what a monitor has to know, the rarer part by keyword
         self,
         rule: str | Rule,
         junction: Junction,

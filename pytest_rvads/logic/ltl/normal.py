@@ -58,7 +58,7 @@ class Pool:
             self._alive.append(formula)
         return self._known[key]
 
-    def _add(self, formula: f.Formula, positive: bool) -> int:
+    def _add(self, formula: f.Formula, positive: bool) -> int:  # noqa: C901 - one case per operator
         if f.is_boolean(formula):
             return self._guard(formula, positive)
         match formula:

@@ -76,7 +76,7 @@ def current_book() -> RuleBook:
     return SHIPPED if book is None else book
 
 
-def rule(
+def rule(  # noqa: PLR0913 - everything there is to tell about a rule, by keyword
     name: str,
     text: str,
     *,
