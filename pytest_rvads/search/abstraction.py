@@ -131,7 +131,7 @@ class Abstracted(Values):
                 found: NDArray[np.bool_] = (zone[:, one] == Zone.ENTRANCE) != (zone[:, two] == Zone.ENTRANCE)
                 return found
             case _, (left, right) if all(
-                isinstance(t, f.Word) or (isinstance(t, f.Attr) and t.name == "cl") for t in (left, right)
+                isinstance(t, f.Value) or (isinstance(t, f.Attr) and t.name == "cl") for t in (left, right)
             ):
                 return False
         return True

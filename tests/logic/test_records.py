@@ -158,8 +158,8 @@ WORDS: list[tuple[f.Atom, str, str]] = [
     (f.Atom("@", (A, IN)), "a0 is in the junction", "a0 is not in the junction"),
     (f.Atom("@", (A, OUT)), "a0 is on exit 3", "a0 is not on exit 3"),
     (f.Atom("@", (A, ROAD)), "a0 is on road 5", "a0 is not on road 5"),
-    (f.Atom("=", (f.Attr(LIGHT, "cl"), f.Word("red"))), "light 2 is red", "light 2 is not red"),
-    (f.Atom("!=", (f.Attr(LIGHT, "cl"), f.Word("red"))), "light 2 is not red", "light 2 is red"),
+    (f.Atom("=", (f.Attr(LIGHT, "cl"), f.Value("red"))), "light 2 is red", "light 2 is not red"),
+    (f.Atom("!=", (f.Attr(LIGHT, "cl"), f.Value("red"))), "light 2 is not red", "light 2 is red"),
     (
         f.Atom("=", (f.Attr(A, "wt"), f.Attr(B, "wt"))),
         "a0 and a1 arrived at the same time",

@@ -84,7 +84,7 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         match term, other:
             case f.Number(value), _:
                 return value
-            case f.Word(name), f.Attr(_, asked) if codes := ATTRIBUTES[asked].codes:
+            case f.Value(name), f.Attr(_, asked) if codes := ATTRIBUTES[asked].codes:
                 return codes(name)
             case f.Attr(_, asked), _:
                 # Rounded, so that a waiting time of 300 ticks of 0.01 s equals 3 s.

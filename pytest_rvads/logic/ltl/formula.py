@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from pytest_rvads.logic.ltl.terms import Attr, Binder, Element, Infix, Number, Term, Var, Word
+from pytest_rvads.logic.ltl.terms import Attr, Binder, Element, Infix, Number, Term, Value, Var
 
 __all__ = [
     "FALSE",
@@ -35,9 +35,9 @@ __all__ = [
     "Release",
     "Term",
     "Until",
+    "Value",
     "Var",
     "WeakUntil",
-    "Word",
     "atoms",
     "children",
     "depth",

@@ -188,7 +188,7 @@ class Build(Transformer[Token, Any]):
         return terms
 
     def name(self, name: Token) -> f.Term:
-        return f.Word(str(name)) if name in self._language.values else f.Var(str(name), name.start_pos or 0)
+        return f.Value(str(name)) if name in self._language.values else f.Var(str(name), name.start_pos or 0)
 
     def attribute(self, text: Token) -> f.Term:
         of, _, name = text.rpartition(".")

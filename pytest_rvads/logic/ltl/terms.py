@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from decimal import Decimal
 
-__all__ = ["Attr", "Binder", "Element", "Infix", "Number", "Term", "Var", "Word"]
+__all__ = ["Attr", "Binder", "Element", "Infix", "Number", "Term", "Value", "Var"]
 
 
 class Infix(str):
@@ -40,7 +40,7 @@ class Element:
 
 
 @dataclass(frozen=True, slots=True)
-class Word:
+class Value:
     """A value that has a name."""
 
     name: str
@@ -70,7 +70,7 @@ class Attr:
         return f"{self.of}.{self.name}"
 
 
-Term = Var | Element | Word | Number | Attr
+Term = Var | Element | Value | Number | Attr
 
 
 @dataclass(frozen=True, slots=True)

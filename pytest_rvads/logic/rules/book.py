@@ -24,7 +24,7 @@ _SHELF: Mapping[str, tuple[Rule, ...]] = {"paper": PAPER, "road": ROAD, "variant
 _Function = Callable[..., NDArray[np.bool_]]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class RuleBook:
     """Rules by name, and the predicates that they may be written in; adding to it gives another book."""
 
@@ -59,6 +59,9 @@ class RuleBook:
     def own(self) -> tuple[Rule, ...]:
         """The rules that users added, in order."""
         return tuple(rule for name, rule in self.rules.items() if name not in SHIPPED.rules)
+
+    def __repr__(self) -> str:
+        return f"<RuleBook of {len(self.rules)} rules>"
 
     def __getitem__(self, name: str) -> Rule:
         if name not in self.rules:

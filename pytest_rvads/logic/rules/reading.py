@@ -97,7 +97,7 @@ class _Check:
                 return scope[name]
             case f.Attr(of, name):
                 return self.attribute(term, self.term(of, scope, at), of.at if isinstance(of, f.Var) else 0)
-            case f.Word(name):
+            case f.Value(name):
                 return "direction" if name in DIRECTIONS else "colour"
             case f.Number():
                 return "number"

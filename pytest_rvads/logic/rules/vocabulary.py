@@ -17,7 +17,7 @@ from pytest_rvads.runs.run import Run
 __all__ = ["Attribute", "Vocabulary", "Word", "sorts_in"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Word:
     """A predicate of the rule language."""
 
@@ -52,6 +52,9 @@ class Word:
 
     def __hash__(self) -> int:
         return hash(self.name)
+
+    def __repr__(self) -> str:
+        return f"<Word {self.name}>"
 
     def _told(self) -> tuple[object, ...]:
         """Return what tells words apart; a module that is loaded again makes its functions anew, of the same code."""
@@ -99,7 +102,7 @@ class Attribute:
     """Comparisons in words, and denied: ``"="`` with the same attribute of another element, ``"= value"`` with a value."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Vocabulary(Mapping[str, Word]):
     """The predicates that rules may use, by name."""
 
@@ -121,6 +124,9 @@ class Vocabulary(Mapping[str, Word]):
 
     def __hash__(self) -> int:
         return hash(frozenset(self.words))
+
+    def __repr__(self) -> str:
+        return f"<Vocabulary of {len(self)} words>"
 
     def add(self, word: Word) -> Vocabulary:
         """Return a vocabulary with another word.

@@ -69,7 +69,7 @@ def _phrase(atom: f.Atom, value: bool) -> str:
     match atom.terms:
         case (f.Attr(_, attribute), f.Attr()):
             comparison = atom.name
-        case (f.Attr(_, attribute), f.Word()):
+        case (f.Attr(_, attribute), f.Value()):
             comparison = f"{atom.name} value"
         case _:
             return ""
