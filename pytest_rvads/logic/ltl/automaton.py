@@ -216,25 +216,23 @@ def _merge(edges: list[list[_Move]], live: list[bool], budget: Budget) -> Nfa:
     states = [s for s in range(len(edges)) if live[s]]
     block = dict.fromkeys(states, 0)
     blocks = 1
+
+    def reach(state: int) -> dict[int, int]:
+        """Return by block the letters that lead there."""
+        found: dict[int, int] = {}
+        for letters, target, _ in edges[state]:
+            if live[target]:
+                found[block[target]] = found.get(block[target], 0) | letters
+        return found
+
     while True:
         budget.spend(sum(len(edges[s]) for s in states))
         signatures: dict[tuple[int, frozenset[tuple[int, int]]], int] = {}
-        fresh: dict[int, int] = {}
-        for s in states:
-            reach: dict[int, int] = {}
-            for letters, target, _ in edges[s]:
-                if live[target]:
-                    reach[block[target]] = reach.get(block[target], 0) | letters
-            fresh[s] = signatures.setdefault((block[s], frozenset(reach.items())), len(signatures))
-        block = fresh
+        block = {s: signatures.setdefault((block[s], frozenset(reach(s).items())), len(signatures)) for s in states}
         if len(signatures) == blocks:
             break
         blocks = len(signatures)
     moves: list[tuple[tuple[int, int], ...]] = [()] * blocks
     for s in states:
-        reach = {}
-        for letters, target, _ in edges[s]:
-            if live[target]:
-                reach[block[target]] = reach.get(block[target], 0) | letters
-        moves[block[s]] = tuple((letters, target) for target, letters in sorted(reach.items()))
+        moves[block[s]] = tuple((letters, target) for target, letters in sorted(reach(s).items()))
     return Nfa(block[0], tuple(moves))

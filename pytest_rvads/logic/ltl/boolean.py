@@ -175,19 +175,4 @@ def connect(formula: f.Formula, parts: Sequence[NDArray[np.bool_]]) -> NDArray[n
 
 def holds(formula: f.Formula, true: frozenset[f.Atom]) -> bool:
     """Return a boolean formula in the state in which exactly the atoms in `true` hold."""
-    match formula:
-        case f.Atom():
-            return formula in true
-        case f.Const(value):
-            return value
-        case f.Not(body):
-            return not holds(body, true)
-        case f.And(parts):
-            return all(holds(p, true) for p in parts)
-        case f.Or(parts):
-            return any(holds(p, true) for p in parts)
-        case f.Implies(left, right):
-            return not holds(left, true) or holds(right, true)
-        case f.Iff(left, right):
-            return holds(left, true) == holds(right, true)
-    raise TypeError(f"not a boolean formula: {formula}")
+    return bool(evaluate(formula, {atom: np.array(atom in true) for atom in f.atoms(formula)}, ()))

@@ -66,14 +66,6 @@ def settle_empty(formula: f.Formula) -> bool:
     match formula:
         case f.Const(value):
             return value
-        case f.Not(body):
-            return not settle_empty(body)
-        case f.And(parts):
-            return all(settle_empty(p) for p in parts)
-        case f.Or(parts):
-            return any(settle_empty(p) for p in parts)
-        case f.Implies(left, right):
-            return not settle_empty(left) or settle_empty(right)
-        case f.Iff(left, right):
-            return settle_empty(left) == settle_empty(right)
+        case f.Not() | f.And() | f.Or() | f.Implies() | f.Iff():
+            return bool(connect(formula, [np.array(settle_empty(part)) for part in f.children(formula)]))
     return isinstance(formula, f.Always | f.WeakUntil | f.Release)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Any
 
 from lark import Token, Transformer, v_args
@@ -109,6 +110,14 @@ class Mistake(Exception):
         self.message = message
 
 
+def _binary(kind: Callable[[f.Formula, f.Formula], f.Formula]) -> Callable[..., f.Formula]:
+    return lambda _self, left, _sign, right: kind(left, right)
+
+
+def _unary(kind: Callable[[f.Formula], f.Formula]) -> Callable[..., f.Formula]:
+    return lambda _self, _sign, body: kind(body)
+
+
 @v_args(inline=True)
 class Build(Transformer[Token, Any]):
     """Builds the tree bottom-up while the parser runs, so that nesting costs no recursion.
@@ -130,41 +139,17 @@ class Build(Transformer[Token, Any]):
                 raise Mistake(name.start_pos or 0, f"the parameters of {name!s} must be variables, got {term}")
         return (str(name), terms, body)
 
-    def iff(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
-        return f.Iff(left, right)
+    iff, implies, until, weak, release = map(_binary, (f.Iff, f.Implies, f.Until, f.WeakUntil, f.Release))
+    negation, next_, always, eventually = map(_unary, (f.Not, f.Next, f.Always, f.Eventually))
 
     def xor(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
         return f.Not(f.Iff(left, right))
-
-    def implies(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
-        return f.Implies(left, right)
 
     def disjunction(self, *parts: f.Formula | Token) -> f.Formula:
         return f.Or(tuple(p for p in parts if isinstance(p, f.Formula))) if len(parts) > 1 else parts[0]  # type: ignore[return-value]
 
     def conjunction(self, *parts: f.Formula | Token) -> f.Formula:
         return f.And(tuple(p for p in parts if isinstance(p, f.Formula))) if len(parts) > 1 else parts[0]  # type: ignore[return-value]
-
-    def until(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
-        return f.Until(left, right)
-
-    def weak(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
-        return f.WeakUntil(left, right)
-
-    def release(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
-        return f.Release(left, right)
-
-    def negation(self, _: Token, body: f.Formula) -> f.Formula:
-        return f.Not(body)
-
-    def next_(self, _: Token, body: f.Formula) -> f.Formula:
-        return f.Next(body)
-
-    def always(self, _: Token, body: f.Formula) -> f.Formula:
-        return f.Always(body)
-
-    def eventually(self, _: Token, body: f.Formula) -> f.Formula:
-        return f.Eventually(body)
 
     def true(self, _: Token) -> f.Formula:
         return f.TRUE
