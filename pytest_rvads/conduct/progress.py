@@ -18,7 +18,7 @@ from pytest_rvads.conduct.priority import due, may_owe, yields
 from pytest_rvads.conduct.standing import TIE
 from pytest_rvads.conduct.stretches import Shared, before_exit, on_stretch, position, shared
 from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone

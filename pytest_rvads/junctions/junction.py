@@ -11,15 +11,15 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
 from pytest_rvads.errors import MapError, ScenarioError
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Segment, Turn
 
-__all__ = ["Geometry", "Junction", "JunctionControl", "Movement", "digest"]
+__all__ = ["Geometry", "Junction", "Movement", "digest"]
 
 
 # Autopilots are handed the tables of a junction, so they are read-only; a run has to be picklable all the same.
@@ -28,15 +28,6 @@ def _table(items: dict[Any, Any]) -> MappingProxyType[Any, Any]:
 
 
 copyreg.pickle(MappingProxyType, lambda table: (_table, (dict(table),)))
-
-
-class JunctionControl(StrEnum):
-    """What regulates a junction: the same object at all entrances, at none, or only at some."""
-
-    STOP = "stop"
-    LIGHTS = "lights"
-    NONE = "none"
-    PARTIAL = "partial"
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,7 +76,7 @@ def _adopt(roads: dict[str, Road], junctions: dict[str, JunctionRecord], warning
             )
             warnings.append(MapWarning(Doubt.LINK, message, road.id))
     for junction in junctions.values():
-        for row in junction.connections if junction.type in ("default", "") else ():
+        for row in junction.connections if junction.made_of_roads else ():
             connecting = roads.get(row.connecting)
             if connecting is not None and connecting.junction is None:
                 roads[connecting.id] = replace(connecting, junction=junction.id)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -72,6 +73,14 @@ class Lane(NamedTuple):
         """Lane 0 is never a lane, though some writers type it driving."""
         return self.id != 0 and self.type in DRIVABLE
 
+    def onward(self, end: str) -> tuple[int, ...]:
+        """Return the lanes that this one is linked to at ``start`` or ``end`` of its section."""
+        return self.predecessors if end == "start" else self.successors
+
+    def forward(self, *, left_hand: bool) -> bool:
+        """Tell whether traffic runs along the reference line: by the side of the lane, and on which one traffic keeps."""
+        return ((self.id < 0) != left_hand) != self.reversed
+
 
 class Section(NamedTuple):
     """A lane section."""
@@ -129,6 +138,21 @@ class Road:
     successor: RoadLink | None
     signals: tuple[Signal, ...]
 
+    @property
+    def drivable(self) -> bool:
+        """Whether any lane is."""
+        return any(lane.drivable for section in self.sections for lane in section.lanes.values())
+
+    @property
+    def contacts(self) -> Iterator[tuple[str, RoadLink | None]]:
+        """Each end with what the road continues into there."""
+        yield "start", self.predecessor
+        yield "end", self.successor
+
+    def lanes_at(self, end: str) -> dict[int, Lane]:
+        """Return the lanes at ``start`` or ``end``, none where the road has no lane section."""
+        return self.sections[0 if end == "start" else -1].lanes if self.sections else {}
+
 
 class LaneLink(NamedTuple):
     """One lane link of a connection."""
@@ -154,6 +178,11 @@ class JunctionRecord(NamedTuple):
     type: str
     connections: tuple[Connection, ...]
 
+    @property
+    def made_of_roads(self) -> bool:
+        """Whether its connections are roads of its own."""
+        return self.type in ("default", "")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Document:
@@ -174,7 +203,7 @@ class Document:
         incoming, connecting = self.roads[row.incoming], self.roads[row.connecting]
         ends = [
             end
-            for end, link in (("start", incoming.predecessor), ("end", incoming.successor))
+            for end, link in incoming.contacts
             if link is not None
             and (link.element == junction if link.junction else (link.element, link.contact) == (connecting.id, row.contact))
         ]

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.analysis import phase_groups
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl, phase_groups
 
 __all__ = ["Layout", "opendrive"]
 

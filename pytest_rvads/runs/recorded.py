@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError, RunError
-from pytest_rvads.junctions.junction import Junction, JunctionControl, Movement
+from pytest_rvads.junctions.junction import Junction, Movement
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone

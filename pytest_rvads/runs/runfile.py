@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError, RunError
-from pytest_rvads.junctions.junction import Geometry, Junction, JunctionControl, Movement
+from pytest_rvads.junctions.junction import Geometry, Junction, Movement
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.runs.header import check_header
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run

@@ -9,7 +9,8 @@ from typing import Any
 
 from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.errors import MapError, RvadsError, ScenarioError
-from pytest_rvads.junctions.junction import Junction, JunctionControl
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.scenario import Scenario

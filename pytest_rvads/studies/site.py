@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.analysis import phase_groups, right_of_pairs
-from pytest_rvads.junctions.junction import Geometry, Junction, JunctionControl, Movement
+from pytest_rvads.junctions.analysis import right_of_pairs
+from pytest_rvads.junctions.junction import Geometry, Junction, Movement
+from pytest_rvads.maps.control import JunctionControl, phase_groups
 from pytest_rvads.maps.segment import Segment, Turn
 
 __all__ = ["TOLERANCE", "Lengths", "build_junction", "fit_shape"]

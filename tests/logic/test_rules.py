@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.logic.judging.check import check, extract, ground, simplify, unfold
 from pytest_rvads.logic.judging.ground import domain
 from pytest_rvads.logic.ltl import formula as f
@@ -15,6 +14,7 @@ from pytest_rvads.logic.ltl.sorts import Sort
 from pytest_rvads.logic.rules.rule import Rule, get_rule, rule, rulebook, rules_for
 from pytest_rvads.logic.rules.rulefile import load_rules
 from pytest_rvads.logic.rules.vocabulary import parse, predicate
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.scenarios.classes import classes, label
 

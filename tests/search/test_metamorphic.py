@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.search.metamorphic import compare, equivalent
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
 from pytest_rvads.search.remap import mirrored, moved

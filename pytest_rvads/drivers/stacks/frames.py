@@ -14,7 +14,7 @@ from pytest_rvads.drivers.commands import Acceleration, Command, TargetSpeed, Tr
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.stacks.child import StackError
 from pytest_rvads.drivers.stacks.messages import Answer
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.states import VehicleState
 from pytest_rvads.scenarios.classes import WAYS

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from pytest_rvads.errors import FormulaError, suggest
-from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.logic.ltl.formula import Formula
 from pytest_rvads.logic.ltl.sorts import Sort
 from pytest_rvads.logic.rules.registry import Registry
 from pytest_rvads.logic.rules.shape import outermost, untimed
 from pytest_rvads.logic.rules.vocabulary import parse
+from pytest_rvads.maps.control import JunctionControl
 
 __all__ = ["Rule", "get_rule", "rule", "rulebook", "rules_for", "user_rules"]
 
