@@ -195,6 +195,13 @@ class Document:
     """Signal ids per controller id."""
     warnings: tuple[MapWarning, ...]
 
+    def rows(self) -> Iterator[tuple[JunctionRecord, Connection]]:
+        """Yield the rows of all connection tables whose two roads exist."""
+        for junction in self.junctions.values():
+            for row in junction.connections:
+                if row.incoming in self.roads and row.connecting in self.roads:
+                    yield junction, row
+
     def touching(self, junction: str, row: Connection) -> str | None:
         """Return the end of the incoming road of a connection at which it holds, None where the roads do not touch.
 

@@ -65,31 +65,29 @@ def _neighbours(document: Document) -> dict[RoadEnd, dict[RoadEnd, None]]:
     """Return per road end the road ends that may meet it: by road links and tables, both ends where they do not say which."""
     found: dict[RoadEnd, dict[RoadEnd, None]] = defaultdict(dict)
     around: dict[str, dict[RoadEnd, None]] = defaultdict(dict)
-
-    def meet(one: Iterable[RoadEnd], two: Iterable[RoadEnd]) -> None:
-        for a in one:
-            for b in islice(two, _MOST_NEIGHBOURS):
-                if a != b and len(found[a]) < _MOST_NEIGHBOURS and len(found[b]) < _MOST_NEIGHBOURS:
-                    found[a][b] = found[b][a] = None
-
-    for road in document.roads.values():
-        for end, link in road.contacts:
-            if link is not None and link.junction:
-                around[link.element][road.id, end] = None
-            elif link is not None and link.element in document.roads:
-                meet([(road.id, end)], _ends(link.element, link.contact))
-    rows = [
-        (junction.id, row) for junction in document.junctions.values() if junction.made_of_roads for row in junction.connections
-    ]
-    for id, row in rows:
-        if row.incoming in document.roads and row.connecting in document.roads:
-            places = _ends(row.incoming, document.touching(id, row) or "")
-            around[id].update(dict.fromkeys(places))
-            meet(_ends(row.connecting, row.contact), places)
+    links = [(road.id, *contact) for road in document.roads.values() for contact in road.contacts]
+    for id, end, link in links:
+        if link is not None and link.junction:
+            around[link.element][id, end] = None
+        elif link is not None and link.element in document.roads:
+            _meet(found, [(id, end)], _ends(link.element, link.contact))
+    for junction, row in document.rows():
+        if junction.made_of_roads:
+            places = _ends(row.incoming, document.touching(junction.id, row) or "")
+            around[junction.id].update(dict.fromkeys(places))
+            _meet(found, _ends(row.connecting, row.contact), places)
     for road in document.roads.values():
         if road.junction is not None:
-            meet([place for place in _ends(road.id, "") if not found.get(place)], around[road.junction])
+            _meet(found, [place for place in _ends(road.id, "") if not found.get(place)], around[road.junction])
     return found
+
+
+def _meet(found: dict[RoadEnd, dict[RoadEnd, None]], one: Iterable[RoadEnd], two: Iterable[RoadEnd]) -> None:
+    """Let two groups of road ends meet in `found`, as long as there is room."""
+    for a in one:
+        for b in islice(two, _MOST_NEIGHBOURS):
+            if a != b and len(found[a]) < _MOST_NEIGHBOURS and len(found[b]) < _MOST_NEIGHBOURS:
+                found[a][b] = found[b][a] = None
 
 
 def _ends(road: str, end: str) -> list[RoadEnd]:

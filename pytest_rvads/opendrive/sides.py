@@ -61,17 +61,12 @@ def _table_votes(document: Document) -> Iterator[bool]:
 
     Rows about connecting roads of two directions tell nothing: some writers list them once per end.
     """
-    for junction in document.junctions.values():
-        for row in junction.connections:
-            if row.incoming not in document.roads or row.connecting not in document.roads or junction.type == "direct":
-                continue
-            sections = document.roads[row.connecting].sections
-            sides = {lane.id > 0 for part in sections for lane in part.lanes.values() if lane.drivable}
-            end = document.touching(junction.id, row)
-            if len(sides) != 1 or end is None:
-                continue
-            for source, _ in row.links[:1]:
-                yield (source < 0) != (end == "end")
+    for junction, row in document.rows():
+        sections = document.roads[row.connecting].sections
+        sides = {lane.id > 0 for part in sections for lane in part.lanes.values() if lane.drivable}
+        end = document.touching(junction.id, row)
+        if len(sides) == 1 and end is not None and row.links and junction.type != "direct":
+            yield (row.links[0].source < 0) != (end == "end")
 
 
 def _turn_connecting_roads(document: Document, found: dict[str, bool], warnings: list[MapWarning]) -> None:

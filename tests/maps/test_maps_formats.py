@@ -43,8 +43,9 @@ def read_star(path: str | os.PathLike[str]) -> Network:
         edges[f"{name}.out"] = straight(f"{name}.out", name, 12 * out - left, far - left, forward=True)
         if control == "stop":
             objects.append(MapObject(f"sign.{name}", ObjectKind.STOP, "x", f"{name}.in", edges[f"{name}.in"].length - 2, 2.0))
-    for one in [edge for edge in edges.values() if not edge.forward]:
-        for two in [edge for edge in edges.values() if edge.forward and edge.road != one.road]:
+    lanes = list(edges.values())
+    for one in [edge for edge in lanes if not edge.forward]:
+        for two in [edge for edge in lanes if edge.forward and edge.road != one.road]:
             turning = math.remainder(two.start_heading - one.end_heading, math.tau)
             id = f"{one.road}-{two.road}"
             edges[id] = replace(straight(id, id, one.points[-1], two.points[0], forward=True), junction="x", turning=turning)
