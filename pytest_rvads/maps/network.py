@@ -10,6 +10,7 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.errors import MapError
 from pytest_rvads.maps.control import MapObject
 from pytest_rvads.maps.doubts import MapWarning
 
@@ -73,11 +74,15 @@ class DeclaredJunction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Network:
-    """The lanes of a map with their links, and what a file says of its junctions."""
+    """The lanes of a map with their links, and what a file says of its junctions.
+
+    Raises:
+        MapError: a link, edge or object names what the network does not have.
+    """
 
     edges: Mapping[str, Edge]
     links: nx.DiGraph
-    """On the ids of edges, all of them: an arc leads to what traffic can go on to."""
+    """On the ids of edges: an arc leads to what traffic can go on to."""
     junctions: Mapping[str, DeclaredJunction]
     """By id, in file order."""
     left_hand: frozenset[str] = frozenset()
@@ -87,3 +92,16 @@ class Network:
     controllers: tuple[tuple[str, ...], ...] = ()
     """Per controller of lights, the ids of its objects."""
     warnings: tuple[MapWarning, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.links.add_nodes_from(self.edges)
+        for what, names, known in (
+            ("edge", self.links, self.edges),
+            ("junction", (edge.junction for edge in self.edges.values() if edge.junction is not None), self.junctions),
+            ("junction", (item.junction for item in self.objects), self.junctions),
+        ):
+            for name in names:
+                if name not in known:
+                    raise MapError(
+                        f"a network names the {what} {name!r} but has none of this id, expected one of its {len(known)}"
+                    )

@@ -43,7 +43,7 @@ class Draft:
         self.warnings: list[MapWarning] = list(document.warnings)
         self.edges: dict[str, Chain] = {}
         self.links = nx.DiGraph()
-        """On the ids of edges."""
+        """On the ids of all edges."""
         self.arriving: dict[LaneEnd, str] = {}
         """The edge that reaches a road end on a lane."""
         self.departing: dict[LaneEnd, str] = {}

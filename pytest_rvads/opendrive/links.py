@@ -42,8 +42,8 @@ def link_table(draft: Draft, id: str) -> None:
         end = _end(draft, id, row)
         if end is None:
             continue
-        for link in row.links:
-            one, two = (row.incoming, end, link.source), (row.connecting, row.contact, link.target)
+        for source, target in row.links:
+            one, two = (row.incoming, end, source), (row.connecting, row.contact, target)
             pair = draft.pair(one, two)
             if pair is None:
                 if one[:2] != two[:2]:

@@ -8,22 +8,9 @@ from typing import NamedTuple
 
 from pytest_rvads.maps.doubts import MapWarning
 
-__all__ = [
-    "DRIVABLE",
-    "Connection",
-    "Cubic",
-    "Document",
-    "JunctionRecord",
-    "Lane",
-    "LaneLink",
-    "Road",
-    "RoadLink",
-    "Section",
-    "Shape",
-    "Signal",
-]
+__all__ = ["Connection", "Cubic", "Document", "JunctionRecord", "Lane", "Road", "RoadLink", "Section", "Shape", "Signal"]
 
-DRIVABLE = frozenset({"driving", "entry", "exit", "mwyentry", "mwyexit", "onramp", "offramp", "connectingramp", "sliplane"})
+_DRIVABLE = frozenset({"driving", "entry", "exit", "mwyentry", "mwyexit", "onramp", "offramp", "connectingramp", "sliplane"})
 """Lane types (in lower case) that vehicles drive on; mwyEntry and mwyExit are entry and exit before version 1.4."""
 
 
@@ -71,7 +58,7 @@ class Lane(NamedTuple):
     @property
     def drivable(self) -> bool:
         """Lane 0 is never a lane, though some writers type it driving."""
-        return self.id != 0 and self.type in DRIVABLE
+        return self.id != 0 and self.type in _DRIVABLE
 
     def onward(self, end: str) -> tuple[int, ...]:
         """Return the lanes that this one is linked to at ``start`` or ``end`` of its section."""
@@ -154,13 +141,6 @@ class Road:
         return self.sections[0 if end == "start" else -1].lanes if self.sections else {}
 
 
-class LaneLink(NamedTuple):
-    """One lane link of a connection."""
-
-    source: int
-    target: int
-
-
 class Connection(NamedTuple):
     """One row of the connection table of a junction."""
 
@@ -168,7 +148,8 @@ class Connection(NamedTuple):
     connecting: str
     """Connecting road; the linked road in a direct junction."""
     contact: str
-    links: tuple[LaneLink, ...]
+    links: tuple[tuple[int, int], ...]
+    """Pairs of lane ids: on the incoming road, on the connecting one."""
 
 
 class JunctionRecord(NamedTuple):

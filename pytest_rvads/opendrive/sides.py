@@ -66,7 +66,7 @@ def _table_votes(document: Document) -> Iterator[bool]:
         sides = {lane.id > 0 for part in sections for lane in part.lanes.values() if lane.drivable}
         end = document.touching(junction.id, row)
         if len(sides) == 1 and end is not None and row.links and junction.type != "direct":
-            yield (row.links[0].source < 0) != (end == "end")
+            yield (row.links[0][0] < 0) != (end == "end")
 
 
 def _turn_connecting_roads(document: Document, found: dict[str, bool], warnings: list[MapWarning]) -> None:

@@ -85,3 +85,11 @@ def test_its_map_is_described_as_any_other(star: Path) -> None:
 def test_the_suffix_decides(star: Path, tmp_path: Path) -> None:
     with pytest.raises(MapError, match="not well-formed XML"):
         read_map(star.rename(tmp_path / "town.xodr"))
+
+
+def test_what_a_network_names_it_has() -> None:
+    lane = straight("a", "r", np.array([0.0, 0.0]), np.array([9.0, 0.0]), forward=True)
+    with pytest.raises(MapError, match="names the edge 'b' but has none of this id"):
+        Network({"a": lane}, nx.DiGraph([("a", "b")]), {})
+    with pytest.raises(MapError, match="names the junction 'x' but has none of this id"):
+        Network({"a": replace(lane, junction="x")}, nx.DiGraph(), {})
