@@ -9,7 +9,6 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -37,13 +36,9 @@ from pytest_rvads.fixtures.running import Simulated
 
 @pytest.fixture(scope="session")
 def rvads_runs():
-    scenario = rvads.Scenario(rvads.find("stop4"), "1133", distance=0.3, duration=1.0)
-    one = Simulated(lambda: rvads.simulate(rvads.Case(scenario, rvads.Reference)))
+    start = rvads.Scenario("stop4", "1133", distance=0.3, duration=1.0)
+    one = Simulated(lambda: rvads.simulate(start, rvads.Reference))
     return SimpleNamespace(get=lambda *args: one)
-
-@pytest.fixture
-def rvads_autopilot():
-    return rvads.Reference
 
 here = rvads.scenario("stop4", cover="scenario", distances=[1.0, 2.0], rules="p4")
 
@@ -68,7 +63,7 @@ class Clock:
     """Times the collection and the running of a session [s]."""
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_collection(self) -> Generator[None, object, object]:
+    def pytest_collection(self):
         gc.collect()
         start = time.process_time()
         found = yield
@@ -76,7 +71,7 @@ class Clock:
         return found
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_runtestloop(self) -> Generator[None, object, object]:
+    def pytest_runtestloop(self):
         start = time.process_time()
         found = yield
         self.running = time.process_time() - start
@@ -103,7 +98,7 @@ def test_collecting(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
             found.append(session(tmp_path, code, "--collect-only").collecting)
     ours, bare = (statistics.median(times[code]) for code in (OURS, BARE))
     with capsys.disabled():
-        print(f"\n{ITEMS} items: {ours:.3f} s, bare {bare:.3f} s, ratio {ours / bare:.2f}")
+        print(f"\n{ITEMS} items: {ours:.3f} s, bare {bare:.3f} s, ratio {ours / bare:.2f}")  # noqa: T201
     assert ours <= 1.5 * bare
 
 
@@ -115,7 +110,7 @@ def test_na_and_pass_items(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         ours, plain = (session(tmp_path, code).running for code in (CHEAP, bare))
         differences.append((ours - plain) / count)
     with capsys.disabled():
-        print(f"\n{count} NA and pass items: {1e3 * min(differences):.3f} ms of the plugin each")
+        print(f"\n{count} NA and pass items: {1e3 * min(differences):.3f} ms of the plugin each")  # noqa: T201
     assert min(differences) <= 1e-3
 
 
@@ -133,7 +128,6 @@ def test_the_profile_of_a_pull_request(tmp_path: Path, workers: tuple[str, ...],
         "-rN",
         "-p",
         "no:cacheprovider",
-        "--rvads-autopilot=reference",
         f"--rootdir={tmp_path}",
         "-c",
         "/dev/null",
@@ -142,6 +136,6 @@ def test_the_profile_of_a_pull_request(tmp_path: Path, workers: tuple[str, ...],
     spent, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     worked = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     with capsys.disabled():
-        print(f"\n{spent:.1f} s, {worked:.1f} s of processors: {done.stdout.splitlines()[-1]}")
+        print(f"\n{spent:.1f} s, {worked:.1f} s of processors: {done.stdout.splitlines()[-1]}")  # noqa: T201
     assert "120 runs" in done.stdout
     assert worked <= 60, "so that two processors that have nothing else to do take less than a minute"

@@ -1,7 +1,5 @@
 # The public names, each written once: type checkers read this file, and so does `__init__.py`.
 
-__all__: list[str]
-
 from pytest_rvads.drivers.follower import Follower as Follower
 from pytest_rvads.drivers.reference import Reference as Reference
 from pytest_rvads.drivers.rolling import RollingStop as RollingStop
@@ -9,7 +7,6 @@ from pytest_rvads.drivers.lgsvl import LgsvlLike as LgsvlLike
 from pytest_rvads.drivers.playback import Replay as Replay
 from pytest_rvads.drivers.traffic import traffic as traffic
 from pytest_rvads.collection import known as known, scenario as scenario
-from pytest_rvads.collection.searching import falsify as falsify
 from pytest_rvads.errors import (
     AutopilotError as AutopilotError,
     FormulaError as FormulaError,
@@ -21,42 +18,43 @@ from pytest_rvads.errors import (
     RvadsError as RvadsError,
     ScenarioError as ScenarioError,
 )
-from pytest_rvads.logic.check import check as check
-from pytest_rvads.logic.live import RuleMonitor as RuleMonitor
-from pytest_rvads.logic.rules.book import RuleBook as RuleBook, predicate as predicate, rule as rule
-from pytest_rvads.logic.rules.rule import Rule as Rule
+from pytest_rvads.logic.judging.check import check as check
+from pytest_rvads.logic.judging.live import RuleMonitor as RuleMonitor
 from pytest_rvads.logic.rules.rulefile import load_rules as load_rules
-from pytest_rvads.logic.rules.vocabulary import Word as Word
+from pytest_rvads.logic.rules.rule import Rule as Rule, rule as rule
+from pytest_rvads.logic.rules.vocabulary import predicate as predicate
 from pytest_rvads.logic.judging.verdicts import Status as Status, Verdict as Verdict
 from pytest_rvads.junctions.finder import find as find
-from pytest_rvads.junctions.junction import Entrance as Entrance, Exit as Exit, Junction as Junction, Movement as Movement
-from pytest_rvads.maps.control import Sign as Sign
+from pytest_rvads.junctions.junction import Junction as Junction, Movement as Movement
 from pytest_rvads.maps.segment import Turn as Turn
+from pytest_rvads.physics.braking import vmax as vmax
 from pytest_rvads.simulators.bullet import bullet as bullet
-from pytest_rvads.simulators.simulator import Simulator as Simulator, simulate as simulate, vmax as vmax
+from pytest_rvads.simulators.simulator import Simulator as Simulator, simulate as simulate
 from pytest_rvads.scenarios.case import Case as Case, Fleet as Fleet
 from pytest_rvads.scenarios.scenario import Scenario as Scenario
 from pytest_rvads.scenarios.senses import Senses as Senses
 from pytest_rvads.search import strategies as strategies
 from pytest_rvads.search.chance import sweep as sweep
+from pytest_rvads.search.falsify import falsify as falsify
 from pytest_rvads.search.metamorphic import equivalent as equivalent
 from pytest_rvads.search.rationality import determinate as determinate, rational as rational
+from pytest_rvads.drivers.commands import (
+    Acceleration as Acceleration,
+    TargetSpeed as TargetSpeed,
+    Trajectory as Trajectory,
+    Waypoint as Waypoint,
+)
 from pytest_rvads.runs.itineraries import Itinerary as Itinerary
 from pytest_rvads.conduct.kpis import Kpis as Kpis, kpis as kpis
 from pytest_rvads.runs.recorded import read_recorded as read_recorded
 from pytest_rvads.runs.run import Collision as Collision, Facts as Facts, Fault as Fault, Run as Run
 from pytest_rvads.runs.runfile import load_run as load_run, save_run as save_run
-from pytest_rvads.runs.states import Agent as Agent, Colour as Colour, Kind as Kind, VehicleState as VehicleState, Zone as Zone
+from pytest_rvads.runs.states import Agent as Agent, Colour as Colour, VehicleState as VehicleState, Zone as Zone
 from pytest_rvads.drivers.interface import (
-    Acceleration as Acceleration,
     Autopilot as Autopilot,
     Control as Control,
-    Factory as Factory,
     Observation as Observation,
-    TargetSpeed as TargetSpeed,
     TrafficSystem as TrafficSystem,
-    Trajectory as Trajectory,
-    Waypoint as Waypoint,
 )
 from pytest_rvads.conduct.validate import Finding as Finding, validate as validate
 from pytest_rvads.runs.vehicle import Vehicle as Vehicle

@@ -6,13 +6,11 @@ It is imported by every pytest run of the environment, so it imports nothing hea
 from __future__ import annotations
 
 from collections.abc import Generator
-from contextlib import AbstractContextManager, ExitStack
-from typing import TypeVar
+from contextlib import ExitStack
 
 import pytest
 
 from pytest_rvads import hooks
-from pytest_rvads.collection.books import open_book, open_session, outliving
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_run, rvads_runs
@@ -25,7 +23,6 @@ from pytest_rvads.session.items import OPTIONS, RECORD, attach, letter, prepare
 from pytest_rvads.session.main_process import Session
 from pytest_rvads.session.plan import Planner, in_part
 from pytest_rvads.session.time_budget import BUDGET, Budget
-from pytest_rvads.simulators.choice import choosing
 
 __all__ = [
     "monitor",
@@ -41,8 +38,6 @@ __all__ = [
     "rvads_vehicle",
 ]
 
-_T = TypeVar("_T")
-
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Declare ``--rvads-*`` and their ini twins."""
@@ -56,8 +51,12 @@ def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
-    """Open the session's own book of rules."""
-    _opened(early_config, open_session(early_config))
+    """Have what this session registers forgotten at its end, by whatever comes after it in the process."""
+    from pytest_rvads.logic.rules.registry import registries_kept
+
+    kept = ExitStack()
+    kept.enter_context(registries_kept())
+    early_config.add_cleanup(kept.close)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -68,12 +67,10 @@ def pytest_configure(config: pytest.Config) -> None:
         options = config.stash[OPTIONS] = Options.read(config)
         if options.autopilot:
             chosen(options.autopilot, config.invocation_params.dir)  # a wrong name ends the session before anything runs
-        simulator = None
         if options.simulator != "bullet":
             from pytest_rvads.simulators.simulator import named
 
-            simulator = named(options.simulator, config.invocation_params.dir)
-        _opened(config, choosing(simulator))
+            named(options.simulator, config.invocation_params.dir)
     except RvadsError as error:
         raise pytest.UsageError(str(error)) from error
     register_marks(config)
@@ -89,11 +86,10 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(Session(config, planner), "rvads_session")
 
 
-def pytest_report_header(config: pytest.Config) -> list[str]:
-    """Name what drives, and what simulates in place of bullet, where the options say so."""
-    options = config.stash[OPTIONS]
-    driven = [f"rvads: driven by {options.driver}"] if options.driver else []
-    return driven if options.simulator == "bullet" else [*driven, f"rvads: simulated by --rvads-simulator={options.simulator}"]
+def pytest_report_header(config: pytest.Config) -> str | None:
+    """Name what drives, where the options say so."""
+    driver = config.stash[OPTIONS].driver
+    return f"rvads: driven by {driver}" if driver else None
 
 
 def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Item]) -> str | None:
@@ -101,15 +97,6 @@ def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Ite
     if config.stash[OPTIONS].driver or not any("rvads_cell" in getattr(item, "fixturenames", ()) for item in items):
         return None
     return "rvads: driven by what the fixture rvads_autopilot returns"
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_make_collect_report(
-    collector: pytest.Collector,
-) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
-    """Open the book of rules of a test file while it is collected."""
-    with open_book(collector):
-        return (yield)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -123,28 +110,17 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Refuse a mark on what can't be parametrized, so that it is not silently a plain test, and one that nothing matches."""
     for item in items:
-        if "rvads_cell" in getattr(item, "fixturenames", ()):
-            continue
-        if mark := item.get_closest_marker("rvads_scenario"):
-            said = "has @rvads.scenario(...), which works on functions and classes of pytest only"
-            raise pytest.UsageError(f"{mark.args[0].place}: {item.nodeid} {said}")
-        if item.get_closest_marker("rvads_known"):
-            from pytest_rvads.collection import idle
+        if "rvads_cell" not in getattr(item, "fixturenames", ()) and item.get_closest_marker("rvads_scenario"):
+            raise pytest.UsageError(
+                f"{item.nodeid} has @rvads.scenario(...), which works on functions and classes of pytest only"
+            )
 
-            idle(item)
     if in_part(config):
         return
     from pytest_rvads.collection import unused
 
     if wrong := unused(config):
         raise pytest.UsageError("; ".join(wrong))
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Open the book of rules of a test file while one of its tests runs."""
-    with open_book(item):
-        return (yield)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -155,16 +131,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Generator[None, object, object]:
-    """Keep the rules that a fixture registers as long as its scope says."""
-    with outliving(fixturedef):
-        return (yield)
-
-
-@pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
     """Let no item of ours pass that judged nothing, or went on after a violation as if nothing had been."""
-    __tracebackhide__ = True
     if RECORD not in item.stash:
         return (yield)
     try:
@@ -194,10 +162,3 @@ def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str]
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
     """Show NA and what came too late by letters of their own."""
     return letter(report)
-
-
-def _opened(config: pytest.Config, context: AbstractContextManager[_T]) -> _T:
-    """Enter a context that lasts as long as the session."""
-    stack = ExitStack()
-    config.add_cleanup(stack.close)
-    return stack.enter_context(context)

@@ -12,27 +12,22 @@ error; the protocol has a descriptor of its own. SI units throughout, angles in 
 Only the standard library is needed, Python 3.8 or later. Licence: Apache-2.0.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys
 import time
-from collections.abc import Iterator
-from typing import Any
 
-VERSION = 2
+VERSION = 1
 
 
 class Observation:
     """What the vehicle sees, to be answered once.
 
-    `time` [s]; `me` and `others`, vehicles as dicts (id, name, kind, entrance, lane, turn, zone, station, x, y, heading, speed,
-    acceleration, length, width), where the id is one vehicle's throughout a run, 0 the own one's; `lights`, a colour per
-    entrance; `scenario`, `fresh`.
+    `time` [s]; `me` and `others`, vehicles as dicts (name, entrance, turn, zone, station, x, y, heading, speed,
+    acceleration, length, width); `lights`, a colour per entrance; `scenario`, `fresh`.
     """
 
-    def __init__(self, content: dict[str, Any], scenario: dict[str, Any], fresh: bool, output: Any) -> None:
+    def __init__(self, content, scenario, fresh, output):
         self.time = content["time"]
         self.me = content["me"]
         self.others = content["others"]
@@ -43,7 +38,7 @@ class Observation:
         self._output = output
         self._since = time.perf_counter()
 
-    def answer(self, **command: Any) -> None:
+    def answer(self, **command):
         """Answer with ``throttle, brake, steering``; ``target_speed``; ``acceleration`` (and ``steering``); or ``trajectory``.
 
         A trajectory is a list of (time, x, y); all but the controls are driven by the tracking controller.
@@ -51,7 +46,7 @@ class Observation:
         _send(self._output, dict(command, type="command", step=self._step, compute=time.perf_counter() - self._since))
 
 
-def connect(name: str, rate: float | None = None) -> Iterator[Observation]:
+def connect(name, rate=None):
     """Say hello and yield one observation after the other.
 
     Args:
@@ -65,8 +60,7 @@ def connect(name: str, rate: float | None = None) -> Iterator[Observation]:
     if hello.get("protocol") != "rvads":
         sys.exit("rvads: this program is to be started by pytest-rvads")
     _send(output, {"type": "hello", "version": VERSION, "name": name, "format": "json", "rate": rate})
-    scenario: dict[str, Any] = {}
-    fresh = False
+    scenario, fresh = None, False
     for line in lines:
         content = json.loads(line)
         if content["type"] == "reset":
@@ -79,12 +73,12 @@ def connect(name: str, rate: float | None = None) -> Iterator[Observation]:
             return
 
 
-def stopping_speed(distance: float, deceleration: float = 2.0) -> float:
+def stopping_speed(distance, deceleration=2.0):
     """Return the speed from which braking at `deceleration` [m/s^2] ends after `distance` [m]; 0 from there on."""
     return (2.0 * deceleration * distance) ** 0.5 if distance > 0 else 0.0
 
 
-def _send(output: Any, content: dict[str, Any]) -> None:
+def _send(output, content):
     data = json.dumps(content).encode() + b"\n"
     while data:
         data = data[output.write(data) :]

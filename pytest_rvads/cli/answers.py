@@ -1,21 +1,40 @@
-"""What the command line asks of the logic: judging runs, listing rules."""
+"""What the command line asks of the logic: judging files, listing rules, showing a monitor."""
 
 from __future__ import annotations
 
 import textwrap
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 
 from pytest_rvads.conduct.validate import validate
 from pytest_rvads.errors import RunError
-from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.judging.verdicts import Verdict
-from pytest_rvads.logic.rules.book import current_book, rulebook, rules_for
-from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.ltl.export import describe
+from pytest_rvads.logic.ltl.ltl3 import synthesize
+from pytest_rvads.logic.ltl.parser import parse_ltl
+from pytest_rvads.logic.rules.rule import Rule, rulebook, rules_for, user_rules
 from pytest_rvads.logic.rules.rulefile import load_rules
+from pytest_rvads.runs.recorded import read_recorded
 from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.runfile import load_run
 
-__all__ = ["check_runs", "doubts", "list_rules", "named_rules"]
+__all__ = ["check_runs", "doubts", "list_rules", "named_rules", "read_runs", "show_monitor"]
+
+
+def read_runs(path: str | Path) -> list[Run]:
+    """Read the runs of a file, recorded elsewhere (``.json``) or kept by this library (``.npz``).
+
+    Raises:
+        RunError: another kind of file, or a damaged one.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".json":
+        return read_recorded(path)
+    if suffix == ".npz":
+        return [load_run(path)]
+    raise RunError(f"{path}: expected recorded runs (.json) or a kept run (.npz), got a file ending in {suffix or 'nothing'!r}")
 
 
 def named_rules(names: Sequence[str]) -> tuple[Rule, ...]:
@@ -49,14 +68,23 @@ def check_runs(runs: Sequence[Run], spec: str | Rule | Sequence[str | Rule] = "p
     return {run.label: {rule.name: check(run, rule) for rule in rules} for run in runs}
 
 
+def show_monitor(text: str) -> str:
+    """Return the monitor of a propositional formula in words.
+
+    Raises:
+        FormulaError: the text is not a formula, or its monitor would be too large.
+    """
+    return describe(synthesize(parse_ltl(text)))
+
+
 def list_rules() -> str:
     """Return all rules by rulebook: meaning, formula, source, who is responsible."""
     blocks = []
     for book in ("paper", "variants", "road"):
         blocks.append(f"rulebook {book}")
         blocks += [_entry(r) for r in rulebook(book)]
-    if own := current_book().own:
-        blocks += ["your own", *map(_entry, own)]
+    if user_rules():
+        blocks += ["your own", *(_entry(r) for r in user_rules())]
     return "\n".join(blocks)
 
 

@@ -6,15 +6,11 @@ import argparse
 import io
 import json
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from pytest_rvads.cli import rules_command
+from pytest_rvads.cli import rules_command as consistency
 from pytest_rvads.cli.common import Subparsers
 from pytest_rvads.errors import RunError
-
-if TYPE_CHECKING:
-    from pytest_rvads.logic.judging.verdicts import Verdict
 
 __all__ = ["declare"]
 
@@ -24,7 +20,7 @@ def declare(commands: Subparsers) -> None:
     rules = commands.add_parser("rules", help="list the rules: meaning, formula, source, who is responsible")
     rules.add_argument("--file", metavar="FILE", help="also those of a file of rules")
     rules.set_defaults(command=_rules)
-    rules_command.declare(rules)
+    consistency.declare(rules)
 
     check = commands.add_parser(
         "check",
@@ -62,57 +58,50 @@ def _rules(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from pytest_rvads.cli.answers import check_runs, doubts, named_rules
+    from pytest_rvads.cli.answers import check_runs, doubts, named_rules, read_runs
     from pytest_rvads.conduct.kpis import describe, kpis
     from pytest_rvads.conduct.validate import damage
-    from pytest_rvads.runs.readers import read_runs
 
     rules = named_rules(options.rule or ["paper"])
     runs = read_runs(options.file)
     for doubt in doubts(runs):
         print(f"warning: {doubt}", file=sys.stderr)
     verdicts = check_runs(runs, rules)
-    wanted = options.kpis or not options.json
-    measured = {run.label: kpis(run) for run in runs if wanted and not damage(run)}
+    measured = {run.label: kpis(run) for run in runs if not damage(run)}
+    given = [v for by_rule in verdicts.values() for v in by_rule.values()]
     if options.json:
         answer: dict[str, dict[str, Any]] = {
             run: {rule: v.status.value for rule, v in by_rule.items()} for run, by_rule in verdicts.items()
         }
-        for run, found in measured.items():
-            answer[run]["kpis"] = found.record()
+        if options.kpis:
+            for run, found in measured.items():
+                answer[run]["kpis"] = found.record()
         print(json.dumps(answer))
     else:
         for run, by_rule in verdicts.items():
-            print("\n  ".join((run, *map(_line, by_rule.values()), *(describe(measured[run]) if run in measured else ()))))
-    return _exit_status([(run, v) for run, by_rule in verdicts.items() for v in by_rule.values()], told=options.json)
-
-
-def _line(verdict: Verdict) -> str:
-    told = verdict.message.removeprefix(f"{verdict.rule} {verdict.status}: ")
-    return f"{verdict.status.value:5} {told if told.startswith(verdict.rule) else f'{verdict.rule}: {told}'}"
-
-
-def _exit_status(given: Sequence[tuple[str, Verdict]], *, told: bool) -> int:
-    """Return the exit status for verdicts on runs, given by their labels; 0 where all that is `told` in JSON."""
-    unfit = {run: v.reason for run, v in given if v.status == "ERROR"}
+            print(run)
+            for verdict in by_rule.values():
+                told = verdict.message.removeprefix(f"{verdict.rule} {verdict.status}: ")
+                print(f"  {verdict.status.value:5} {told if told.startswith(verdict.rule) else f'{verdict.rule}: {told}'}")
+            for line in describe(measured[run]) if run in measured else ():
+                print(f"  {line}")
+    unfit = {run: v.reason for run, by_rule in verdicts.items() for v in by_rule.values() if v.status == "ERROR"}
     if unfit:
         raise RunError("; ".join(f"{run} can't be judged: {reason}" for run, reason in unfit.items()))
-    if told:
+    if options.json:
         return 0
-    if all(v.status == "NA" for _, v in given):
+    if all(v.status == "NA" for v in given):
         print("rvads: nothing was judged: no rule applies to any of these runs", file=sys.stderr)
         return 5
-    return 1 if any(v.status in ("FAIL", "OPEN") for _, v in given) else 0
+    return 1 if any(v.status in ("FAIL", "OPEN") for v in given) else 0
 
 
 def _monitor(options: argparse.Namespace) -> int:
-    from pytest_rvads.logic.ltl.export import describe
-    from pytest_rvads.logic.ltl.ltl3 import synthesize
-    from pytest_rvads.logic.ltl.parser import parse_ltl
+    from pytest_rvads.cli.answers import show_monitor
     from pytest_rvads.logic.ltl.words import answer
 
     if not options.jsonl:
-        print(describe(synthesize(parse_ltl(options.formula))))
+        print(show_monitor(options.formula))
         return 0
     if isinstance(sys.stdin, io.TextIOWrapper):
         sys.stdin.reconfigure(errors="surrogateescape")  # a line that is not UTF-8 is refused like any other, the rest goes on

@@ -39,7 +39,7 @@ def declare(rules: argparse.ArgumentParser) -> None:
 
 def _check(options: argparse.Namespace) -> int:
     from pytest_rvads.junctions.finder import find
-    from pytest_rvads.maps.control import JunctionControl
+    from pytest_rvads.junctions.junction import JunctionControl
     from pytest_rvads.scenarios.classes import parse
     from pytest_rvads.search.survey import show, survey
 
@@ -65,7 +65,7 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _chosen(options: argparse.Namespace) -> tuple[Rule, ...]:
-    from pytest_rvads.logic.rules.book import rules_for
+    from pytest_rvads.logic.rules.rule import rules_for
     from pytest_rvads.logic.rules.rulefile import load_rules
 
     own = load_rules(options.file) if options.file else ()

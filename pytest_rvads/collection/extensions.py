@@ -28,7 +28,7 @@ _EXTENSIONS: pytest.StashKey[Extensions] = pytest.StashKey()
 
 
 def extensions(config: pytest.Config, rules: Path | None) -> Extensions:
-    """Return what the hooks of this session give, and put its rules into the book; once per session and process.
+    """Return what the hooks of this session give, and register its rules; once per session and process.
 
     Args:
         config: of the session.
@@ -66,8 +66,7 @@ def _grids(config: pytest.Config) -> dict[str, tuple[Any, Any]]:
 
 
 def _rules(config: pytest.Config, file: Path | None) -> None:
-    from pytest_rvads.logic.rules.book import current_book
-    from pytest_rvads.logic.rules.rule import Rule
+    from pytest_rvads.logic.rules.rule import Rule, user_rules
     from pytest_rvads.logic.rules.rulefile import load_rules
 
     if file is not None:
@@ -78,7 +77,7 @@ def _rules(config: pytest.Config, file: Path | None) -> None:
         for rule in rules:
             if isinstance(rule, str | Path):
                 load_rules(config.rootpath / rule)
-            elif not isinstance(rule, Rule) or rule not in current_book().own:
+            elif not isinstance(rule, Rule) or rule not in user_rules():
                 raise ScenarioError(f"pytest_rvads_rules must give rules made by rvads.rule or files of rules, got {rule!r}")
 
 

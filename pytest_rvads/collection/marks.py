@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Never
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from pytest_rvads.collection.cells import KEYS, Known
-from pytest_rvads.collection.misuse import caller, told_at
+from pytest_rvads.collection.cells import KEYS
+from pytest_rvads.errors import ScenarioError, suggest
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from pytest_rvads.drivers.interface import Factory
     from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.scenarios.senses import Senses
 
 __all__ = ["known", "register_marks", "scenario"]
 
 
-def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
+def scenario(
     junction: str,
     *,
     map: str | None = None,
@@ -28,18 +26,17 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
     scenarios: str | Iterable[str] | None = None,
     cover: str | None = None,
     grid: str | Iterable[str] | None = None,
-    distances: float | Sequence[Any] | NDArray[Any] | None = None,
-    speeds: float | Sequence[Any] | NDArray[Any] | None = None,
+    distances: float | Sequence[Any] | None = None,
+    speeds: float | Sequence[Any] | None = None,
     probe: bool = False,
     rules: str | Rule | Iterable[str | Rule] | None = None,
     subject: int | str | None = None,
-    traffic: str | Factory | Iterable[str | Factory] | None = None,
+    traffic: str | Callable[[], Any] | Iterable[str | Callable[[], Any]] | None = None,
     senses: Senses | Iterable[Senses] | Mapping[str, Any] | None = None,
     duration: float = 60.0,
     aggression: int = 1,
     wait: float = 1.5,
     requirement: str | Iterable[str] | None = None,
-    **misspelt: Never,
 ) -> pytest.MarkDecorator:
     """Run a test over the scenarios of a junction.
 
@@ -53,7 +50,7 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
         cover: ``"class"`` runs one scenario per class, ``"scenario"`` every distinct member, ``"rotation"`` all rows.
         grid: ``"paper"``, or letters of the paper's configurations such as ``"CD"``.
         distances: instead of `grid`: metres to the stopping line, a number for all vehicles, a tuple with one
-            per entrance, or a list of either, or an array, to run one after the other.
+            per entrance, or a list of either to run one after the other.
         speeds: with `distances`: initial speeds [m/s], likewise; 0 by default.
         probe: keep points of the grid beyond the braking envelope v(d)max; by default they are left out.
         rules: a rulebook, rules, or both; of a rulebook only the rules about this kind of junction run. By default
@@ -70,16 +67,13 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
         aggression: braking level 1, 2 or 3.
         wait: the random draw of autopilots that have one [s].
         requirement: identifier of the requirement that the scenario traces to, or several; see `--rvads-report=FILE.csv`.
-        misspelt: no other keyword is taken.
-
-    Raises:
-        ScenarioError: an argument that means nothing; pytest shows it with the line of the mark and without a traceback.
     """
-    asked, place = locals(), caller()
-    from pytest_rvads.collection.ask import Ask  # reads rules, maps and drivers, which a session without marks does not need
-
-    with told_at(place):
-        mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(Ask.of(place, asked))
+    given = locals()
+    if not isinstance(junction, str):
+        raise ScenarioError(f"write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got {junction!r}")
+    if map is not None and not isinstance(map, str | os.PathLike):
+        raise ScenarioError(f"map of @rvads.scenario must be the path of an OpenDRIVE file, got {map!r}")
+    mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(**given)
     return mark
 
 
@@ -94,9 +88,11 @@ def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | in
     Raises:
         ScenarioError: another keyword.
     """
-    place = caller()
-    with told_at(place):
-        mark: pytest.MarkDecorator = pytest.mark.rvads_known(Known.of(place, name, reason, where))
+    for key in where:
+        if key not in KEYS:
+            raise ScenarioError(f"@rvads.known selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
+    values = {key: (value,) if isinstance(value, str | int) else tuple(value) for key, value in where.items()}
+    mark: pytest.MarkDecorator = pytest.mark.rvads_known(name, reason=reason, **values)
     return mark
 
 

@@ -24,7 +24,7 @@ from pytest_rvads.conduct.standing import STANDSTILL, stopped
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Shared
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
 
@@ -127,8 +127,8 @@ def _stood(run: Run, agent: int, tick: int, seconds: float) -> bool:
 def _in_the_wrong_lane(run: Run, agent: int, other: int, tick: int) -> bool:
     """Whether `agent` was outside its lane, and their ways don't meet, so that it would not have met `other` in it."""
     try:
-        me, you = run.agents[agent], run.agents[other]
-        if shared(run, agent, other) is not None or me.entrance == you.entrance or me.exit == you.exit:
+        ways = run.agents[agent], run.agents[other]
+        if shared(run, agent, other) is not None or ways[0].entrance == ways[1].entrance or ways[0].exit == ways[1].exit:
             return False
         return bool(off_lane(run, agent)[tick])
     except RunError:

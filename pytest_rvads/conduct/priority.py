@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.stretches import before_exit, position, shared
 from pytest_rvads.junctions.conflicts import Shared, Stretch
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
@@ -130,7 +130,7 @@ class Encounter:
         self._hard = HARD_BRAKING if who.turn is Turn.STRAIGHT else BEND_BRAKING
         self._arrives, self._clear = common.yours.start, common.mine.end
         if common.merges:
-            self._arrives -= who.route.length
+            self._arrives -= run.junction.movements[who.entrance, who.exit].length
             self._clear = self._arrives
         self._speeds: deque[float] = deque(maxlen=max(round(_WINDOW / run.dt), 1) + 1)
         self._tick = 0
@@ -163,7 +163,7 @@ class Encounter:
         columns = (inside, better, bound, touching, there, rear, ahead, speed, green)
         return list(zip(*(column.tolist() for column in columns), strict=True))
 
-    def step(  # noqa: PLR0913 - the columns that `rows` gives, each by its name
+    def step(
         self,
         inside: bool,
         better: bool,

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.bodies import contacts
-from pytest_rvads.errors import MapError, RunError, require
+from pytest_rvads.errors import MapError
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "damage", "validate"]
+__all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "agree", "damage", "validate"]
 
 PROGRESS_TOLERANCE = (0.005, 0.3)
 """Progress of a step may differ from speed times time by this much [m] and this share: the bumper swings in bends, where
@@ -47,7 +47,6 @@ def validate(run: Run) -> tuple[Finding, ...]:
 
     What a run does not record is not looked at.
     """
-    require(run, Run, "validate takes a run, such as rvads.simulate(case) returns", RunError)
     broken = damage(run)
     if broken:
         return broken
@@ -63,10 +62,10 @@ def validate(run: Run) -> tuple[Finding, ...]:
 
 def damage(run: Run) -> tuple[Finding, ...]:
     """Find what makes a run unfit to be judged: no states, arrays that don't fit together, values that mean nothing."""
-    return (*_arrays(run), *_values(run), *_agents(run))
+    return tuple(_values(run))
 
 
-def _arrays(run: Run) -> Iterator[Finding]:
+def _values(run: Run) -> Iterator[Finding]:
     shape = (run.steps, len(run.agents))
     shapes: list[tuple[str, NDArray[Any] | None, tuple[int, ...]]] = [
         ("zone", run.zone, shape),
@@ -88,15 +87,9 @@ def _arrays(run: Run) -> Iterator[Finding]:
             tick, column, *_ = np.argwhere(~np.isfinite(array))[0]
             time = float(tick) * run.dt
             yield Finding("values", time, f"{name} of {run.agents[column].name} at {time:.2f} s is not a finite number")
-
-
-def _values(run: Run) -> Iterator[Finding]:
     for name, codes, allowed in (("zone", run.zone, Zone), ("colour", run.lights, Colour)):
         if codes.size and not np.isin(codes, [int(v) for v in allowed]).all():
             yield Finding("values", 0.0, f"the run has a {name} that is none of {', '.join(v.name.lower() for v in allowed)}")
-
-
-def _agents(run: Run) -> Iterator[Finding]:
     names = [agent.name for agent in run.agents]
     if len(set(names)) < len(names):
         yield Finding("values", 0.0, f"every vehicle must have a name of its own, got {', '.join(names)}")
@@ -221,3 +214,31 @@ def _bodies(run: Run) -> Iterator[Finding]:
         if frozenset(contact.agents) not in recorded:
             pair = " and ".join(contact.agents)
             yield Finding("collision", contact.time, f"{pair} touch at {contact.time:.2f} s, and no collision is recorded")
+
+
+def agree(one: Run, two: Run) -> tuple[Finding, ...]:
+    """Check that two runs between equal states take equal time and distance (paper, introduction).
+
+    Says nothing when the runs don't lead from one state to another that both have, or positions are not recorded.
+    """
+    if one.station is None or two.station is None or one.agents != two.agents or not one.steps or not two.steps:
+        return ()
+    if one.facts != two.facts or not np.array_equal(one.station[0], two.station[0]):
+        return ()
+    last = one.station[-1]
+    same = np.flatnonzero((np.abs(two.station - last) < 1e-9).all(axis=1))
+    if not len(same):
+        return ()
+    found = []
+    time, other = one.duration, float(same[0]) * two.dt
+    if abs(time - other) > max(one.dt, two.dt) / 2:
+        found.append(Finding("time", time, f"equal states are {time:.2f} s apart in one run and {other:.2f} s in the other"))
+    ways = [
+        np.abs(np.diff(r.station[: end + 1], axis=0)).sum(axis=0)
+        for r, end in ((one, one.steps - 1), (two, int(same[0])))
+        if r.station is not None
+    ]
+    for agent, mine, yours in zip(one.agents, *ways, strict=True):
+        if abs(mine - yours) > 1e-6:
+            found.append(Finding("distance", time, f"{agent.name} drives {mine:.3f} m in one run and {yours:.3f} m in the other"))
+    return tuple(found)

@@ -10,11 +10,11 @@ import numpy as np
 
 from pytest_rvads.draw.svg import document, polyline, text, wrap
 from pytest_rvads.junctions.analysis import JunctionReport
+from pytest_rvads.junctions.arms import walk
 from pytest_rvads.junctions.road_map import RoadMap
-from pytest_rvads.junctions.ways import walk
-from pytest_rvads.maps.control import ObjectKind
 from pytest_rvads.maps.network import Edge
 from pytest_rvads.maps.segment import Turn
+from pytest_rvads.opendrive.signals import ObjectKind
 
 __all__ = ["draw_map"]
 
@@ -92,7 +92,7 @@ def _caption(report: JunctionReport, x: float, y: float) -> str:
 def _panel(road_map: RoadMap, report: JunctionReport) -> str:
     if not report.arms:
         return text(_PANEL / 2, _PANEL / 2, "nothing to draw", text_anchor="middle", fill="#777")
-    edges = road_map.graph.edges
+    edges = road_map.network.edges
     inside = [edges[id] for id in dict.fromkeys(id for way in report.movements for id in way.path.edges)]
     corners = np.vstack([[(arm.x, arm.y) for arm in report.arms], *(edge.points for edge in inside)])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -103,14 +103,15 @@ def _panel(road_map: RoadMap, report: JunctionReport) -> str:
     def place(east: float, north: float) -> tuple[float, float]:
         return _PANEL / 2 + (east - x) * scale, _PANEL / 2 - (north - y) * scale
 
-    roads = _roads(road_map, report, reach)
+    lanes = [(edge, True) for edge in inside] + _roads(road_map, report, reach)
     parts = ['<rect width="100%" height="100%" fill="#f4f4ee"/>']
     for extra, colour in ((0.5, "#999"), (0.0, "#d8d8d8")):
-        for edge in (*inside, *roads):
+        for edge, _ in lanes:
             width = max((max(edge.width, 1.0) + extra) * scale, 1.0)
             parts.append(polyline((place(*p) for p in _near(edge, x, y, reach)), stroke=colour, stroke_width=f"{width:.1f}"))
-    for edge in roads:
-        parts += _directions(edge, place, x, y, reach)
+    for edge, in_junction in lanes:
+        if not in_junction:
+            parts += _directions(edge, place, x, y, reach)
     for way in report.movements:
         line = [place(*p) for id in way.path.edges for p in edges[id].points]
         parts.append(polyline(line, stroke=_TURNS[way.turn], stroke_width=1.5, marker_end=f"url(#{way.turn.value})"))
@@ -120,7 +121,7 @@ def _panel(road_map: RoadMap, report: JunctionReport) -> str:
     return "".join(parts)
 
 
-def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[Edge]:
+def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[tuple[Edge, bool]]:
     """Return the lanes outside the junction as far as they may show."""
     found: dict[str, Edge] = {}
     for upstream, starts in (
@@ -129,12 +130,12 @@ def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[Edge
     ):
         for start in starts:
             total = 0.0
-            for id in walk(road_map.graph, start, upstream=upstream):
+            for id in walk(road_map.network, start, upstream=upstream)[0]:
                 if total > 2 * reach:
                     break
-                found[id] = road_map.graph.edges[id]
+                found[id] = road_map.network.edges[id]
                 total += found[id].length
-    return list(found.values())
+    return [(edge, False) for edge in found.values()]
 
 
 def _near(edge: Edge, x: float, y: float, reach: float) -> Iterable[tuple[float, float]]:
@@ -176,7 +177,7 @@ def _marks(road_map: RoadMap, report: JunctionReport, place: Project, scale: flo
         kinds.setdefault(item.edge, set()).add(item.kind)
     for number, arm in enumerate(report.arms):
         for id in arm.entrances:
-            edge = road_map.graph.edges[id]
+            edge = road_map.network.edges[id]
             (ex, ey), heading = edge.points[-1].tolist(), edge.end_heading
             ux, uy = math.cos(heading), math.sin(heading)
             half, back = max(edge.width, 2.0) / 2, report.setbacks[number]

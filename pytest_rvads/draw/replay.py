@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.draw.picture import STYLE, size
-from pytest_rvads.draw.scene import Scene, body, ink
+from pytest_rvads.draw.scene import PALETTE, Scene, body
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
@@ -61,8 +61,11 @@ def replay(
         raise RunError(f"run {run.label!r} has no states, so there is nothing to replay")
     scene = Scene(run.junction)
     left, top, wide, high = scene.view
-    trails = "".join(f'<polyline class="trail" stroke="{ink(a)}"/>' for a in run.agents)
-    bodies = "".join(body(run.pose[0, i], a, size(run, i), a.name in responsible) for i, a in enumerate(run.agents))
+    inks = [PALETTE[a.entrance % len(PALETTE)] for a in run.agents]
+    trails = "".join(f'<polyline class="trail" stroke="{ink}"/>' for ink in inks)
+    bodies = "".join(
+        body(run.pose[0, i], *size(run, i), inks[i], a.name, a.name in responsible) for i, a in enumerate(run.agents)
+    )
     told = sorted(marked)
     motion = np.concatenate((run.pose, run.station[..., None], run.speed[..., None]), axis=2)
     motion[..., 2] = np.unwrap(motion[..., 2], axis=0)
@@ -72,7 +75,6 @@ def replay(
         "every": _EVERY,
         "lengths": [size(run, i)[0] for i in range(len(run.agents))],
         "agents": [a.name for a in run.agents],
-        "kinds": [a.kind for a in run.agents],
         "motion": motion[::_EVERY].round(3).tolist(),
         "zones": [_changes(run.zone[:, i]) for i in range(len(run.agents))],
         "lights": [_changes(run.lights[:, e]) for e in range(run.lights.shape[1])],

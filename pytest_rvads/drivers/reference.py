@@ -11,7 +11,7 @@ from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.spacing import Stopping, behind_leader, clear_of_bodies, clear_of_crossing
 from pytest_rvads.drivers.stop_sign import HOLD, StopSign
 from pytest_rvads.errors import AutopilotError
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION
 
 __all__ = ["Gate", "Reference"]
@@ -69,16 +69,14 @@ class Reference(Follower):
                 self._gate = self.make_gate(seen)
             stops = not self._gate.allows(seen)
             if stops:
-                stop = self._stopping.acceleration(seen)
-                wanted = stop if stop < wanted else wanted
+                wanted = min(wanted, self._stopping.acceleration(seen))
             else:
                 self._stopping.reset()
         if seen.others and wanted > -math.inf:
             if not stops:
                 # Whoever leads is past the line; before it there is nobody to follow.
                 wanted = min(wanted, behind_leader(seen))
-            gap = clear_of_bodies(seen, self._track or self.track(seen))
-            wanted = gap if gap < wanted else wanted
+            wanted = min(wanted, clear_of_bodies(seen, self.track(seen)))
             if zone is JUNCTION:
                 wanted = min(wanted, clear_of_crossing(seen))
         return self.drive(seen, wanted)

@@ -9,7 +9,7 @@ from pytest_rvads.drivers.crossing import in_the_way
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.reference import Gate, Reference
 from pytest_rvads.drivers.stop_sign import PATIENCE, PATIENCE_STEP
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.states import Colour, Zone
 
@@ -69,7 +69,8 @@ class _RightOnRed(Light):
     def allows(self, seen: Observation) -> bool:
         if not _turns_on_red(seen):
             return super().allows(seen)
-        return not any(in_the_way(seen, other) for other in seen.others)
+        mine = (seen.itinerary.entrance, seen.itinerary.exit)
+        return not any(in_the_way(seen.junction, mine, other) for other in seen.others)
 
 
 def _turns_on_red(seen: Observation) -> bool:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 
-from pytest_rvads.drivers.crossing import conflicts
+from pytest_rvads.drivers.crossing import conflict, movements
 from pytest_rvads.drivers.follower import resistance
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.runs.states import ENTRANCE, EXIT, JUNCTION, VehicleState
 
 __all__ = [
-    "CREEP",
+    "COMFORT",
+    "FIRM",
+    "LAST_STOP",
     "STAND_OFF",
     "Stopping",
     "behind_leader",
@@ -101,10 +103,9 @@ def behind_leader(seen: Observation) -> float:
     remaining = itinerary.length - me.station
     least = math.inf
     for other in seen.others:
-        zone = other.zone
-        if zone is not JUNCTION and zone is not EXIT:
+        if other.zone is not JUNCTION and other.zone is not EXIT:
             continue
-        for movement in seen.junction.by_turn[other.entrance, other.turn]:
+        for movement in movements(seen.junction, other.entrance, other.turn):
             left = movement.length - other.station
             if movement.exit == itinerary.exit and left < remaining:
                 least = min(least, _follow(me.speed, remaining - left - other.length, other.speed))
@@ -117,37 +118,39 @@ def clear_of_crossing(seen: Observation) -> float:
     Both in the junction already: whoever comes to the common place later stops before it. Who drives into the same exit is
     followed instead.
     """
-    me = seen.me
+    me, itinerary = seen.me, seen.itinerary
     least = math.inf
     for k, other in enumerate(seen.others):
         if other.zone is not JUNCTION:
             continue
-        for found in conflicts(seen, other):
-            place = found.mine.start
-            if found.merges or me.station >= place or other.station - other.length >= found.yours.end:
+        for movement in movements(seen.junction, other.entrance, other.turn):
+            if movement.exit == itinerary.exit:
                 continue
-            mine = (place - me.station) / max(me.speed, 1.0)
-            theirs = max(found.yours.start - other.station, 0.0) / max(other.speed, 1.0)
+            found = conflict(seen.junction, (itinerary.entrance, itinerary.exit), (movement.entrance, movement.exit))
+            if found is None or me.station >= found[0].start or other.station - other.length >= found[1].end:
+                continue
+            mine = (found[0].start - me.station) / max(me.speed, 1.0)
+            theirs = max(found[1].start - other.station, 0.0) / max(other.speed, 1.0)
             if theirs < mine or (theirs == mine and k < seen.created):
-                least = min(least, _stop_before(me.speed, place - BEFORE - me.station))
+                least = min(least, _stop_before(me.speed, found[0].start - BEFORE - me.station))
     return least
 
 
 def clear_of_bodies(seen: Observation, track: Track) -> float:
     """Return the acceleration [m/s^2] that stops before a body that is in the way on `track`; inf if none is."""
     me = seen.me
-    x, y, heading, speed = me.x, me.y, me.heading, me.speed
-    reach = 3.0 + speed * (REACTION + speed / (2.0 * FOLLOW))
+    reach = 3.0 + me.speed * (REACTION + me.speed / (2.0 * FOLLOW))
+    cos, sin = math.cos(me.heading), math.sin(me.heading)
     least = math.inf
     for other in seen.others:
-        dx, dy = other.x - x, other.y - y
+        dx, dy = other.x - me.x, other.y - me.y
         far = reach + other.length
         # Cheap first: most others are nowhere near, or behind.
-        if dx * dx + dy * dy < far * far and dx * math.cos(heading) + dy * math.sin(heading) > 0.0:
+        if dx * dx + dy * dy < far * far and dx * cos + dy * sin > 0.0:
             gap = _free(track.places(me.station, reach), other, me.width / 2.0 + SIDE)
             if gap < math.inf:
-                along = other.speed * math.cos(other.heading - heading)
-                least = min(least, _follow(speed, gap, max(along, 0.0)))
+                along = other.speed * math.cos(other.heading - me.heading)
+                least = min(least, _follow(me.speed, gap, max(along, 0.0)))
     return least
 
 

@@ -8,7 +8,7 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
 from pytest_rvads.runs.states import ENTRANCE, JUNCTION, Colour
 
-__all__ = ["HOLD", "PATIENCE", "PATIENCE_STEP", "StopSign"]
+__all__ = ["StopSign"]
 
 HOLD = 0.5
 """How long to stand at the sign, at least [s]."""
@@ -35,17 +35,14 @@ class StopSign:
         """Return whether to enter the junction; to be called in every step before it."""
         self._queue.watch(seen)
         me = seen.me
-        if me.zone is not ENTRANCE:
-            return False
-        if self._stood_since is None and me.speed < STANDING:
+        if me.zone is ENTRANCE and self._stood_since is None and me.speed < STANDING:
             self._stood_since = seen.time
         if self._stood_since is None or seen.time - self._stood_since < HOLD:
             return False
         # Also when it is already on its way: whoever goes out of turn is let in, not met in the junction.
-        for other in seen.others:
-            if other.zone is JUNCTION or self._queue.setting_off(other):
-                self._released, self._stuck_since = False, None
-                return False
+        if any(other.zone is JUNCTION for other in seen.others) or self._queue.setting_off(seen.others):
+            self._released, self._stuck_since = False, None
+            return False
         self._released = self._released or self._my_turn(seen)
         return self._released
 

@@ -6,16 +6,15 @@ import math
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from pytest_rvads.errors import MapError, require, suggest
+from pytest_rvads.errors import MapError, suggest
 from pytest_rvads.junctions.analysis import JunctionReport
 from pytest_rvads.junctions.builtin import LAYOUTS, path_of
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.junction import Junction, JunctionControl
 from pytest_rvads.junctions.road_map import RoadMap, read_map
-from pytest_rvads.maps.control import JunctionControl
 
 __all__ = ["find", "load", "names", "nearest"]
 
@@ -62,7 +61,6 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
     Raises:
         MapError: an unknown or unusable junction, an unreadable map, or nothing of this type.
     """
-    require(junction, str, "find takes the name, id or type of a junction as a text, such as 'stop4'", MapError)
     wanted = _parse(junction)
     if map is None:
         return _builtin(junction, wanted)
@@ -122,7 +120,7 @@ def _builtin(junction: str, wanted: _Wanted | None) -> Junction:
         road_map, key = _load(path_of(name))
         report = road_map.junctions[0]
         if wanted is None or wanted.fits(report):
-            return replace(_junction(road_map, key, report.id, name), map=None)
+            return _junction(road_map, key, report.id, name)
     raise MapError(
         f"no built-in junction fits {junction!r}: they are {', '.join(LAYOUTS)}, with 120 m of approach; give a map file"
     )
@@ -155,8 +153,13 @@ def _parse(text: str) -> _Wanted | None:
     match = _TYPE.fullmatch(text.strip())
     if match is None:
         return None
-    words = {"stop": JunctionControl.STOP, "light": JunctionControl.LIGHTS, "partial": JunctionControl.PARTIAL}
-    control = next((kind for word, kind in words.items() if word in match["control"].lower()), JunctionControl.NONE)
+    word = match["control"].lower()
+    if "stop" in word:
+        control = JunctionControl.STOP
+    elif "light" in word:
+        control = JunctionControl.LIGHTS
+    else:
+        control = JunctionControl.PARTIAL if word == "partial" else JunctionControl.NONE
     return _Wanted(int(match["ways"]), control, float(match["approach"] or 0.0))
 
 

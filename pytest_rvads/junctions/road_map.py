@@ -6,18 +6,23 @@ import os
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.errors import MapError, suggest
 from pytest_rvads.junctions.analysis import JunctionReport, analyse
-from pytest_rvads.junctions.formats import read_file
-from pytest_rvads.junctions.graph import MetricGraph
+from pytest_rvads.junctions.arms import paths_of, walk
 from pytest_rvads.junctions.junction import Junction, Movement, cross
-from pytest_rvads.junctions.projection import Locator, Track
-from pytest_rvads.junctions.ways import walk
-from pytest_rvads.maps.control import MapObject
 from pytest_rvads.maps.doubts import MapWarning
+from pytest_rvads.maps.network import Network
 from pytest_rvads.maps.segment import Segment, join
+from pytest_rvads.opendrive.builder import build
+from pytest_rvads.opendrive.reader import read
+from pytest_rvads.opendrive.records import Document
+from pytest_rvads.opendrive.signals import MapObject, attach
+
+if TYPE_CHECKING:
+    from pytest_rvads.junctions.graph import MetricGraph
+    from pytest_rvads.junctions.projection import Locator, Track
 
 __all__ = ["WALK_LIMIT", "RoadMap", "describe", "read_map"]
 
@@ -27,18 +32,29 @@ WALK_LIMIT = 600.0
 
 @dataclass(frozen=True, eq=False)
 class RoadMap:
-    """A map file, read."""
+    """An OpenDRIVE file, read."""
 
     path: str
-    graph: MetricGraph
-    """The metric graph of all drivable lanes."""
+    document: Document
+    network: Network
     junctions: tuple[JunctionReport, ...]
-    """One per junction that the file declares, in file order, usable or not."""
+    """One per ``<junction>``, in file order, usable or not."""
+    objects: tuple[MapObject, ...]
+    """Stop signs, lights and stop lines with the entrances they are for."""
     warnings: tuple[MapWarning, ...]
+
+    @cached_property
+    def graph(self) -> MetricGraph:
+        """The metric graph of all drivable lanes."""
+        from pytest_rvads.junctions.graph import MetricGraph  # networkx takes longer to import than a junction to read
+
+        return MetricGraph.of(self.network)
 
     @cached_property
     def locator(self) -> Locator:
         """Finds the segments a pose can be on."""
+        from pytest_rvads.junctions.projection import Locator
+
         return Locator(map(self.graph.segment, self.graph.segments))
 
     def track(self, id: str, entrance: int, exit: int) -> Track:
@@ -52,12 +68,14 @@ class RoadMap:
         Raises:
             MapError: no such junction or movement.
         """
+        from pytest_rvads.junctions.projection import Track
+
         report = self.report(id)
         way = next((way for way in report.movements if (way.entrance, way.exit) == (entrance, exit)), None)
         if way is None:
             raise MapError(f"junction {id!r} of map file {self.path} has no movement from entrance {entrance} to exit {exit}")
-        before = walk(self.graph, way.path.entrance, upstream=True)[::-1]
-        after = walk(self.graph, way.path.exit, upstream=False)
+        before = walk(self.network, way.path.entrance, upstream=True)[0][::-1]
+        after = walk(self.network, way.path.exit, upstream=False)[0]
         return Track([self.graph.segment(edge) for edge in (*before, *way.path.edges, *after)])
 
     def entex(self, id: str) -> dict[str, str]:
@@ -98,16 +116,15 @@ class RoadMap:
         """
         report = self.report(id)
         if drop_uturns and not report.usable:
-            report = analyse(self.graph, id, report.objects, [], drop_uturns=True)
+            report = analyse(self.document, self.network, id, report.objects, [], drop_uturns=True)
         if report.reason is not None:
             raise MapError(f"junction {id!r} of map file {self.path} cannot be used: {report.reason}")
-        # Every arm of a usable junction has one entrance and one exit, so their numbers are its own.
         movements: dict[tuple[int, int], Movement] = {}
         for way in reversed(report.movements):  # of several from one arm to another the shortest comes first
-            parts = [Segment(e, self.graph.edges[e].points, way.turn, id) for e in way.path.edges]
+            parts = [Segment(e, self.network.edges[e].points, way.turn, id) for e in way.path.edges]
             path = self._joined(parts)
             movements[way.entrance, way.exit] = Movement(way.entrance, way.exit, way.turn, path.length, path.id, path)
-        edges = [self.graph.edges[arm.entrances[0]] for arm in report.arms]
+        edges = [self.network.edges[arm.entrances[0]] for arm in report.arms]
         entrances, exits = cross(
             report.signs,
             phase_groups=report.phase_groups,
@@ -129,14 +146,18 @@ class RoadMap:
         )
 
     def _road(self, start: str, *, upstream: bool) -> Segment:
-        """Join the segments of a walk, at most `WALK_LIMIT` of them, into one."""
-        total, kept = 0.0, []
-        for id in walk(self.graph, start, upstream=upstream):
-            kept.append(self.graph.segment(id))
-            total += self.graph.edges[id].length
+        """Join the edges of a walk, at most `WALK_LIMIT` of them, into one segment."""
+        edges = [self.network.edges[id] for id in walk(self.network, start, upstream=upstream)[0]]
+        total = 0.0
+        kept = []
+        for edge in edges:
+            kept.append(edge)
+            total += edge.length
             if total >= WALK_LIMIT:
                 break
-        segment = self._joined(kept[::-1] if upstream else kept)
+        if upstream:
+            kept.reverse()
+        segment = self._joined([Segment(edge.id, edge.points) for edge in kept])
         if segment.length <= WALK_LIMIT:
             return segment
         return segment.tail(WALK_LIMIT) if upstream else segment.head(WALK_LIMIT)
@@ -149,22 +170,29 @@ class RoadMap:
 
 
 def read_map(path: str | os.PathLike[str]) -> RoadMap:
-    """Read a map file, by its suffix.
+    """Read an OpenDRIVE file.
 
     Raises:
         MapError: the file cannot be used at all; the message is one sentence.
     """
-    graph = MetricGraph(read_file(path))
-    network = graph.network
-    warnings = [*network.warnings]
-    objects: dict[str, list[MapObject]] = {id: [] for id in network.junctions}
-    for item in network.objects:
-        objects[item.junction].append(item)
+    document = read(path)
     try:
-        reports = tuple(analyse(graph, id, items, warnings) for id, items in objects.items())
+        network = build(document)
+        warnings = [*document.warnings, *network.warnings]
+        entrances = {
+            id: list(
+                dict.fromkeys([way.entrance for way in paths_of(network, id)] + [one for one, _ in network.direct.get(id, [])])
+            )
+            for id in document.junctions
+        }
+        objects = attach(document, network, entrances, warnings)
+        by_junction: dict[str, list[MapObject]] = {id: [] for id in document.junctions}
+        for item in objects:
+            by_junction[item.junction].append(item)
+        reports = tuple(analyse(document, network, id, items, warnings) for id, items in by_junction.items())
     except MapError as error:
         raise MapError(f"map file {path}: {error}") from None
-    return RoadMap(str(path), graph, reports, tuple(warnings))
+    return RoadMap(str(path), document, network, reports, tuple(objects), tuple(warnings))
 
 
 def describe(road_map: RoadMap) -> dict[str, Any]:

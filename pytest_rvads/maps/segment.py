@@ -18,11 +18,8 @@ from pytest_rvads.errors import MapError
 __all__ = ["GAP_LIMIT", "Pose", "Segment", "Turn"]
 
 GAP_LIMIT = 1.0
-"""Widest gap [m] between two segments that still counts as consecutive; writers of maps leave some."""
+"""Widest gap [m] between two segments that still counts as consecutive (facts on OpenDRIVE files)."""
 _WELD = 0.01
-_BEND = math.radians(44.0)
-"""Change of heading from which on a movement is a turn [rad]; as in SUMO's netconvert, one degree below the arms of a regular
-8-way junction, so that rounding never makes one of two neighbours straight and the other a turn."""
 _Table = tuple[tuple[float, ...], tuple[tuple[float, float, float, float, float], ...]]
 
 
@@ -32,11 +29,6 @@ class Turn(StrEnum):
     LEFT = "left"
     STRAIGHT = "straight"
     RIGHT = "right"
-
-    @classmethod
-    def of(cls, turning: float) -> Turn:
-        """Return the turn type of a total change of heading [rad]."""
-        return cls.STRAIGHT if abs(turning) < _BEND else cls.LEFT if turning > 0 else cls.RIGHT
 
 
 class Pose(NamedTuple):
@@ -106,15 +98,11 @@ class Segment:
 
     def pose(self, station: float) -> Pose:
         """Return the pose at `station` [m]; beyond either end the line goes on straight."""
-        start, _, x, y, ux, uy, heading = self.piece(station)
-        along = station - start
-        return Pose(x + along * ux, y + along * uy, heading)
-
-    def piece(self, station: float) -> tuple[float, float, float, float, float, float, float]:
-        """Return the straight piece at `station` [m]: its two stations, where it starts, its unit vector, its heading."""
         stations, pieces = self._table or self._fill()
         i = min(max(bisect_right(stations, station) - 1, 0), len(pieces) - 1)
-        return stations[i], stations[i + 1], *pieces[i]
+        x, y, ux, uy, heading = pieces[i]
+        along = station - stations[i]
+        return Pose(x + along * ux, y + along * uy, heading)
 
     def project(self, x: float, y: float, near: float, window: float = 5.0) -> tuple[float, float]:
         """Project a point on the line, looking only around a known station.

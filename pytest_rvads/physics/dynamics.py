@@ -10,10 +10,12 @@ from __future__ import annotations
 import math
 
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
+from pytest_rvads.runs.vehicle import Vehicle
 
-__all__ = ["Dynamics"]
+__all__ = ["GRAVITY", "Dynamics"]
 
+GRAVITY = 9.81
+"""[m/s^2]."""
 _LATERAL_CAP = 0.5
 """Share of an axle's lateral motion that its tyres may undo in one step."""
 _REST = 1e-9
@@ -54,7 +56,7 @@ class Dynamics:
         """Angle of the front wheels [rad]."""
         self._pull = 0.0
 
-    def forces(  # noqa: PLR0913 - plain numbers: it is called in every step
+    def forces(
         self, cos: float, sin: float, vx: float, vy: float, yaw_rate: float, throttle: float, brake: float, steering: float
     ) -> tuple[float, float, float]:
         """Move the actuators on by one step and return the forces on the body during it.

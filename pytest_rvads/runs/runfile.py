@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,11 +18,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import MapError, RunError, require
-from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
-from pytest_rvads.maps.control import Sign
+from pytest_rvads.errors import MapError, RunError
+from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement, Sign
 from pytest_rvads.maps.segment import Segment, Turn
-from pytest_rvads.runs.run import Collision, Facts, Fault, Positive, Run
+from pytest_rvads.runs.run import Collision, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Kind
 
 __all__ = ["FORMAT", "VERSION", "load_run", "save_run"]
@@ -30,6 +29,7 @@ __all__ = ["FORMAT", "VERSION", "load_run", "save_run"]
 FORMAT, VERSION = "rvads-run", 3
 _ARRAYS = {"zone": (2, "i"), "lights": (2, "i"), "station": (2, "f"), "speed": (2, "f"), "pose": (3, "f"), "controls": (3, "f")}
 """The arrays of a run: how many dimensions they have, and of which kind of numbers."""
+_Positive = Annotated[float, msgspec.Meta(gt=0)]
 _Count = Annotated[int, msgspec.Meta(ge=0)]
 
 
@@ -75,7 +75,7 @@ class _Junction(msgspec.Struct, frozen=True):
     right_of: list[tuple[_Count, _Count]]
     opposite: list[tuple[_Count, _Count]]
     left_hand: bool
-    lane_width: Positive
+    lane_width: _Positive
 
 
 class _Agent(msgspec.Struct, frozen=True):
@@ -83,7 +83,13 @@ class _Agent(msgspec.Struct, frozen=True):
     route: tuple[_Count, _Count]
     """Entrance and exit."""
     kind: Kind
-    size: tuple[Positive, Positive] | None
+    size: tuple[_Positive, _Positive] | None
+
+
+class _Facts(msgspec.Struct, frozen=True):
+    subject: str | None
+    speed_limit: _Positive | None
+    strayed: tuple[str, ...]
 
 
 class _Header(msgspec.Struct, frozen=True):
@@ -95,7 +101,7 @@ class _Header(msgspec.Struct, frozen=True):
     junction: _Junction
     collisions: list[Collision] | None
     fault: Fault | None
-    facts: Facts
+    facts: _Facts
     provenance: dict[str, Any]
 
 
@@ -109,7 +115,6 @@ def save_run(run: Run, path: str | Path) -> None:
     Raises:
         RunError: the file can't be written, or ``provenance`` is not builtins.
     """
-    require(run, Run, "save_run takes a run, such as rvads.simulate(case) returns", RunError)
     path = Path(path)
     arrays = {name: array for name in _ARRAYS if (array := getattr(run, name)) is not None}
     lines: list[Segment] = []
@@ -122,7 +127,7 @@ def save_run(run: Run, path: str | Path) -> None:
         _put(run.junction, lines),
         None if run.collisions is None else list(run.collisions),
         run.fault and replace(run.fault, detail=""),
-        run.facts,
+        _Facts(*astuple(run.facts)),
         {},
     )
     try:
@@ -215,7 +220,7 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Run:
         **optional,
         collisions=None if header.collisions is None else tuple(header.collisions),
         fault=header.fault,
-        facts=header.facts,
+        facts=Facts(*msgspec.structs.astuple(header.facts)),
         provenance=header.provenance,
     )
 

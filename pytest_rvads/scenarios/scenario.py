@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from pytest_rvads.errors import ScenarioError, require
+from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.lights import SignalPlan
@@ -17,11 +16,10 @@ from pytest_rvads.scenarios.classes import class_label, class_number, label, par
 from pytest_rvads.scenarios.configurations import explicit_label, per_entrance
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
-__all__ = ["SPEED_LIMIT", "Scenario", "check_numbers"]
+__all__ = ["SPEED_LIMIT", "Scenario"]
 
 SPEED_LIMIT = 11.176
 """City speed limit of the paper, 25 mph [m/s]."""
-_IN_IDS = re.compile(r"[A-Za-z0-9_.-]+")
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -60,7 +58,7 @@ class Scenario:
     senses: Senses
     """How imperfectly the vehicle under test, or all of them, see and act."""
 
-    def __init__(  # noqa: PLR0913 - what a scenario consists of, by keyword
+    def __init__(
         self,
         place: Junction,
         directions: str | Sequence[int],
@@ -81,27 +79,28 @@ class Scenario:
         Raises:
             ScenarioError: a direction, number or length that does not fit, or a junction that is none.
         """
-        require(place, Junction, "a scenario needs a junction, such as rvads.find('stop4')", ScenarioError)
+        if not isinstance(place, Junction):
+            raise ScenarioError(f"a scenario needs a junction, such as rvads.find('stop4'), got {place!r:.60}")
         code = parse(directions)
-        count = len(code)
-        if count != len(place.entrances):
+        ways = len(code)
+        if ways != len(place.entrances):
             raise ScenarioError(
-                f"directions {label(code)!r} describe {count} entrances, junction {place.name!r} has {len(place.entrances)}"
+                f"directions {label(code)!r} describe {ways} entrances, junction {place.name!r} has {len(place.entrances)}"
             )
-        distances = per_entrance("distance", distance, count)
-        speeds = per_entrance("speed", speed, count)
-        _check_rotation(place, rotation)
-        check_numbers(duration, aggression, wait)
-        if subject is not None and not (_within(subject, count) and code[subject - rotation]):
+        distances = per_entrance("distance", distance, ways)
+        speeds = per_entrance("speed", speed, ways)
+        if not 0 <= rotation < ways:
+            raise ScenarioError(f"rotation must be one of 0..{ways - 1} for {ways} entrances, got {rotation!r}")
+        _check_numbers(duration, aggression, wait)
+        if subject is not None and not (0 <= subject < ways and code[subject - rotation]):
             raise ScenarioError(f"subject must be an occupied entrance of {label(rotate(code, rotation))}, got {subject!r}")
-        made = tuple(range(count)) if order is None else _order(order, count)
-        if configuration is None:
-            configuration = explicit_label(distances, speeds)
-        elif not (isinstance(configuration, str) and _IN_IDS.fullmatch(configuration)):
-            raise ScenarioError(f"configuration must be a label of letters, digits, '_', '.' and '-', got {configuration!r}")
-        require(senses, Senses, "senses must be rvads.Senses(...)", ScenarioError)
+        made = tuple(range(ways)) if order is None else tuple(order)
+        if sorted(made) != list(range(ways)):
+            raise ScenarioError(f"order must name each of the entrances 0..{ways - 1} once, got {order!r}")
+        if not isinstance(senses, Senses):
+            raise ScenarioError(f"senses must be rvads.Senses(...), got {senses!r}")
         values = (
-            *(place, code, distances, speeds, rotation, configuration),
+            *(place, code, distances, speeds, rotation, configuration or explicit_label(distances, speeds)),
             *(float(duration), aggression, float(wait), subject, made, senses),
         )
         for name, value in zip(self.__slots__, values, strict=True):
@@ -117,8 +116,8 @@ class Scenario:
 
     @property
     def ways(self) -> int:
-        """Number of arms of the junction."""
-        return self.place.ways
+        """Number of entrances."""
+        return len(self.directions)
 
     @property
     def placed(self) -> tuple[int, ...]:
@@ -133,17 +132,17 @@ class Scenario:
     @property
     def creation(self) -> tuple[int, ...]:
         """Occupied entrances in the order in which their vehicles are created."""
-        order = ((i + self.rotation) % len(self.order) for i in self.order)
+        order = ((i + self.rotation) % self.ways for i in self.order)
         return tuple(e for e in order if self.placed[e])
 
     @property
     def name(self) -> str:
         """The id without the rule: junction, class, abstract scenario, configuration."""
         turned = f".r{self.rotation}" if self.rotation else ""
-        if self.order != tuple(range(len(self.order))):
+        if self.order != tuple(range(self.ways)):
             turned += f".o{label(self.order)}"
         seat = "" if self.subject is None else f"-s{self.subject}"
-        scenario = f"{class_label(len(self.directions), self.number)}-as{label(self.placed)}{seat}"
+        scenario = f"{class_label(self.ways, self.number)}-as{label(self.placed)}{seat}"
         return f"{self.place.name}-{scenario}-cfg{self.point}{turned}"
 
     @property
@@ -158,7 +157,7 @@ class Scenario:
 
     def start(self, entrance: int) -> tuple[float, float]:
         """Return distance to the stopping line [m] and speed [m/s] of the vehicle at `entrance` of the map."""
-        before = (entrance - self.rotation) % len(self.directions)
+        before = (entrance - self.rotation) % self.ways
         return self.distances[before], self.speeds[before]
 
     def fit(self) -> None:
@@ -194,10 +193,10 @@ class Scenario:
         """Return the start in one line: name, movements, distances, speeds."""
         agents = self.agents()
         starts = [self.start(a.entrance) for a in agents]
-        movements = " ".join(f"{a.entrance}->{a.exit}" for a in agents)
+        ways = " ".join(f"{a.entrance}->{a.exit}" for a in agents)
         distances = " ".join(f"{d:g}" for d, _ in starts)
         speeds = " ".join(f"{v:g}" for _, v in starts)
-        return f"{self.name} ({movements})  d=({distances}) m  v=({speeds}) m/s"
+        return f"{self.name} ({ways})  d=({distances}) m  v=({speeds}) m/s"
 
     def record(self) -> dict[str, Any]:
         """Return the fields as builtins, for records and run files; of the junction its name and the file it is from."""
@@ -205,33 +204,8 @@ class Scenario:
         return {"junction": self.place.name, "map": self.place.map, **values, "senses": self.senses.record()}
 
 
-def _within(value: object, count: int) -> bool:
-    """Return whether `value` is a whole number of 0 or more below `count`."""
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < count
-
-
-def _check_rotation(place: Junction, rotation: int) -> None:
-    """Check that a row moves every entrance on by as many arms, to the same lane there."""
-    count = len(place.entrances)
-    if not _within(rotation, count):
-        raise ScenarioError(f"rotation must be one of 0..{count - 1} for {count} entrances, got {rotation!r}")
-    pairs = zip(place.entrances, rotate(place.entrances, -rotation), strict=True) if rotation else ()
-    if len({((there.arm - here.arm) % place.ways, there.lane - here.lane) for here, there in pairs}) > 1:
-        raise ScenarioError(
-            f"rotation {rotation} of junction {place.name!r} would take lanes of one arm to different arms or lanes, since its "
-            "arms don't have as many entrances each: give the directions as they stand on the map"
-        )
-
-
-def _order(order: object, count: int) -> tuple[int, ...]:
-    if isinstance(order, Sequence) and all(_within(e, count) for e in order) and len({*order}) == len(order) == count:
-        return tuple(order)
-    raise ScenarioError(f"order must name each of the entrances 0..{count - 1} once, got {order!r}")
-
-
-def check_numbers(duration: float, aggression: int, wait: float) -> None:
-    """Check what does not depend on the junction, and raise a `ScenarioError` for what is out of range."""
-    if not (_within(aggression, 4) and aggression):
+def _check_numbers(duration: float, aggression: int, wait: float) -> None:
+    if aggression not in (1, 2, 3):
         raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")
     for name, seconds in (("duration", duration), ("wait", wait)):
         if isinstance(seconds, bool) or not isinstance(seconds, int | float):

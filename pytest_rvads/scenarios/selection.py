@@ -8,7 +8,17 @@ from itertools import product
 
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.scenarios.classes import Directions, classes, count_classes, count_scenarios, members, rotate, rotations, seats
+from pytest_rvads.scenarios.classes import (
+    Directions,
+    classes,
+    count_classes,
+    count_scenarios,
+    members,
+    parse,
+    rotate,
+    rotations,
+    seats,
+)
 from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import IDEAL, Senses
@@ -24,64 +34,89 @@ class Selection:
     """Abstract scenarios of one junction times configurations.
 
     Raises:
-        ScenarioError: a class, scenario or subject that the junction does not have.
+        ScenarioError: a class number, scenario or cover that does not exist.
     """
 
     place: Junction
     configurations: tuple[Configuration, ...]
     cover: str = "class"
-    """One of `COVERS`."""
-    classes: tuple[int, ...] | None = None
+    numbers: tuple[int, ...] | None = None
     """Class numbers, or None for all."""
     scenarios: tuple[Directions, ...] | None = None
     """Scenarios that stand at row 0 of their class, or None for the representatives."""
+    duration: float = 60.0
+    aggression: int = 1
+    wait: float = 1.5
     subject: int | str | None = None
     """Entrance of the vehicle under test among traffic, or ``"all"`` for every seat in turn."""
     senses: tuple[Senses, ...] = (IDEAL,)
     """One after the other, for every configuration."""
-    duration: float = 60.0
-    aggression: int = 1
-    wait: float = 1.5
-    left_out: int = 0
-    """How many more configurations were asked for, in which nobody could stop."""
 
     def __post_init__(self) -> None:
-        entrances, total = self.entrances, count_classes(self.entrances)
-        for number in self.classes or ():
-            if not 1 <= number <= total:
-                raise ScenarioError(f"a {self.place.ways}-way junction has classes 1..{total}, got {number!r}")
-        if self.subject not in (None, "all", *range(entrances)):
-            raise ScenarioError(f"subject must be an entrance, 0 to {entrances - 1}, or 'all', got {self.subject!r}")
+        total = count_classes(self.ways)
+        if self.cover not in COVERS:
+            raise ScenarioError(f"cover must be one of {', '.join(COVERS)}, got {self.cover!r}")
+        if self.numbers is not None and self.scenarios is not None:
+            raise ScenarioError("give classes= or scenarios=, not both: a scenario names its class")
+        if not (self.subject in (None, "all") or (type(self.subject) is int and 0 <= self.subject < self.ways)):
+            raise ScenarioError(f"subject must be an entrance, 0 to {self.ways - 1}, or 'all', got {self.subject!r}")
+        for number in self.numbers or ():
+            if not isinstance(number, int) or not 1 <= number <= total:
+                raise ScenarioError(f"a {self.ways}-way junction has classes 1..{total}, got {number!r}")
+
+    @classmethod
+    def of(
+        cls,
+        place: Junction,
+        configurations: tuple[Configuration, ...],
+        *,
+        classes: tuple[int, ...] | None = None,
+        scenarios: tuple[str, ...] | None = None,
+        cover: str = "class",
+        duration: float = 60.0,
+        aggression: int = 1,
+        wait: float = 1.5,
+        subject: int | str | None = None,
+        senses: tuple[Senses, ...] = (IDEAL,),
+    ) -> Selection:
+        """Build a selection from class numbers or direction strings."""
+        for code in scenarios or ():
+            if len(code) != len(place.entrances):
+                raise ScenarioError(
+                    f"scenario {code!r} names {len(code)} entrances, junction {place.name!r} has {len(place.entrances)}"
+                )
+        codes = None if scenarios is None else tuple(parse(s) for s in scenarios)
+        return cls(place, configurations, cover, classes, codes, duration, aggression, wait, subject, senses)
 
     @property
-    def entrances(self) -> int:
+    def ways(self) -> int:
         """Number of entrances."""
         return len(self.place.entrances)
 
     def count(self) -> int:
         """Return how many abstract scenarios (rows and seats) are selected, without listing a whole arity."""
-        if self.classes is None and self.scenarios is None:
-            seats_each = self.entrances if self.subject == "all" else 1
+        if self.numbers is None and self.scenarios is None:
+            seats_each = self.ways if self.subject == "all" else 1
             if self.cover == "rotation":
-                return count_classes(self.entrances) * self.entrances * seats_each
+                return count_classes(self.ways) * self.ways * seats_each
             if self.cover == "scenario":
-                return count_scenarios(self.entrances) * seats_each
+                return count_scenarios(self.ways) * seats_each
             # By symmetry there are as many classes of (scenario, seat) as scenarios.
-            return count_classes(self.entrances) if self.subject is None else count_scenarios(self.entrances)
+            return count_classes(self.ways) if self.subject is None else count_scenarios(self.ways)
         return sum(len(self._seated(first)) for first in self._firsts())
 
     def __iter__(self) -> Iterator[Scenario]:
         """Yield the scenarios, class by class, row by row, configuration by configuration."""
         for first in self._firsts():
             for row, subject in self._seated(first):
-                for configuration, senses in product(self.configurations, self.senses):
+                for point, senses in product(self.configurations, self.senses):
                     yield Scenario(
                         self.place,
                         first,
-                        distance=configuration.distances,
-                        speed=configuration.speeds,
+                        distance=point.distances,
+                        speed=point.speeds,
                         rotation=row,
-                        configuration=configuration.label,
+                        configuration=point.label,
                         duration=self.duration,
                         aggression=self.aggression,
                         wait=self.wait,
@@ -94,8 +129,8 @@ class Selection:
         if self.scenarios is not None:
             yield from self.scenarios
             return
-        wanted = None if self.classes is None else frozenset(self.classes)
-        for number, code in enumerate(classes(self.entrances), start=1):
+        wanted = None if self.numbers is None else frozenset(self.numbers)
+        for number, code in enumerate(classes(self.ways), start=1):
             if wanted is None or number in wanted:
                 yield code
             if wanted is not None and number >= max(wanted):

@@ -1,4 +1,4 @@
-"""Beyond the tables: metamorphic checks, falsification, strategies, chance, consistency of rules."""
+"""Beyond the tables: metamorphic checks, falsification, strategies, chance, consistency of rules, power."""
 
 from importlib import import_module
 

@@ -114,7 +114,6 @@ class Abstracted(Values):
 
     def __init__(self, model: Model, tie: float) -> None:
         super().__init__(model.run, tie)
-        self._readers["wt"] = lambda _, agent: self._wt(agent)
         self._arrivals = model.arrivals
         self._window = tie
 
@@ -131,7 +130,7 @@ class Abstracted(Values):
                 found: NDArray[np.bool_] = (zone[:, one] == Zone.ENTRANCE) != (zone[:, two] == Zone.ENTRANCE)
                 return found
             case _, (left, right) if all(
-                isinstance(t, f.Value) or (isinstance(t, f.Attr) and t.name == "cl") for t in (left, right)
+                isinstance(t, f.Word) or (isinstance(t, f.Attr) and t.name == "cl") for t in (left, right)
             ):
                 return False
         return True
@@ -157,7 +156,7 @@ def _advances(places: int, agents: int) -> list[int]:
 
 @lru_cache(maxsize=64)
 def _table(agents: int, junction: Junction) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
-    """Return zones, shape ``(size, agents)``, and colours, shape ``(size, entrances)``, of all configurations."""
+    """Return zones, shape ``(size, agents)``, and colours, shape ``(size, ways)``, of all configurations."""
     plan = SignalPlan(junction.phase_groups)
     slots = [g * (GREEN + YELLOW + CLEARANCE) + t for g in range(len(plan.groups)) for t in (0.0, GREEN, GREEN + YELLOW)]
     colours = np.array([plan.colours(time, len(junction.entrances)) for time in slots or [0.0]], dtype=np.int8)

@@ -10,15 +10,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
-from pytest_rvads.errors import RuleViolation, RunError, ScenarioError, require
-from pytest_rvads.logic.check import check
+from pytest_rvads.errors import RuleViolation, RunError, ScenarioError
+from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.logic.rules.book import get_rule, rules_for
-from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.rule import Rule, get_rule
 from pytest_rvads.runs.run import DT
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.simulator import Simulator, simulate
+from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = ["Interval", "Spread", "intervals", "sweep"]
 
@@ -82,9 +82,7 @@ class Spread:
         return interval.high - interval.low + DT
 
 
-def sweep(
-    case: Case, rule: str | Rule, low: float, high: float, *, step: float = STEP, simulator: Simulator | None = None
-) -> Spread:
+def sweep(case: Case, rule: str | Rule, low: float, high: float, *, step: float = STEP, simulator: Simulator = bullet) -> Spread:
     """Judge a case over a range of the draw of its autopilot.
 
     Draws `step` apart are tried, and between two with different statuses the change is located to one tick of 0.01 s. What
@@ -96,18 +94,16 @@ def sweep(
         low: least draw [s].
         high: greatest draw [s].
         step: distance of the draws tried first [s].
-        simulator: what makes the runs, as for `simulate`.
+        simulator: what makes the runs.
 
     Raises:
         ScenarioError: an empty range, or a step below one tick.
-        FormulaError: an unknown rule, or another one that bears the name of a shipped one.
         RunError: a run ended by a fault.
     """
-    require(case, Case, "sweep takes a rvads.Case(scenario, driver)", ScenarioError)
-    (chosen,) = rules_for(get_rule(rule))
+    chosen = get_rule(rule) if isinstance(rule, str) else rule
 
     def status(wait: float) -> Status:
-        verdict = check(simulate(case.but(wait=wait), simulator), chosen)
+        verdict = check(simulator(case.but(wait=wait)), chosen)
         if verdict.status is Status.ERROR:
             raise RunError(f"{case.scenario.name} with a draw of {wait:g} s can't be judged: {verdict.reason}")
         return verdict.status

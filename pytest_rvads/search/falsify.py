@@ -5,10 +5,11 @@ A run that breaks the rule only because nobody could have obeyed it (see `consis
 
 from __future__ import annotations
 
+import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Unpack
+from typing import Any
 
 import numpy as np
 
@@ -16,23 +17,21 @@ from pytest_rvads.conduct.blame import cut_short_by
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.errors import OpenObligation, RuleViolation, RunError, ScenarioError
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.logic.check import check
+from pytest_rvads.junctions.builtin import LAYOUTS
+from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.logic.rules.book import get_rule, rules_for
-from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.rule import Rule, get_rule
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
-from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.classes import label
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model
 from pytest_rvads.search.consistency import decide
-from pytest_rvads.search.space import Space, explored
-from pytest_rvads.simulators.simulator import Simulator, simulate
+from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.simulator import Simulator
 
-__all__ = ["Counterexample", "Search", "avoidable", "look_for", "pasteable", "score", "violation"]
+__all__ = ["Counterexample", "avoidable", "falsify", "look_for", "pasteable", "score"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,57 +46,82 @@ class Counterexample:
     """All simulations, those of shrinking included."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Search:
-    """What to look for and where, whatever is to drive."""
+def falsify(
+    junction: str,
+    *,
+    rule: str | Rule,
+    autopilot: Factory | None = None,
+    traffic: str | Factory | None = None,
+    budget: int = 200,
+    seed: int = 0,
+    **space: Any,
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a test that looks for a scenario in which a rule is broken, and fails with the simplest one it finds.
 
-    place: Junction
-    rule: str | Rule
-    traffic: Factory | None
-    """Drives the vehicles around a subject; None without one."""
-    budget: int
-    seed: int
-    space: Space
+    The body of the test is called once nothing was found; its arguments are fixtures. What was found is kept in Hypothesis'
+    example database and tried first the next time. A rule that never was triggered was not tried, which is an error.
 
-    @classmethod
-    def of(
-        cls, junction: str | Junction, rule: str | Rule, traffic: str | Factory | None, budget: int, seed: int, space: Space
-    ) -> Search:
-        """Check arguments, and find the junction; rules are looked up when it begins, because they may be defined until then.
+    Args:
+        junction: built-in name, or id of a junction in ``map``.
+        rule: the rule to break.
+        autopilot: the system under test; that of the fixture ``rvads_autopilot`` by default.
+        traffic: with ``subject``, what drives the others: a policy by name, or an autopilot of yours; the reference by default.
+        budget: most simulations before a counterexample, and most for making it simpler.
+        seed: other seeds look elsewhere.
+        space: where to look, see `strategies.scenarios`: ``map``, ``subject``, ``partial``, ``near``, ``far``, ``pace``,
+            ``wait``, ``aggression``, ``duration``.
 
-        Raises:
-            RvadsError: an argument that means nothing.
-        """
-        place = explored(junction, space)
-        if not isinstance(rule, str | Rule):
-            raise ScenarioError(f"rule must be the name of a rule in quotes, or a rule, got {rule!r}")
-        if type(budget) is not int or budget < 1:
-            raise ScenarioError(f"budget must be a number of simulations, at least 1, got {budget!r}")
-        if type(seed) is not int:
-            raise ScenarioError(f"seed must be a whole number, got {seed!r}")
-        if space.get("subject") is not None:
-            around = Policy.of("reference" if traffic is None else traffic).factory
-        elif traffic is None:
-            around = None
-        else:
+    Example:
+        >>> @falsify("stop4", rule="p1", budget=50)
+        ... def test_nobody_meets_in_the_junction(): ...
+    """
+    if not isinstance(budget, int) or budget < 1:
+        raise ScenarioError(f"budget must be a number of simulations, at least 1, got {budget!r}")
+    around = _traffic(traffic, space.get("subject"))
+
+    def decorate(test: Callable[..., None]) -> Callable[..., None]:
+        wanted = inspect.signature(test)
+        needed = ["rvads_vehicle", "rvads_simulator", *([] if autopilot is not None else ["rvads_autopilot"])]
+
+        def wrapper(**fixtures: Any) -> None:
+            __tracebackhide__ = True
+            driver = autopilot if autopilot is not None else fixtures["rvads_autopilot"]
+            name = f"{test.__module__}.{test.__qualname__}"
+            fleet = Fleet(fixtures["rvads_vehicle"])
+            trial = _Trial(rule, budget, lambda s: Case(s, driver, around, fleet), fixtures["rvads_simulator"])
+            found = _search(junction, trial, seed, name, space)
+            if found is not None:
+                raise _violation(found)
+            if not trial.triggered:
+                raise ScenarioError(
+                    f"{trial.rule.name} was not triggered in any of {trial.simulations} simulations at {junction}, so nothing "
+                    "was tried: choose another rule or junction, or look elsewhere"
+                )
+            test(**{key: value for key, value in fixtures.items() if key in wanted.parameters})
+
+        for attribute in ("__name__", "__qualname__", "__module__", "__doc__"):
+            setattr(wrapper, attribute, getattr(test, attribute))
+        wrapper.__dict__.update(test.__dict__)
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        parameters = [p.replace(kind=keyword) for p in wanted.parameters.values()]
+        parameters += [inspect.Parameter(name, keyword) for name in needed if name not in wanted.parameters]
+        wrapper.__signature__ = wanted.replace(parameters=parameters)  # type: ignore[attr-defined]
+        return wrapper
+
+    return decorate
+
+
+def _traffic(given: str | Factory | None, subject: int | None) -> Factory | None:
+    """Return what drives the vehicles around a subject, None without one."""
+    if subject is None:
+        if given is not None:
             raise ScenarioError("traffic= drives the vehicles beside a subject: say subject=0, or leave traffic= out")
-        space = {**space, "map": None}  # the junction is found
-        return cls(place=place, rule=rule, traffic=around, budget=budget, seed=seed, space=space)
-
-    def begin(self, driver: Factory, fleet: Fleet, simulator: Simulator | None, name: str | None = None) -> Counterexample | None:
-        """Look for a counterexample, see `look_for`."""
-        trial = _Trial(self.rule, self.budget, lambda s: Case(s, driver, self.traffic, fleet), simulator)
-        found = _search(self, trial, fleet.vehicle, name)
-        if found is None and not trial.triggered:
-            raise ScenarioError(
-                f"{trial.rule.name} was not triggered in any of {trial.simulations} simulations at {self.place.name}, so "
-                "nothing was tried: choose another rule or junction, or look elsewhere"
-            )
-        return found
+        return None
+    return Policy.of("reference" if given is None else given).factory
 
 
-def look_for(  # noqa: PLR0913 - keywords; a search has many settings
-    junction: str | Junction,
+def look_for(
+    junction: str,
     autopilot: Factory,
     rule: str | Rule,
     *,
@@ -106,13 +130,14 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
     seed: int = 0,
     fleet: Fleet | None = None,
     name: str | None = None,
-    simulator: Simulator | None = None,
-    **space: Unpack[Space],
+    simulator: Simulator = bullet,
+    guided: bool = True,
+    **space: Any,
 ) -> Counterexample | None:
     """Look for a scenario in which a rule is broken.
 
     Args:
-        junction: built-in name, or id of a junction in ``map``; or the junction itself.
+        junction: built-in name, or id of a junction in ``map``.
         autopilot: drives all vehicles, or the subject.
         rule: the rule to break.
         traffic: with ``subject``, what drives the others; the reference by default.
@@ -120,7 +145,8 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
         seed: of the search.
         fleet: the bodies of the vehicles; passenger cars by default.
         name: under which counterexamples are kept in the example database; None keeps none.
-        simulator: what makes the runs, as for `simulate`.
+        simulator: what makes the runs.
+        guided: follow the margin of the rule.
         space: where to look, see `strategies.scenarios`.
 
     Returns:
@@ -128,14 +154,16 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
 
     Raises:
         RunError: a run ended by a fault; the scenario is in the message.
-        ScenarioError: an argument that means nothing, or a rule that never was triggered.
-        FormulaError: an unknown rule, or another one that bears the name of a shipped one.
     """
-    return Search.of(junction, rule, traffic, budget, seed, space).begin(autopilot, fleet or Fleet(), simulator, name)
+    around = _traffic(traffic, space.get("subject"))
+    trial = _Trial(rule, budget, lambda s: Case(s, autopilot, around, fleet or Fleet()), simulator)
+    return _search(junction, trial, seed, name, space, guided=guided)
 
 
-def _search(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None) -> Counterexample | None:
-    """Have Hypothesis try scenarios until one breaks the rule of `trial`."""
+def _search(
+    junction: str, trial: _Trial, seed: int, name: str | None, space: Mapping[str, Any], *, guided: bool = True
+) -> Counterexample | None:
+    """Have Hypothesis try scenarios until one breaks the rule of `trial`; see `look_for`."""
     from hypothesis import HealthCheck, Phase, Verbosity, given, settings, target
     from hypothesis import seed as seeded
 
@@ -150,10 +178,11 @@ def _search(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None) -
         if trial.counts[scenario]:
             simplest[:] = [scenario]
             raise _Broken
-        target(score(verdict))
+        if guided:
+            target(score(verdict))
 
     # Hypothesis tells stored examples apart by the name of the function.
-    attempt.__name__ = re.sub(r"\W", "_", f"{name}__{search.place.name}__{trial.rule.name}")
+    attempt.__name__ = re.sub(r"\W", "_", f"{name}__{junction}__{trial.rule.name}")
     configured = settings(
         max_examples=trial.budget,
         deadline=None,
@@ -165,9 +194,9 @@ def _search(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None) -
         database=settings().database if name else None,
     )
     # A seed turns the database off, so it comes first.
-    scenarios = strategies.scenarios(search.place, vehicle=vehicle, simulator=trial.simulator, **search.space)
+    search = configured(seeded(seed)(given(strategies.scenarios(junction, **space))(attempt)))
     try:
-        configured(seeded(search.seed)(given(scenarios)(attempt)))()
+        search()
     except _Broken:
         return Counterexample(simplest[0], trial.known[simplest[0]], trial.first or 0, trial.simulations)
     return None
@@ -180,8 +209,8 @@ class _Broken(Exception):
 class _Trial:
     """Simulates every scenario once, and no more than the budget allows."""
 
-    def __init__(self, rule: str | Rule, budget: int, case: Callable[[Scenario], Case], simulator: Simulator | None) -> None:
-        (self.rule,) = rules_for(get_rule(rule))
+    def __init__(self, rule: str | Rule, budget: int, case: Callable[[Scenario], Case], simulator: Simulator) -> None:
+        self.rule = get_rule(rule) if isinstance(rule, str) else rule
         self.budget = budget
         self.simulations = 0
         self.triggered = False
@@ -191,25 +220,16 @@ class _Trial:
         self.counts: dict[Scenario, bool] = {}
         """Whether the violation in a scenario could have been avoided."""
         self.known: dict[Scenario, Verdict] = {}
-        self.errors: dict[Scenario, Exception] = {}
-        """What the simulator raised; Hypothesis asks again for what failed, and has to see the same."""
         self._case = case
-        self.simulator = simulator
+        self._simulator = simulator
 
     def judge(self, scenario: Scenario) -> Verdict | None:
         """Return the verdict, or None where the budget is spent."""
-        if scenario in self.errors:
-            raise self.errors[scenario]
         if scenario not in self.known:
             if self.simulations - (self.first or 0) >= self.budget:
                 return None
             self.simulations += 1
-            try:
-                run = simulate(self._case(scenario), self.simulator)
-            except Exception as error:
-                self.first = self.first or self.simulations
-                self.errors[scenario] = error
-                raise
+            run = self._simulator(self._case(scenario))
             verdict = self.known[scenario] = check(run, self.rule)
             self.triggered = self.triggered or verdict.status not in (Status.NA, Status.ERROR)
             self.counts[scenario] = broken(run, verdict) and avoidable(run, self.rule)
@@ -233,9 +253,7 @@ def score(verdict: Verdict) -> float:
 
 
 def broken(run: Run, verdict: Verdict) -> bool:
-    """Return whether a run breaks a rule: what a collision cut short is no breach, nor is what traffic provoked."""
-    if verdict.provoked:
-        return False
+    """Return whether a run breaks a rule; what a collision cut short in the middle is open, not broken."""
     return verdict.status is Status.FAIL or (verdict.status is Status.OPEN and not cut_short_by(run))
 
 
@@ -253,7 +271,7 @@ def pasteable(scenario: Scenario, rule: str) -> str:
         return f"{values[0]:g}" if len(set(values)) == 1 else f"({', '.join(f'{v:g}' for v in values)})"
 
     place = scenario.place
-    built_in = place.map is None
+    built_in = place.name in LAYOUTS
     arguments = [repr(place.name if built_in else place.id), f"scenarios={label(scenario.directions)!r}"]
     arguments += [f"distances={text(scenario.distances)}", f"speeds={text(scenario.speeds)}", f"rules={rule!r}"]
     arguments += [] if built_in else [f"map={place.map!r}"]
@@ -268,8 +286,7 @@ def pasteable(scenario: Scenario, rule: str) -> str:
     return "\n".join(lines)
 
 
-def violation(found: Counterexample) -> RuleViolation:
-    """Return the failure that tells of a counterexample."""
+def _violation(found: Counterexample) -> RuleViolation:
     verdict = found.verdict
     kind = OpenObligation if verdict.status is Status.OPEN else RuleViolation
     error = kind(f"{verdict.message}, in {found.scenario.name}")

@@ -8,16 +8,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError, require
+from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.rule import Rule, rules_for
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.classes import rotate
 from pytest_rvads.search.metamorphic import judged
 from pytest_rvads.search.sidebyside import side_by_side
+from pytest_rvads.simulators.bullet import bullet
 from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = ["determinate", "rational"]
@@ -32,7 +32,7 @@ def rational(
     rules: str | Rule | Sequence[str | Rule] = "paper",
     *,
     farther: Sequence[float] = FARTHER,
-    simulator: Simulator | None = None,
+    simulator: Simulator = bullet,
 ) -> None:
     """Require that a rule which is kept from some distances is kept from greater ones with the same speeds.
 
@@ -40,7 +40,7 @@ def rational(
         case: the case to begin with.
         rules: a rulebook, rules, or both.
         farther: by how much all vehicles start farther away [m], one after the other.
-        simulator: what makes the runs, as for `simulate`.
+        simulator: what makes the runs.
 
     Raises:
         MetamorphicViolation: a PASS turns into FAIL or OPEN.
@@ -48,7 +48,6 @@ def rational(
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
-    require(case, Case, "rational takes a rvads.Case(scenario, driver)", ScenarioError)
     chosen = rules_for(rules, case.scenario.place.control)
     run, before = judged(case, chosen, simulator)
     kept = [rule for rule in chosen if before[rule.name].status is Status.PASS]
@@ -70,7 +69,7 @@ def determinate(
     *,
     at: float = 1.0,
     tolerance: float = 0.5,
-    simulator: Simulator | None = None,
+    simulator: Simulator = bullet,
 ) -> None:
     """Require that a run which starts from the positions and speeds of another one at time `at` goes on like it.
 
@@ -82,7 +81,7 @@ def determinate(
         rules: a rulebook, rules, or both.
         at: when to cut [s]; nobody may be past the stopping line.
         tolerance: by how much an entry may be earlier or later [s]; lags of drive and brake begin anew.
-        simulator: what makes the runs, as for `simulate`.
+        simulator: what makes the runs.
 
     Raises:
         MetamorphicViolation: the continuation differs.
@@ -90,7 +89,6 @@ def determinate(
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
-    require(case, Case, "determinate takes a rvads.Case(scenario, driver)", ScenarioError)
     junction = case.scenario.place
     if junction.phase_groups:
         raise ScenarioError(
@@ -129,9 +127,10 @@ def _restarted(case: Case, run: Run, at: float) -> Case:
         raise RunError(f"the run {run.label} holds no positions and speeds")
     if not 0 < tick < run.steps:
         raise ScenarioError(f"the run lasts {run.duration:.2f} s, so it can't be restarted at {at!r} s")
-    distances, speeds = [0.0] * len(scenario.directions), [0.0] * len(scenario.directions)
+    distances, speeds = [0.0] * scenario.ways, [0.0] * scenario.ways
+    lines = {i.entrance: i.line for i in scenario.itineraries()}
     for k, agent in enumerate(run.agents):
-        left = -scenario.place.setbacks[agent.entrance] - float(run.station[tick, k])
+        left = lines[agent.entrance] - float(run.station[tick, k])
         if run.zone[tick, k] > Zone.ENTRANCE or left < 0:
             raise ScenarioError(f"{agent.name} is past the stopping line at {at:g} s: restart the run earlier")
         distances[agent.entrance], speeds[agent.entrance] = left, max(float(run.speed[tick, k]), 0.0)
@@ -146,5 +145,6 @@ def _restarted(case: Case, run: Run, at: float) -> Case:
 def _violation(run: Run, one: Verdict, other: Run, two: Verdict, what: str, broken: str | None = None) -> MetamorphicViolation:
     change = f"changes {broken}" if broken else f"turns {one.rule} from {one.status} into {two.status}"
     error = MetamorphicViolation(f"{what}: {change} in {run.label}")
-    error.add_note(side_by_side(run, one, other, two, range(len(run.junction.entrances)), what))
+    image = {a.entrance: a.entrance for a in run.agents}
+    error.add_note(side_by_side(run, one, other, two, [image.get(e, e) for e in range(run.junction.ways)], what))
     return error

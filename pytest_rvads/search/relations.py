@@ -8,16 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pytest_rvads.drivers.renaming import renamed
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.junction import Junction, JunctionControl
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.classes import rotate
 from pytest_rvads.search.remap import mirrored, moved
@@ -62,23 +59,24 @@ Relation = Callable[[Case], Iterator[Variant | Incomparable]]
 def names_sides(rule: Rule) -> bool:
     """Return whether a rule speaks of turns to the left or right."""
     words = (term for atom in f.atoms(rule.formula) for term in atom.terms)
-    return any(isinstance(word, f.Value) and word.name in ("left", "right") for word in words)
+    return any(isinstance(word, f.Word) and word.name in ("left", "right") for word in words)
 
 
 def rotation(case: Case) -> Iterator[Variant | Incomparable]:
     """The members of the structural equivalence class, light phase included (the relation of the paper)."""
     scenario, junction = case.scenario, case.scenario.place
-    symmetries = {symmetry.arms: symmetry for symmetry in rotations_of(junction)}
-    for arms in range(1, junction.ways):
-        what, found = f"rotation by {arms}", symmetries.get(arms)
+    swaps = {symmetry.rows: symmetry.swaps for symmetry in rotations_of(junction)}
+    for rows in range(1, scenario.ways):
+        what = f"rotation by {rows}"
         # Rows of a class swap the phase when they are odd; a junction may need something else.
-        if found is None:
-            yield Incomparable(what, f"{junction.name} has other {' and '.join(broken_by(junction, arms))} there")
-        elif len(junction.phase_groups) > 1 and found.swaps != bool(found.rows % 2):
+        if rows not in swaps:
+            yield Incomparable(what, f"{junction.name} has other {' and '.join(broken_by(junction, rows))} there")
+        elif len(junction.phase_groups) > 1 and swaps[rows] != bool(rows % 2):
             yield Incomparable(what, f"the lights of {junction.name} do not follow the rotation")
         else:
-            image = rotate(_same(case), -found.rows)
-            yield Variant(what, _moved(case, image, rotation=(scenario.rotation + found.rows) % len(image)), image)
+            image = tuple((e + rows) % scenario.ways for e in range(scenario.ways))
+            seat = None if scenario.subject is None else image[scenario.subject]
+            yield Variant(what, case.but(rotation=(scenario.rotation + rows) % scenario.ways, subject=seat), image)
 
 
 def creation(case: Case) -> Iterator[Variant | Incomparable]:
@@ -91,12 +89,7 @@ def creation(case: Case) -> Iterator[Variant | Incomparable]:
 
 def renaming(case: Case) -> Iterator[Variant]:
     """Other names of the agents, in another alphabetical order."""
-    # What tells those at one entrance apart stays.
-    place = case.scenario.place
-    names = {
-        agent.name: f"v{len(place.entrances) - agent.entrance}{agent.name.removeprefix(place.vehicle_at(agent.entrance))}"
-        for agent in case.agents()
-    }
+    names = {agent.name: f"v{case.scenario.ways - agent.entrance}" for agent in case.agents()}
     traffic = case.traffic and renamed(case.traffic, names)
     yield Variant("renaming", replace(case, driver=renamed(case.driver, names), traffic=traffic), _same(case))
 
@@ -139,16 +132,7 @@ RELATIONS: Mapping[str, Relation] = MappingProxyType(
 
 
 def _same(case: Case) -> tuple[int, ...]:
-    return tuple(range(len(case.scenario.directions)))
-
-
-def _moved(case: Case, image: tuple[int, ...], **changes: Any) -> Case:
-    """Return the case with a changed scenario, in which seat and bodies go along with their vehicles."""
-    before = case.scenario
-    after = before.but(subject=None if before.subject is None else image[before.subject], **changes)
-    names = {before.place.vehicle_at(e): after.place.vehicle_at(there) for e, there in enumerate(image)}
-    others = {names[name]: vehicle for name, vehicle in case.fleet.others.items()}
-    return replace(case, scenario=after, fleet=replace(case.fleet, others=others))
+    return tuple(range(case.scenario.ways))
 
 
 def _place(motion_: tuple[float, float, float]) -> Callable[[float, float], tuple[float, float]]:
@@ -162,46 +146,40 @@ def _elsewhere(
 ) -> Variant | Incomparable:
     """Return the case at the same junction on another map, entrance by entrance where `place` puts them."""
     scenario, before = case.scenario, case.scenario.place
-    arms = _match(before, after, place)
-    numbers = {(lane.arm, lane.lane): e for e, lane in enumerate(after.entrances)}
-    image = tuple(numbers[arms[lane.arm], lane.lane] for lane in before.entrances)
-    count = len(image)
-    placed = [0] * count
+    image = _match(before, after, place)
+    ways = scenario.ways
+    back = {image[e]: e for e in range(ways)}
+    placed = [0] * ways
     for e, direction in enumerate(scenario.placed):
         if direction:
-            arm = before.entrances[e].arm
-            placed[image[e]] = (arms[(arm + direction) % before.ways] - arms[arm]) % before.ways
+            placed[image[e]] = (image[(e + direction) % ways] - image[e]) % ways
     row = 0
     if before.phase_groups:
         green = frozenset(image[e] for e in before.phase_groups[scenario.signals().first])
         if green not in after.phase_groups:
             return Incomparable(what, "the lights are grouped in another way there")
         row = after.phase_groups.index(green) % 2
-    starts = [scenario.start(image.index(e)) for e in range(count)]
+    starts = [scenario.start(back[e]) for e in range(ways)]
     # Row 1 of a class swaps the phase; everything else is turned back first, so that it ends where it has to be.
-    order = [image[(e + scenario.rotation) % count] for e in scenario.order]
-    there = _moved(
-        case,
-        image,
+    order = [image[(e + scenario.rotation) % ways] for e in scenario.order]
+    there = case.but(
         place=after,
         directions=rotate(tuple(placed), -row),
         distance=rotate(tuple(d for d, _ in starts), -row),
         speed=rotate(tuple(v for _, v in starts), -row),
         rotation=row,
-        order=[(e - row) % count for e in order],
+        order=[(e - row) % ways for e in order],
+        subject=None if scenario.subject is None else image[scenario.subject],
     )
     return Variant(what, there, image, sided=sided)
 
 
 def _match(before: Junction, after: Junction, place: Callable[[float, float], tuple[float, float]]) -> tuple[int, ...]:
-    """Return per arm the one that lies where `place` puts it."""
+    """Return per entrance the one that lies where `place` puts it."""
 
-    def middles(junction: Junction) -> list[NDArray[np.float64]]:
-        ends = [
-            [junction.way_in(e).points[-1] for e in arm.entrances] + [junction.way_out(x).points[0] for x in arm.exits]
-            for arm in junction.arms
-        ]
-        return [np.mean(points, axis=0) for points in ends]
+    def vertices(junction: Junction) -> list[tuple[float, float]]:
+        lines = map(junction.way_in, range(len(junction.entrances)))
+        return [line.pose(line.length)[:2] for line in lines]
 
-    there = np.array(middles(after))
-    return tuple(int(np.argmin(np.hypot(*(there - place(x, y)).T))) for x, y in middles(before))
+    there = np.array(vertices(after))
+    return tuple(int(np.argmin(np.hypot(*(there - place(x, y)).T))) for x, y in vertices(before))

@@ -9,23 +9,24 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hypothesis import strategies as st
-from hypothesis.strategies import SearchStrategy
 
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.finder import find, names
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.junctions.junction import Junction, JunctionControl
+from pytest_rvads.physics.braking import vmax
 from pytest_rvads.scenarios.classes import WAYS, Directions
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.search.space import FARTHEST, NEAREST, Space, explored
-from pytest_rvads.simulators.simulator import Simulator, vmax
+
+if TYPE_CHECKING:
+    from hypothesis.strategies import SearchStrategy
 
 __all__ = ["abstract_scenarios", "distances", "junctions", "scenarios", "waits"]
 
+NEAREST, FARTHEST = 0.3, 30.0
+"""Range of distances to the stopping line [m]."""
 LONGEST_WAIT = 4.0
 """Range of the draw of autopilots that have one, from 0 [s]."""
 USUAL_WAIT = 1.5
@@ -44,7 +45,7 @@ def junctions(control: JunctionControl | str | None = None, ways: int | None = N
 
     Args:
         control: ``"stop"`` or ``"lights"``; any by default.
-        ways: number of arms; any by default.
+        ways: number of entrances; any by default.
 
     Raises:
         ScenarioError: no such junction.
@@ -59,7 +60,7 @@ def abstract_scenarios(ways: int = 4, *, partial: bool = True) -> SearchStrategy
     """Return a strategy for abstract scenarios: a direction per entrance, 0 where nobody stands.
 
     Args:
-        ways: number of arms, each with one entrance.
+        ways: number of entrances.
         partial: with empty entrances, of which there may be all but one.
 
     Raises:
@@ -67,11 +68,7 @@ def abstract_scenarios(ways: int = 4, *, partial: bool = True) -> SearchStrategy
     """
     if ways not in WAYS:
         raise ScenarioError(f"the number of ways must be 3 to 8, got {ways!r}")
-    return _codes(ways, ways, partial=partial)
-
-
-def _codes(ways: int, entrances: int, *, partial: bool) -> SearchStrategy[Directions]:
-    codes = st.tuples(*[st.integers(0 if partial else 1, ways - 1)] * entrances)
+    codes = st.tuples(*[st.integers(0 if partial else 1, ways - 1)] * ways)
     return codes.filter(any) if partial else codes
 
 
@@ -101,7 +98,7 @@ def waits(low: float = 0.0, high: float = LONGEST_WAIT) -> SearchStrategy[float]
     return st.one_of(st.sampled_from(whole), st.integers(math.ceil(100 * low), math.floor(100 * high)).map(lambda n: n / 100))
 
 
-def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
+def scenarios(
     junction: str | Junction = "stop4",
     *,
     map: str | None = None,
@@ -113,14 +110,12 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     wait: tuple[float, float] = (0.0, LONGEST_WAIT),
     aggression: int = 1,
     duration: float = 60.0,
-    vehicle: Vehicle | None = None,
-    simulator: Simulator | None = None,
 ) -> SearchStrategy[Scenario]:
     """Return a strategy for concrete scenarios inside v(d)max.
 
     Args:
         junction: built-in name, or id of a junction in `map`; or the junction itself.
-        map: OpenDRIVE file of a junction given by id.
+        map: OpenDRIVE file.
         subject: entrance of the vehicle under test among traffic; there is always one.
         partial: with empty entrances.
         near: least distance to the stopping line [m].
@@ -129,32 +124,29 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
         wait: range of the draw of autopilots that have one [s].
         aggression: braking level 1, 2 or 3.
         duration: longest run [s].
-        vehicle: whose v(d)max bounds the speeds; a passenger car by default.
-        simulator: what will make the runs, as for `simulate`; v(d)max is its own.
 
     Raises:
         MapError: unknown or unusable junction.
-        ScenarioError: an empty range, or a value that means nothing.
+        ScenarioError: an empty range, or a pace beyond 0..1.
     """
-    asked = Space(map=map, subject=subject, partial=partial, near=near, far=far, pace=pace)
-    place = explored(junction, {**asked, "wait": wait, "aggression": aggression, "duration": duration})
+    if not 0 <= pace <= 1:
+        raise ScenarioError(f"pace is a share of v(d)max, from 0 to 1, got {pace!r}")
+    place = junction if isinstance(junction, Junction) else find(junction, map)
     reach = [min(far, place.approach(e)) for e in range(len(place.entrances))]
-    spans = [distances(near, room) for room in reach]
-    codes, delays = _codes(place.ways, len(place.entrances), partial=partial), waits(*wait)
-    codes = codes.filter(lambda code: all(not d or (e, d) in place.by_direction for e, d in enumerate(code)))
+    spans = [distances(min(near, room), room) for room in reach]
+    codes, delays = abstract_scenarios(place.ways, partial=partial), waits(*wait)
     if subject is not None:
         codes = codes.filter(lambda code: code[subject] > 0)
 
     @st.composite
     def build(draw: Callable[[SearchStrategy[Any]], Any]) -> Scenario:
         code = draw(codes)
-        starts = [(20.0, 0.0)] * len(code)
+        starts = [(20.0, 0.0)] * place.ways
         for e, direction in enumerate(code):
             if direction:
                 distance = draw(spans[e])
                 share = draw(st.integers(0, _SHARES))
-                limit = _limit(distance, aggression, vehicle, simulator) if share else 0.0
-                speed = math.floor(10 * pace * limit * share / _SHARES) / 10
+                speed = math.floor(10 * pace * _limit(distance, aggression) * share / _SHARES) / 10 if share else 0.0
                 starts[e] = (distance, speed)
         return Scenario(
             place,
@@ -170,7 +162,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     return build()
 
 
-def _limit(distance: float, aggression: int, vehicle: Vehicle | None, simulator: Simulator | None) -> float:
+def _limit(distance: float, aggression: int) -> float:
     """Return a speed [m/s] up to v(d)max."""
     below = bisect_right(_KNOTS, distance)
-    return (vmax(_KNOTS[below - 1], aggression, vehicle, simulator) or 0.0) if below else 0.0
+    return (vmax(_KNOTS[below - 1], aggression) or 0.0) if below else 0.0

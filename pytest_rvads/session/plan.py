@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
 from pytest_rvads.collection.expansion import LEFT_OUT
+from pytest_rvads.report.record import Record, cell_record
+from pytest_rvads.report.session_report import Cell, cell_from, cell_of
 
 if TYPE_CHECKING:
     from pytest_rvads.collection import Cell as Parameter
-    from pytest_rvads.report.record import Record
-    from pytest_rvads.report.session_report import Cell
 
 __all__ = ["Plan", "Planner", "in_part", "start"]
 
@@ -41,22 +41,15 @@ class Plan:
 
     def pack(self) -> str:
         """Return the plan as one string of JSON."""
-        named = sorted(self.deselected), sorted(self.files), self.left_out
-        if not self.cells:  # nothing of ours, so nothing more is loaded
-            return json.dumps([[], [], [], *named])
-        import msgspec
-
-        return msgspec.json.encode([list(self.cells), *map(list, (self.items.values(), self.vanished.values())), *named]).decode()
+        records = list(self.items.values()), list(self.vanished.values())
+        return json.dumps([list(self.cells), *records, sorted(self.deselected), sorted(self.files), self.left_out])
 
     def unpack(self, text: str) -> None:
         """Take in a packed plan; all workers send the same one."""
-        cells, items, vanished, deselected, files, left_out = json.loads(text)
-        if cells:
-            from pytest_rvads.report.record import received
-
-            self.cells |= {(*cell,): None for cell in cells}
-            self.items |= {record.nodeid: record for record in map(received, items)}
-            self.vanished |= {record.nodeid: record for record in map(received, vanished)}
+        cells, records, vanished, deselected, files, left_out = json.loads(text)
+        self.cells |= dict.fromkeys(map(cell_from, cells))
+        self.items |= {record["nodeid"]: record for record in records}
+        self.vanished |= {record["nodeid"]: record for record in vanished}
         self.deselected |= set(deselected)
         self.files |= set(files)
         self.left_out |= left_out
@@ -71,10 +64,8 @@ def start(item: pytest.Item) -> Record | None:
     """Return the start of an item's record, or None where the item is not ours."""
     if not (isinstance(item, pytest.Function) and hasattr(item, "callspec") and "rvads_cell" in item.callspec.params):
         return None
-    from pytest_rvads.report.record import planned_record
-
     cell = cast("Parameter", item.callspec.params["rvads_cell"])
-    return planned_record(item.nodeid, item.location[1] or 0, item.originalname, cell.keys, cell.scenario.ways, cell.requirements)
+    return cell_record(item.nodeid, item.location[1] or 0, item.originalname, cell.keys, cell.scenario.ways, cell.requirements)
 
 
 class Planner:
@@ -88,16 +79,11 @@ class Planner:
         self._told: set[str] = set()
         """Node ids of items that somebody deselected as one should."""
         self._unsent = hasattr(config, "workerinput")
-        self._ids = 0
-        """How many items a worker has collected, ours or not."""
 
     def plan(self) -> Plan:
         """Return the plan; it is put together when first asked for, so that collecting costs nothing more."""
         starts = {item.nodeid: record for item in self._collected if (record := start(item))}
-        if starts:
-            from pytest_rvads.report.session_report import cell_of
-
-            self._plan.cells |= dict.fromkeys(map(cell_of, starts.values()))
+        self._plan.cells |= dict.fromkeys(map(cell_of, starts.values()))
         self._plan.items |= {item.nodeid: starts[item.nodeid] for item in self._selected if item.nodeid in starts}
         left = starts.keys() - self._plan.items.keys()
         self._plan.deselected |= left
@@ -107,10 +93,6 @@ class Planner:
         self._plan.left_out |= left_out
         self._collected, self._selected = [], []
         return self._plan
-
-    def unsaid(self) -> int:
-        """Return how many items workers have collected, where none of them came to say what is planned; else 0."""
-        return 0 if self.plan().files else self._ids
 
     def gone(self, nodeid: str) -> bool:
         """Tell whether an item that was not selected does not exist any more, as far as this session can tell.
@@ -155,11 +137,6 @@ class Planner:
         """Take the plan off a worker's report in the main process, before anybody else reads it."""
         if not hasattr(self._config, "workerinput") and hasattr(report, _WIRE):
             self._plan.unpack(report.__dict__.pop(_WIRE))
-
-    @pytest.hookimpl(optionalhook=True)
-    def pytest_xdist_node_collection_finished(self, ids: Sequence[str]) -> None:
-        """Note how much a worker has collected: before its first report no more comes from it."""
-        self._ids = len(ids)
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:

@@ -8,23 +8,18 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.record import Record
 from pytest_rvads.session.plan import start
-
-if TYPE_CHECKING:
-    from pytest_rvads.report.record import Record
 
 __all__ = ["BUDGET", "Budget"]
 
 _STARTED = "rvads_started"
 _HISTORY = "rvads/exercised"
 """Key of pytest's cache: in how many sessions with a budget an item ran."""
-_FAILED = "cache/lastfailed"
-"""Pytest's own key: what failed in the last session."""
 
 
 class Budget:
@@ -40,7 +35,7 @@ class Budget:
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Put last failures first, then a run of every class, then what was covered least; the same in every worker."""
         records = {item.nodeid: record for item in items if (record := start(item))}
-        order = {nodeid: i for i, nodeid in enumerate(priority(records.values(), self._cached(_FAILED), self._cached(_HISTORY)))}
+        order = {nodeid: i for i, nodeid in enumerate(priority(records.values(), self._failed(), self._history()))}
         items.sort(key=lambda item: order.get(item.nodeid, len(order)))
 
     def spend(self) -> None:
@@ -56,14 +51,20 @@ class Budget:
         """Count what ran, so that the next session begins with what did not."""
         cache = getattr(self._config, "cache", None)
         if cache is not None:
-            history = Counter(self._cached(_HISTORY))
-            history.update(record.nodeid for record in records if record.status is not Outcome.NOT_RUN)
+            history = Counter(self._history())
+            history.update(record["nodeid"] for record in records if record["status"] != "NOT RUN")
             cache.set(_HISTORY, dict(history))
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_configure_node(self, node: Any) -> None:
         """Tell a worker when the session began."""
         node.workerinput[_STARTED] = self._started
+
+    def _history(self) -> dict[str, int]:
+        return self._cached(_HISTORY)
+
+    def _failed(self) -> dict[str, Any]:
+        return self._cached("cache/lastfailed")
 
     def _cached(self, key: str) -> dict[str, Any]:
         cache = getattr(self._config, "cache", None)
@@ -89,11 +90,11 @@ def priority(records: Iterable[Record], failed: Mapping[str, Any], history: Mapp
     runs: dict[tuple[Any, ...], list[str]] = {}
     classes: dict[tuple[Any, ...], list[tuple[Any, ...]]] = {}
     for record in records:
-        group = record.junction, record.cls
-        run = record.nodeid.partition("[")[0], *group, record.scenario, record.cfg, record.rotation, record.seat
+        group = record["junction"], record["cls"]
+        run = record["nodeid"].partition("[")[0], *group, *(record[k] for k in ("scenario", "cfg", "rotation", "seat"))
         if run not in runs:
             classes.setdefault(group, []).append(run)
-        runs.setdefault(run, []).append(record.nodeid)
+        runs.setdefault(run, []).append(record["nodeid"])
     worth: dict[tuple[Any, ...], tuple[int, ...]] = {}
     for turn, members in enumerate(classes.values()):
         ran = {run: min(history.get(nodeid, 0) for nodeid in runs[run]) for run in members}

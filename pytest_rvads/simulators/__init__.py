@@ -1,1 +1,1 @@
-"""From a case to a run."""
+"""From a scenario and its drivers to a run."""

@@ -1,4 +1,4 @@
-"""The simulation loop: from a case to a run.
+"""The simulation loop: from a scenario and an autopilot to a run.
 
 In every step the state is sampled, every autopilot decides on that same state, then the world moves on by one step.
 """
@@ -9,18 +9,17 @@ import math
 from dataclasses import asdict
 
 from pytest_rvads.drivers.interface import Control, Observation
-from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.physics.body import Body, start
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.physics.world import BulletWorld, World
 from pytest_rvads.runs.run import DT, Collision, Facts, Fault, Halt, Run
-from pytest_rvads.runs.states import GONE, Colour
+from pytest_rvads.runs.states import GONE, Colour, VehicleState
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 from pytest_rvads.simulators.recorder import Recorder
-from pytest_rvads.simulators.seat import Seat, crew
+from pytest_rvads.simulators.seat import Seat, crew, name_of
 from pytest_rvads.versions import versions
 
 __all__ = ["Bullet", "bullet"]
@@ -50,7 +49,7 @@ bullet: Bullet = Bullet()
 
 
 class _Loop:
-    """What changes while a run is simulated; columns are the agents, in the order of the run."""
+    """What changes while a run is simulated; columns are agents by entrance."""
 
     def __init__(self, case: Case) -> None:
         scenario = case.scenario
@@ -60,7 +59,7 @@ class _Loop:
         self.end = "duration"
         """Why the run ended: left, duration, collision, route, fault."""
         self.strayed: tuple[str, ...] = ()
-        self._seats: dict[int, Seat] = {}
+        self.seats: tuple[Seat, ...] = ()
         self._signals = scenario.signals()
         self._agents = case.agents()
         self._vehicles = [case.fleet.of(agent.name) for agent in self._agents]
@@ -72,9 +71,10 @@ class _Loop:
             self._bodies.append(Body(agent, itinerary, station, vehicle, scenario.aggression))
             starts.append(start(itinerary, station, speed, vehicle))
         self.recorder = Recorder(self._agents)
-        created = scenario.creation.index
-        self._active = sorted(range(len(self._agents)), key=lambda column: created(self._agents[column].entrance))
+        columns = {agent.entrance: column for column, agent in enumerate(self._agents)}
+        self._active = [columns[entrance] for entrance in scenario.creation]
         """Vehicles still in the run, in creation order."""
+        self._states: dict[int, VehicleState] = {}
         self._lights: tuple[Colour, ...] = ()
         self._step = 0
         self.world: World = BulletWorld(self._vehicles, starts)
@@ -93,10 +93,11 @@ class _Loop:
             self._sample()
             order = [self._agents[column] for column in self._active]
             key = f"{self.junction.name} {scenario.placed} {scenario.configuration}"
-            seats = crew(order, case.driver, case.traffic, scenario.under_test, scenario.senses, key)
-            self._seats = dict(zip(self._active, seats, strict=True))
+            crewed = crew(order, case.driver, scenario.under_test, case.traffic, scenario.senses, key)
+            seats = dict(zip(self._active, crewed, strict=True))
+            self.seats = tuple(seats.values())
             while self._step < last and not self._over():
-                self._advance(self._decide())
+                self._advance(self._decide(seats))
                 self._sample()
             self._over()
         except Halt as halt:
@@ -110,13 +111,12 @@ class _Loop:
             "scenario": case.scenario.record(),
             "simulator": Bullet.name,
             "autopilot": name_of(case.driver),
-            "traffic": None if case.traffic is None else name_of(case.traffic),
+            "traffic": name_of(case.traffic),
             "vehicle": asdict(case.fleet.vehicle),
-            "others": {name: asdict(vehicle) for name, vehicle in case.fleet.others.items()},
             "end": self.end,
             "versions": versions(),
         }
-        timed = {seat.agent.name: told for seat in self._seats.values() if (told := seat.timing()) is not None}
+        timed = {seat.agent.name: told for seat in self.seats if (told := seat.timing()) is not None}
         if timed:
             provenance["timing"] = timed
         facts = Facts(case.scenario.under_test, SPEED_LIMIT, self.strayed)
@@ -124,39 +124,43 @@ class _Loop:
 
     def _over(self) -> bool:
         """Tell whether the run is over before its time, and note why."""
-        strayed = [column for column in self._active if self._bodies[column].strayed]
-        if strayed:
-            self.strayed = tuple(self._agents[column].name for column in sorted(strayed))
+        self.strayed = tuple(self._agents[column].name for column in sorted(self._active) if self._bodies[column].strayed)
+        if self.strayed:
             self.end = "route"
         elif self.collisions:
             self.end = "collision"
-        elif all(body.state.station >= body.itinerary.leave for body in self._bodies):
+        elif all(self._states[i].station >= body.itinerary.leave for i, body in enumerate(self._bodies)):
             self.end = "left"
         return self.end != "duration"
 
     def _sample(self) -> None:
         """Take and record the current state of every vehicle; one that is gone stays as it was last seen."""
-        bodies, motions = self._bodies, self._motions
-        gone = [column for column in self._active if bodies[column].sample(motions[column]).zone is GONE]
+        states = self._states
+        gone = []
+        for column in self._active:
+            state = states[column] = self._bodies[column].sample(self._motions[column])
+            if state.zone is GONE:
+                gone.append(column)
         for column in gone:
             self._active.remove(column)
             self.world.remove(column)
         self._lights = self._signals.colours(self._step * DT, len(self.junction.entrances))
-        self.recorder.state([body.state for body in bodies], self._lights)
+        self.recorder.state([states[column] for column in range(len(states))], self._lights)
 
-    def _decide(self) -> list[Control]:
+    def _decide(self, seats: dict[int, Seat]) -> list[Control]:
         """Ask every autopilot and return the controls by column."""
-        bodies, scenario = self._bodies, self.scenario
-        controls = [_IDLE] * len(bodies)
+        states = self._states
+        controls = [_IDLE] * len(states)
         time = self._step * DT
-        seen = tuple([bodies[column].state for column in self._active])
+        scenario = self.scenario
+        seen = tuple([states[column] for column in self._active])
         for i, column in enumerate(self._active):
             view = Observation(
                 time,
                 seen[i],
                 seen[:i] + seen[i + 1 :],
                 self._lights,
-                bodies[column].itinerary,
+                self._bodies[column].itinerary,
                 self.junction,
                 self._vehicles[column],
                 SPEED_LIMIT,
@@ -164,7 +168,7 @@ class _Loop:
                 scenario.wait,
                 i,
             )
-            controls[column] = self._seats[column].command(self._step, view)
+            controls[column] = seats[column].command(self._step, view)
         self.recorder.control(controls)
         return controls
 

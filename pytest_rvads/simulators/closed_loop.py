@@ -14,7 +14,8 @@ from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.simulator import Simulator, simulate, vmax
+from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = ["closed_vmax"]
 
@@ -25,11 +26,7 @@ _RED = 19.9
 
 
 def closed_vmax(
-    distance: float,
-    driver: Factory,
-    aggression: int = 1,
-    vehicle: Vehicle | None = None,
-    simulator: Simulator | None = None,
+    distance: float, driver: Factory, aggression: int = 1, vehicle: Vehicle | None = None, simulator: Simulator = bullet
 ) -> float | None:
     """Return the greatest speed from which `driver` stops a lone vehicle at a red light, straight ahead.
 
@@ -38,7 +35,7 @@ def closed_vmax(
         driver: as for `Case`.
         aggression: 1, 2 or 3, the scenario's.
         vehicle: the parameters; a passenger car by default.
-        simulator: what makes the runs, as for `simulate`.
+        simulator: what makes the runs.
 
     Returns:
         The speed up to which it stopped in every test, at most the plant's v(d)max [m/s]; None where it drives over the line
@@ -49,11 +46,11 @@ def closed_vmax(
         RunError: a run ended by a fault.
     """
     vehicle = vehicle or Vehicle()
-    limit, place = vmax(distance, aggression, vehicle, simulator), find("light4")
+    limit, place = simulator.vmax(distance, aggression, vehicle), find("light4")
 
     def safe(speed: float) -> bool:
         scenario = Scenario(place, "0200", distance=distance, speed=speed, aggression=aggression, duration=_RED)
-        run = simulate(Case(scenario, driver, fleet=Fleet(vehicle)), simulator)
+        run = simulator(Case(scenario, driver, fleet=Fleet(vehicle)))
         if run.fault is not None:
             raise RunError(f"no v(d)max at {distance:g} m: {run.fault.reason}")
         stands = run.speed is not None and abs(float(run.speed[-1, 0])) < STANDING

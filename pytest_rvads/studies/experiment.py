@@ -9,13 +9,13 @@ from functools import partial
 from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.simulator import simulate
 
 __all__ = [
     "LIGHT",
@@ -25,7 +25,6 @@ __all__ = [
     "WAIT",
     "Entry",
     "Job",
-    "Key",
     "Setup",
     "Table",
     "entries",
@@ -61,10 +60,6 @@ LIGHT = Table("light4", "paper_light4", {3: "1233", 4: "2121"}, "FGHIJ", ("p4", 
 TABLES = (STOP, LIGHT)
 
 
-Key = tuple[int, int, str, str]
-"""A cell of a table: class, row (0 for row 1), configuration, rule."""
-
-
 @dataclass(frozen=True, slots=True)
 class Entry:
     """One run of a table, which fills one cell per rule."""
@@ -75,10 +70,6 @@ class Entry:
     row: int
     """Rotation, 0 for row 1."""
     configuration: str
-
-    def key(self, rule: str) -> Key:
-        """Return which cell a rule fills."""
-        return self.number, self.row, self.configuration, rule
 
     def scenario(self, wait: float = WAIT) -> Scenario:
         """Return the concrete scenario; `wait` is the random draw [s]."""
@@ -123,8 +114,8 @@ def entries(table: Table) -> Iterator[Entry]:
 
 
 def run_entry(entry: Entry, setup: Setup) -> Run:
-    """Simulate the run of an entry, by `bullet`: the constants that a table depends on were found with its vehicles."""
-    return bullet(Case(entry.scenario(setup.wait), setup.system()))
+    """Simulate the run of an entry."""
+    return simulate(Case(entry.scenario(setup.wait), setup.system()))
 
 
 def judge(job: Job) -> dict[str, str]:

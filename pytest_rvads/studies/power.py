@@ -6,7 +6,7 @@ without the deficiency does not break there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -16,12 +16,12 @@ from statistics import median
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.traffic import traffic
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.rules.rule import rules_for
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.falsify import avoidable, broken
-from pytest_rvads.simulators.simulator import Simulator, named, simulate
+from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.studies.methods import METHODS
 from pytest_rvads.studies.pool import Progress, spread
 
@@ -39,8 +39,8 @@ SEEDS, BUDGET = 100, 40
 RESAMPLES = 2000
 """Of the bootstrap."""
 
-Job = tuple[str, Scenario, str | None, str]
-"""Deficiency, scenario, the traffic policy where the scenario has a subject, and the simulator by name."""
+Job = tuple[str, Scenario, str | None]
+"""Deficiency, scenario, and the traffic policy where the scenario has a subject."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,30 +64,28 @@ def autopilot(deficiency: str | None) -> Factory:
     return partial(LgsvlLike, i1=i1, i2=i2, i3=i3, i4=i4, i5=i5)
 
 
-def broken_rules(case: Case, simulator: Simulator | None = None) -> frozenset[str]:
+def broken_rules(case: Case) -> frozenset[str]:
     """Return the paper's rules that a run breaks although they could have been kept; a subject, by its own doing."""
-    run = simulate(case, simulator)
+    run = simulate(case)
     verdicts = {rule: check(run, rule) for rule in rules_for("paper", run.junction.control)}
-    return frozenset(rule.name for rule, v in verdicts.items() if broken(run, v) and avoidable(run, rule))
+    return frozenset(rule.name for rule, v in verdicts.items() if broken(run, v) and not v.provoked and avoidable(run, rule))
 
 
 def detects(job: Job) -> bool:
     """Return whether a scenario shows a deficiency."""
-    deficiency, scenario, among, simulator = job
-    plant = named(simulator)
+    deficiency, scenario, among = job
     around = None if among is None else traffic(among)
     with_it, without = (Case(scenario, autopilot(which), around) for which in (deficiency, None))
-    broken = broken_rules(with_it, plant)
-    return bool(broken) and not broken <= broken_rules(without, plant)
+    broken = broken_rules(with_it)
+    return bool(broken) and not broken <= broken_rules(without)
 
 
-def measure(  # noqa: PLR0913 - what to measure by position, how by keyword
+def measure(
     seeds: int = SEEDS,
     budget: int = BUDGET,
     *,
     deficiencies: Iterable[str] = tuple(DEFICIENCIES),
     among: str | None = None,
-    simulator: str = "bullet",
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> list[Power]:
@@ -99,7 +97,6 @@ def measure(  # noqa: PLR0913 - what to measure by position, how by keyword
         deficiencies: names.
         among: a traffic policy: the vehicle at entrance 0 alone has the deficiency, and the others drive like that; by default
             all vehicles have it.
-        simulator: what makes the runs, by name.
         workers: processes.
         progress: called after every scenario that had to be simulated; their number grows as the search goes on.
     """
@@ -109,7 +106,7 @@ def measure(  # noqa: PLR0913 - what to measure by position, how by keyword
         for name, method in METHODS.items():
             place = DEFICIENCIES[deficiency]
             orders = [
-                [(deficiency, _canonical(deficiency, s, among), among, simulator) for s in islice(method(place, seed), budget)]
+                [(deficiency, _canonical(deficiency, s, among), among) for s in islice(method(place, seed), budget)]
                 for seed in range(seeds)
             ]
             counts = _race(orders, known, workers, progress)
@@ -120,7 +117,7 @@ def measure(  # noqa: PLR0913 - what to measure by position, how by keyword
 def _canonical(deficiency: str, scenario: Scenario, among: str | None) -> Scenario:
     """Return the row of the class to simulate: only the hidden zone of I2, or a seat, tells rows apart."""
     if among is not None:
-        return scenario.but(subject=next(e for e, direction in enumerate(scenario.placed) if direction))
+        return scenario.but(subject=next(e for e in range(scenario.ways) if scenario.placed[e]))
     return scenario if deficiency == "I2" or not scenario.rotation else scenario.but(rotation=0)
 
 
@@ -136,8 +133,8 @@ def _race(orders: list[list[Job]], known: dict[Job, bool], workers: int | None, 
     return [done.get(i, budget + 1) for i in range(len(orders))]
 
 
-def interval(values: tuple[int, ...]) -> tuple[float, float]:
-    """Return the 95 % bootstrap percentile interval of the median."""
+def interval(values: tuple[int, ...], statistic: Callable[[list[int]], float] = median) -> tuple[float, float]:
+    """Return the 95 % bootstrap percentile interval of a statistic."""
     random = Random(0)
-    found = sorted(median(random.choices(values, k=len(values))) for _ in range(RESAMPLES))
+    found = sorted(statistic(random.choices(values, k=len(values))) for _ in range(RESAMPLES))
     return found[round(0.025 * RESAMPLES)], found[round(0.975 * RESAMPLES) - 1]

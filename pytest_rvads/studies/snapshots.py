@@ -12,19 +12,19 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.draw.picture import picture
-from pytest_rvads.drivers.interface import Drives, Observation
+from pytest_rvads.drivers.interface import Autopilot, Observation
 from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
 from pytest_rvads.drivers.lgsvl.pilot import Pilot
 from pytest_rvads.drivers.lgsvl.scheduler import Scheduler
 from pytest_rvads.drivers.lgsvl.zone import Box, zone_of
 from pytest_rvads.errors import RunError
-from pytest_rvads.logic.check import check
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.logic.judging.check import check
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.studies.experiment import LIGHT, STOP, Entry, Setup
 
 __all__ = ["SHOWN", "LastFirst", "Snapshot", "snapshot", "snapshots", "write"]
@@ -54,7 +54,7 @@ class Snapshot:
 class LastFirst(LgsvlLike):
     """A mutant: its scheduler waits until everybody is in the queue, then calls the last one first."""
 
-    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Drives]:
+    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Autopilot]:
         """Return one autopilot per agent, in creation order."""
         scheduler = _LastFirst((agent.name for agent in agents), self.switches.i3)
         return [Pilot(self.switches, self.constants, scheduler) for _ in agents]
@@ -65,13 +65,13 @@ class _LastFirst(Scheduler):
         return self._queue[-1].name if len(self._queue) > len(seen.others) else ""
 
 
-def snapshots() -> dict[str, Snapshot]:
+def snapshots(constants: Constants | None = None) -> dict[str, Snapshot]:
     """Return a snapshot of a violation of every rule of the paper."""
-    setup = Setup()
+    setup = Setup(constants or Constants())
     found = {}
     for rule, entry in SHOWN.items():
         system: Any = LastFirst if rule == "p3" else setup.system()
-        found[rule] = snapshot(bullet(Case(entry.scenario(setup.wait), system)), rule, setup.constants)
+        found[rule] = snapshot(simulate(Case(entry.scenario(setup.wait), system)), rule, setup.constants)
     return found
 
 

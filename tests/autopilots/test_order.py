@@ -4,6 +4,7 @@ from itertools import permutations, product
 
 import pytest
 
+from pytest_rvads.drivers.crossing import conflict, movements
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
 from pytest_rvads.junctions.finder import find
@@ -99,20 +100,11 @@ def test_setting_off_is_moving_after_having_stood() -> None:
     for tick, (zone, speed) in enumerate([(Zone.APPROACH, 3.0), (Zone.ENTRANCE, 1.0)]):
         seen = view({0: (Zone.ENTRANCE, 0.0), 1: (zone, speed)}, tick)
         queue.watch(seen)
-        assert not any(queue.setting_off(other) for other in seen.others), "it is still arriving"
-    for tick, (speed, sets_off) in enumerate([(0.0, False), (0.15, False), (0.16, True)], start=2):
+        assert not queue.setting_off(seen.others), "it is still arriving"
+    for tick, (speed, sets_off) in enumerate([(0.0, False), (0.1, False), (0.5, True)], start=2):
         seen = view({0: (Zone.ENTRANCE, 0.0), 1: (Zone.ENTRANCE, speed)}, tick)
         queue.watch(seen)
-        assert any(queue.setting_off(other) for other in seen.others) is sets_off
-
-
-def test_who_comes_back_to_its_entrance_arrives_anew() -> None:
-    queue = Queue()
-    for tick, (zone, speed) in enumerate([(Zone.ENTRANCE, 0.0), (Zone.APPROACH, -1.0), (Zone.ENTRANCE, 1.0)]):
-        seen = view({0: (Zone.ENTRANCE, 0.0), 1: (zone, speed)}, tick)
-        queue.watch(seen)
-    assert not any(queue.setting_off(other) for other in seen.others)
-    assert queue.first(seen) == ([seen.me], True), "it had left its place in the order"
+        assert queue.setting_off(seen.others) is sets_off
 
 
 PASS_EACH_OTHER = [((0, 2), (2, 0)), ((0, 1), (2, 3)), ((0, 1), (1, 2)), ((0, 3), (2, 1)), ((0, 1), (2, 0))]
@@ -121,14 +113,14 @@ MEET = [((0, 2), (1, 3)), ((0, 2), (2, 1)), ((0, 1), (3, 1)), ((0, 3), (1, 3)), 
 
 @pytest.mark.parametrize(("one", "two"), PASS_EACH_OTHER)
 def test_movements_that_pass_each_other(one: tuple[int, int], two: tuple[int, int]) -> None:
-    assert JUNCTION.stretches.get((one, two)) is None
+    assert conflict(JUNCTION, one, two) is None
 
 
 @pytest.mark.parametrize(("one", "two"), MEET)
 def test_movements_that_meet_and_where(one: tuple[int, int], two: tuple[int, int]) -> None:
-    found = JUNCTION.stretches.get((one, two))
+    found = conflict(JUNCTION, one, two)
     assert found is not None
-    back = JUNCTION.stretches.get((two, one))
+    back = conflict(JUNCTION, two, one)
     assert back is not None
     assert (back.mine, back.yours) == (found.yours, found.mine)
     for stretch, movement in zip(found[:2], (one, two), strict=True):
@@ -139,11 +131,11 @@ def test_movements_that_meet_and_where(one: tuple[int, int], two: tuple[int, int
 
 def test_straight_ways_cross_where_the_lanes_do() -> None:
     # Lanes at 1.75 m from the centre cross 15 + 1.75 and 15 - 1.75 m after the vertices.
-    found = JUNCTION.stretches.get(((0, 2), (1, 3)))
+    found = conflict(JUNCTION, (0, 2), (1, 3))
     assert (found[0].start + found[0].end) / 2 in (pytest.approx(16.75, abs=0.5), pytest.approx(13.25, abs=0.5))
     assert found[0].end - found[0].start == pytest.approx(2 * 2.6, abs=1.0)
 
 
 def test_an_indicator_tells_the_movement() -> None:
-    assert [m.exit for m in JUNCTION.by_turn[1, Turn.LEFT]] == [0]
-    assert [m.exit for m in JUNCTION.by_turn[1, Turn.RIGHT]] == [2]
+    assert [m.exit for m in movements(JUNCTION, 1, Turn.LEFT)] == [0]
+    assert [m.exit for m in movements(JUNCTION, 1, Turn.RIGHT)] == [2]

@@ -3,10 +3,9 @@
 Where it does not, the game of `search.consistency`, which knows neither autopilots nor runs, says that nobody could have.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache, partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +13,9 @@ import pytest
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import POLICIES, TIE, traffic
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.rules.rule import rules_for
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case
@@ -27,7 +26,7 @@ from pytest_rvads.search.consistency import core, decide
 from pytest_rvads.simulators.simulator import simulate
 
 JUNCTIONS = ("stop4", "light4", "stop3", "light3")
-DRIVERS: dict[str, Callable[[], Any]] = {"paper": Reference, "road": partial(Reference, tie=TIE)}
+DRIVERS = {"paper": Reference, "road": partial(Reference, tie=TIE)}
 """The paper's rules count every tick, those of the road half a second."""
 TRAFFIC = (*POLICIES, "nobody")
 

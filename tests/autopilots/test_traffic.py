@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import POLICIES, Policy, traffic
 from pytest_rvads.errors import RunError, ScenarioError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.check import check
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.runfile import save_run
 from pytest_rvads.runs.states import Colour, Zone
@@ -115,7 +114,7 @@ def test_reference_among_traffic_is_not_to_blame(policy: str) -> None:
 
 
 def test_a_replay_repeats_the_run_bit_by_bit(tmp_path: Path) -> None:
-    start: dict[str, Any] = {"distance": 15, "speed": 6, "duration": 12}
+    start = {"distance": 15, "speed": 6, "duration": 12}
     run = simulate(Case(Scenario(find("stop4"), "1133", **start), Reference))
     again = simulate(Case(Scenario(find("stop4"), "1133", subject=2, **start), Reference, traffic=Replay(run)))
     assert np.array_equal(again.station, run.station)
@@ -151,7 +150,7 @@ def test_policies_have_names() -> None:
     with pytest.raises(ScenarioError, match=r"unknown traffic 'hesitent', there are reference, .*did you mean 'hesitant'"):
         traffic("hesitent")
     with pytest.raises(ScenarioError, match="traffic takes names of policies or classes of autopilots, got 3"):
-        Policy.of(3)  # type: ignore[arg-type]
+        Policy.of(3)
 
 
 @pytest.mark.parametrize("code", ["1122", "2222", "2233"])

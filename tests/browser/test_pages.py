@@ -3,16 +3,14 @@
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
-from msgspec.structs import replace
 
 from pytest_rvads.draw.replay import Track, replay
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.report.page import page
-from pytest_rvads.report.record import Record, conclude, planned_record
+from pytest_rvads.report.record import Record, cell_record, conclude
 from pytest_rvads.report.session_report import Report, in_order
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
@@ -20,13 +18,12 @@ from pytest_rvads.simulators.simulator import simulate
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
 
-Chrome = Any  # of selenium.webdriver, which not everybody has
-Open = Callable[[str, str], Chrome]
+Open = Callable[[str, str], "webdriver.Chrome"]
 LAST = 2.0
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Chrome]:
+def browser() -> "Iterator[webdriver.Chrome]":
     binary, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if not binary or not driver:
         pytest.skip("no browser: install Debian's chromium and chromium-driver")
@@ -42,10 +39,10 @@ def browser() -> Iterator[Chrome]:
 
 
 @pytest.fixture
-def open_page(browser: Chrome, tmp_path: Path) -> Iterator[Open]:
+def open_page(browser: "webdriver.Chrome", tmp_path: Path) -> Iterator[Open]:
     """Open a page under a name; in the end its console must be empty."""
 
-    def opened(html: str, fragment: str = "") -> Chrome:
+    def opened(html: str, fragment: str = "") -> "webdriver.Chrome":
         (tmp_path / "page.html").write_text(html, encoding="utf-8")
         browser.get("about:blank")  # a change of the fragment alone would not load the page again
         browser.get(f"file://{tmp_path / 'page.html'}{fragment}")
@@ -62,17 +59,17 @@ def replayed() -> str:
     return replay(run, "p6 at t=0.81 s", "notes", [(0.81, "p6 is violated")], tracks, {"a2"})
 
 
-def by_id(browser: Chrome, name: str) -> Any:
+def by_id(browser: "webdriver.Chrome", name: str) -> "webdriver.remote.webelement.WebElement":
     return browser.find_element("id", name)
 
 
-def wait(browser: Chrome, until: Callable[[], bool]) -> None:
+def wait(browser: "webdriver.Chrome", until: Callable[[], bool]) -> None:
     from selenium.webdriver.support.wait import WebDriverWait
 
     WebDriverWait(browser, 10, poll_frequency=0.05).until(lambda _: until())
 
 
-def clock(browser: Chrome) -> str:
+def clock(browser: "webdriver.Chrome") -> str:
     return str(by_id(browser, "clock").text)
 
 
@@ -134,10 +131,12 @@ def test_light_and_dark(open_page: Open, replayed: str) -> None:
 
 def record(cls: int, rule: str, status: str) -> Record:
     keys: dict[str, str | int] = {"junction": "stop4", "cls": cls, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": rule}
-    found = planned_record(f"test_x.py::test[stop4-class{cls:02d}-{rule}]", 3, "test", keys, 4)
+    found = cell_record(f"test_x.py::test[stop4-class{cls:02d}-{rule}]", 3, "test", keys, 4)
     verdict = {"rule": rule, "status": status, "cause": f"{rule} broken", "time": 1.0, "instances": [], "message": f"{rule} <b>"}
-    outcome, look = ("failed", f".rvads/{cls}.html#t=1.00") if status == "FAIL" else ("passed", "")
-    return conclude(replace(found, look=look), [verdict], "call", outcome, text=f"{rule} <b>at</b> t=1")
+    conclude(found, [verdict], "call", "failed" if status == "FAIL" else "passed", text=f"{rule} <b>at</b> t=1")
+    if status == "FAIL":
+        found["look"] = f".rvads/{cls}.html#t=1.00"
+    return found
 
 
 def test_the_index_leads_from_a_cell_to_its_replay(open_page: Open) -> None:

@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.check import check, extract, ground, simplify, unfold
+from pytest_rvads.logic.judging.check import check, extract, ground, simplify, unfold
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.finite import settle
-from pytest_rvads.logic.rules.book import get_rule
-from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.ltl.sorts import Sort
+from pytest_rvads.logic.rules.rule import get_rule
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
@@ -100,8 +100,7 @@ class _Everything(dict):  # type: ignore[type-arg]
 
     def value(self, atom: f.Atom, k: int) -> bool:
         run, place = self.run, self.run.junction
-        terms: tuple[Any, ...] = atom.terms
-        match atom.name, terms:
+        match atom.name, atom.terms:
             case "@", (thing, where):
                 if thing.sort == "light":
                     return bool(thing.index == where.index)
@@ -116,9 +115,9 @@ class _Everything(dict):  # type: ignore[type-arg]
                 inside = [run.zone[i, agent.index] == Zone.JUNCTION for i in range(k, run.steps)]
                 turned = run.agents[agent.index].turn == direction.name
                 return here[0] and any(inside[i] and turned and all(here[:i]) for i in range(len(here)))
-            case "=", (f.Attr(f.Element() as one, "wt"), f.Attr(f.Element() as two, "wt")):
+            case "=", (f.Attr(one, "wt"), f.Attr(two, "wt")):
                 return bool(run.wt[k, one.index] == run.wt[k, two.index])
-            case "=", (f.Attr(f.Element() as light, "cl"), word):
+            case "=", (f.Attr(light, "cl"), word):
                 return Colour(int(run.lights[k, light.index])).name.lower() == word.name
         raise AssertionError(atom)
 

@@ -6,17 +6,16 @@ from typing import Any
 
 import pytest
 
+from pytest_rvads.conduct.following import FOLLOWERS
 from pytest_rvads.drivers.policies import RedLightRunner
 from pytest_rvads.drivers.rolling import RollingStop
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.judging.live import RuleMonitor
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.logic.live import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
-from pytest_rvads.logic.rules.book import get_rule, rulebook
-from pytest_rvads.logic.rules.lexicon import BUILT_IN
-from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.rule import Rule, get_rule, rulebook
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.scenarios.case import Case
@@ -86,7 +85,7 @@ RULES = [r for book in ("paper", "variants", "road") for r in rulebook(book)]
 def test_step_by_step_says_what_the_whole_run_says(
     traffic: dict[str, Run], waiting: list[Run], simulated: list[Run], rule: Rule
 ) -> None:
-    carried = any(f"{word.name}(" in rule.text for word in BUILT_IN.values() if word.follow)
+    carried = any(f"{name}(" in rule.text for name in FOLLOWERS)
     for run in (*traffic.values(), *((*waiting, *simulated) if carried else simulated[1:2])):
         if rule.about not in (None, run.junction.control):
             continue
@@ -142,36 +141,3 @@ def test_wrong_use_is_told(make: Make) -> None:
         monitor.step([1, 0])
     with pytest.raises(RunError, match="the run holds no speed limit"):
         RuleMonitor("speed_limit", run.junction, run.agents).step([0, 0], speed=[1.0, 1.0])
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"lights": [0, 0, 0]}, "lights of a state must be 4 finite numbers"),
-        ({"station": [1.0]}, "station of a state must be 2 finite numbers"),
-        ({"speed": [1.0, float("inf")]}, "speed of a state must be 2 finite numbers"),
-        ({"pose": [0.0, 0.0, 0.0]}, r"pose of a state must be finite numbers of shape \(2, 3\)"),
-    ],
-)
-def test_an_array_of_another_shape_is_refused_by_name(make: Make, given: dict[str, Any], message: str) -> None:
-    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 10, 50, 200)}, 60)
-    with pytest.raises(RunError, match=f"{message}, got"):
-        RuleMonitor("p1", run.junction, run.agents).step([0, 0], **given)
-
-
-# Reference points, in the middle of the front bumpers, 6 m apart, one behind the other: who is 5 m long ends 1 m before.
-@pytest.mark.parametrize(
-    ("size", "verdict"),
-    [((5.0, 2.0), "?"), ((7.0, 2.0), "F"), ([(5.0, 2.0), (7.0, 2.0)], "?"), ([(7.0, 2.0), (5.0, 2.0)], "F")],
-)
-def test_vehicles_have_the_size_that_is_given(make: Make, size: Any, verdict: str) -> None:
-    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 10, 50, 200)}, 60)
-    monitor = RuleMonitor("no_collision", run.junction, run.agents, vehicle_size=size)
-    assert str(monitor.step([0, 0], station=[-20.0, -26.0], speed=[0.0, 0.0], pose=[(6.0, 0.0, 0.0), (0.0, 0.0, 0.0)])) == verdict
-
-
-@pytest.mark.parametrize("size", [5.0, (5.0, 2.0, 1.5), [(5.0, 2.0)] * 3, (5.0, 0.0), (5.0, float("nan"))])
-def test_what_is_no_size_is_refused(make: Make, size: Any) -> None:
-    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 10, 50, 200)}, 60)
-    with pytest.raises(RunError, match=r"vehicle_size must be a length and width \[m\], for all 2 vehicles or for each, got"):
-        RuleMonitor("no_collision", run.junction, run.agents, vehicle_size=size)

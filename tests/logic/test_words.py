@@ -2,13 +2,12 @@
 
 import json
 import time
-from itertools import combinations
 
 import pytest
 
-from pytest_rvads.cli.answers import list_rules
+from pytest_rvads.cli.answers import list_rules, show_monitor
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.logic.ltl.export import describe, to_dot, to_hoa
+from pytest_rvads.logic.ltl.export import to_dot, to_hoa
 from pytest_rvads.logic.ltl.ltl3 import Truth, synthesize
 from pytest_rvads.logic.ltl.monitor import Monitor
 from pytest_rvads.logic.ltl.parser import parse_ltl
@@ -65,7 +64,6 @@ def test_verdicts_and_finite_values_by_hand(formula: str, word: str, verdicts: s
         "X q | X !q & !X(G p & F !p)",
         "G(p & X !p)",
         "G(p -> X !p) & G(!p -> X p) & F G p",
-        "X(G p & F !p) | X(q & (r U s) & X(G p & F !p))",
     ],
 )
 def test_contradictions_are_seen_at_once(text: str) -> None:
@@ -105,10 +103,10 @@ def test_what_cannot_be_answered_says_why(line: str, name: object, message: str)
 def test_a_blow_up_is_refused_with_the_size() -> None:
     # The least monitor of this formula has to remember the last 13 values of p: more than 2^13 states.
     formula = parse_ltl("G(p -> " + "X " * 13 + "q)")
-    start = time.process_time()
+    start = time.perf_counter()
     with pytest.raises(FormulaError, match=r"of size 17, needs a monitor too large to build"):
         synthesize(formula)
-    assert time.process_time() - start < 5
+    assert time.perf_counter() - start < 5
 
 
 @pytest.mark.parametrize(
@@ -147,22 +145,6 @@ def test_large_formulas_with_small_monitors_are_answered(text: str, states: int)
 def test_wide_guards_are_no_blow_up() -> None:
     machine = synthesize(parse_ltl("(" + " | ".join(f"p{i}" for i in range(40)) + ") U q"))
     assert (machine.states, len(machine.codes)) == (3, 4)
-
-
-def test_a_monitor_of_many_guards_reads_every_state() -> None:
-    """More guards than a table of their codes has room for: in state k exactly one of the k-th pair of propositions holds."""
-    pairs = list(combinations("abcdefg", 2))[:17]
-    text = " & ".join("X " * k + f"({one} ^ {two})" for k, (one, two) in enumerate(pairs))
-    machine = synthesize(parse_ltl(text))
-    assert len(machine.guards) == 17
-    kept = "|".join(pair[k % 2] for k, pair in enumerate(pairs))
-    assert ask(text, kept)["verdicts"] == [["?"] * 16 + ["T"]]
-    for k, pair in enumerate(pairs):
-        broken = "|".join(",".join(pair) if i == k else other[0] for i, other in enumerate(pairs))
-        verdicts = ["?"] * k + ["F"] * (17 - k)
-        assert ask(text, broken)["verdicts"] == [verdicts]
-        monitor = Monitor(machine)
-        assert [str(monitor.step(state.split(","))) for state in broken.split("|")] == verdicts
 
 
 def test_hoa_and_dot_say_the_same_machine() -> None:
@@ -266,7 +248,7 @@ def expected(state: int, d: bool, e: bool, c: bool) -> int:
 
 
 def test_a_monitor_is_shown_in_words() -> None:
-    assert describe(synthesize(parse_ltl("p U q"))).splitlines() == [
+    assert show_monitor("p U q").splitlines() == [
         "formula       p U q",
         "propositions  p, q",
         "states        3, the smallest monitor there is; it starts in 0",

@@ -9,18 +9,15 @@ import pytest
 from pytest_rvads.junctions.road_map import RoadMap, read_map
 from pytest_rvads.opendrive.writer import Layout, opendrive
 
-Tree = Callable[..., ElementTree.Element]
-Read = Callable[..., RoadMap]
-
 
 @pytest.fixture
-def tree() -> Tree:
+def tree() -> Callable[..., ElementTree.Element]:
     """Make the XML tree of a layout, to be changed before it is read."""
     return lambda **layout: ElementTree.fromstring(opendrive(Layout(**layout)).encode())
 
 
 @pytest.fixture
-def read(tmp_path: Path) -> Read:
+def read(tmp_path: Path) -> Callable[..., RoadMap]:
     """Read a map from text, bytes or an XML tree."""
 
     def read(content: str | bytes | ElementTree.Element, name: str = "map.xodr") -> RoadMap:

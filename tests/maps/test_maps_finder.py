@@ -9,7 +9,7 @@ import pytest
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.junctions.finder import find, load, nearest
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.opendrive.writer import Layout, opendrive
 
 
@@ -61,7 +61,7 @@ def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
 
 def test_missing_map(tmp_path: Path) -> None:
     with pytest.raises(MapError, match="map file 3 cannot be read"):
-        find("1", 3)  # type: ignore[arg-type]
+        find("1", 3)
     with pytest.raises(MapError, match=r"the built-in ones are stop4, .* others need a map file"):
         find("nearest to 1, 2")
     with pytest.raises(MapError, match="does not exist"):

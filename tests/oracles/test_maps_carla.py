@@ -5,16 +5,12 @@ carla samples splines too coarsely where they bend with radii below a metre.
 """
 
 import math
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from pytest_rvads.opendrive.builder import build
-from pytest_rvads.opendrive.draft import Chain
-from pytest_rvads.opendrive.reader import read
+from pytest_rvads.junctions.road_map import RoadMap, read_map
 from pytest_rvads.opendrive.records import Road, Shape
 from pytest_rvads.opendrive.reference_line import evaluate
 
@@ -27,7 +23,7 @@ STEMS = [
 ]
 
 
-def piecewise(rows: Any, base: float, s: float) -> float:
+def piecewise(rows, base: float, s: float) -> float:
     """Evaluate a width or laneOffset at station `s`."""
     row = next((row for row in reversed(rows) if row.s + base <= s + 1e-9), None)
     if row is None:
@@ -76,13 +72,12 @@ def distance(points: np.ndarray, place: np.ndarray) -> float:
     return float(np.hypot(*(place - one - along[:, None] * step).T).min())
 
 
-def deviations(path: Path) -> tuple[np.ndarray, list[float]]:
+def deviations(road_map: RoadMap, text: str) -> tuple[np.ndarray, list[float]]:
     """Return the distances of carla's lane centres from our lines, and of the definition's from ours where carla is off [m]."""
-    document, world = read(path), carla.Map("map", path.read_text(encoding="utf-8"))
+    world = carla.Map("map", text)
     found, third = [], []
-    for edge in build(document).edges.values():
-        assert isinstance(edge, Chain)
-        road = document.roads[edge.road]
+    for edge in road_map.network.edges.values():
+        road = road_map.document.roads[edge.road]
         joints = [shape.s for shape in road.shapes] + [section.s for section in road.sections] + [road.length]
         starts = [section.s for section in road.sections]
         for s in np.arange(0.25, road.length, max(0.5, road.length / 20)):
@@ -101,12 +96,12 @@ def deviations(path: Path) -> tuple[np.ndarray, list[float]]:
 
 
 @pytest.mark.parametrize("stem", STEMS)
-def test_lane_centres(shared: Path, stem: str, record_property: Callable[[str, object], None]) -> None:
+def test_lane_centres(shared: Path, stem: str, record_property) -> None:
     path = shared / "maps" / f"{stem}.xodr"
-    off, third = deviations(path)
+    off, third = deviations(read_map(path), path.read_text(encoding="utf-8"))
     figures = f"median {np.median(off) * 1000:.2f} mm, largest {off.max() * 1000:.1f} mm, {len(third)} above 1 cm"
     ours = f"; there the definition lies within {max(third) * 1000:.2f} mm of ours" if third else ""
-    print(f"{stem}: {len(off)} lane centres, {figures}{ours}")
+    print(f"{stem}: {len(off)} lane centres, {figures}{ours}")  # noqa: T201
     record_property("largest", float(off.max()))
     assert len(off) > 20
     assert max(third, default=0.0) < 0.001

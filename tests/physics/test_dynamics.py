@@ -7,18 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.physics.dynamics import Dynamics
+from pytest_rvads.physics.dynamics import GRAVITY, Dynamics
 from pytest_rvads.physics.world import BulletWorld, Motion
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
+from pytest_rvads.runs.vehicle import Vehicle
 
 IDEAL = Vehicle(brake=(50.0, 50.0, 50.0), brake_lag=1e-6, drive_lag=1e-6, drag=1e-9, rolling=1e-9)
 """No resistance, no lag, brakes that only the tyres limit."""
 
 
-def drive(
-    vehicle: Vehicle, speed: float, seconds: float, throttle: float = 0.0, brake: float = 0.0, steering: float = 0.0
-) -> list[Motion]:
+def drive(vehicle: Vehicle, speed: float, seconds: float, throttle: float = 0.0, brake: float = 0.0, steering: float = 0.0):
     """Motions of a vehicle at every step, the first at the origin heading east."""
     dynamics = Dynamics(vehicle)
     world = BulletWorld([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])

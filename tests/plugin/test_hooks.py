@@ -1,12 +1,11 @@
 """Hooks: junctions, rules and grids of users, a call per verdict; requirements and what traces to them."""
 
 import csv
+from collections.abc import Callable
 
 import pytest
 
-from .conftest import Lines
-
-Names = Lines
+Names = Callable[[pytest.RunResult], list[str]]
 
 TEST = """
     import pytest_rvads as rvads
@@ -132,7 +131,7 @@ def test_requirements_are_traced_to_verdicts(pytester: pytest.Pytester) -> None:
     )
     assert pytester.runpytest("--rvads-report=trace.csv").ret == 0
     with pytester.path.joinpath("trace.csv").open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["item"]]  # the others are about the session
+        rows = list(csv.DictReader(file))
     assert [(r["requirement"], r["rule"], r["verdict"]) for r in rows] == [
         ("REQ-7", "gets_in", "PASS"),
         ("SYS-1", "gets_in", "PASS"),
@@ -144,3 +143,7 @@ def test_requirements_are_traced_to_verdicts(pytester: pytest.Pytester) -> None:
     assert {(r["junction"], r["class"], r["scenario"], r["configuration"]) for r in rows} == {("stop4", "1", "1111", "B")}
     assert len({r["run"] for r in rows}) == 1, "one run, whichever test it was simulated for"
     assert all("numpy " in r["versions"] and "pytest-rvads " in r["versions"] for r in rows)
+
+
+def test_a_requirement_is_a_name(pytester: pytest.Pytester) -> None:
+    collect(pytester, '"stop4", requirement=7').stdout.fnmatch_lines(["*requirement takes identifiers of requirements*got 7*"])

@@ -4,10 +4,8 @@ import json
 
 import pytest
 
-from .conftest import Lines
 
-
-def test_ids_name_the_seat_and_the_traffic(pytester: pytest.Pytester, brackets: Lines) -> None:
+def test_ids_name_the_seat_and_the_traffic(pytester: pytest.Pytester, brackets) -> None:
     pytester.makepyfile(
         """
         import pytest_rvads as rvads
@@ -36,23 +34,7 @@ def test_ids_name_the_seat_and_the_traffic(pytester: pytest.Pytester, brackets: 
     ]
 
 
-def test_traffic_need_not_be_hashable(pytester: pytest.Pytester, reference: None) -> None:
-    pytester.makepyfile(
-        """
-        import pytest_rvads as rvads
-
-        class Parked(list):
-            def __call__(self):
-                return rvads.traffic("stopped")()
-
-        @rvads.scenario("stop3", subject=0, classes=1, grid="C", duration=0.1, traffic=[Parked()])
-        def test_it(run): ...
-        """
-    )
-    pytester.runpytest().assert_outcomes(passed=1)
-
-
-def test_the_road_rulebook_is_the_default_with_a_subject(pytester: pytest.Pytester, brackets: Lines) -> None:
+def test_the_road_rulebook_is_the_default_with_a_subject(pytester: pytest.Pytester, brackets) -> None:
     pytester.makepyfile(
         """
         import pytest_rvads as rvads
@@ -118,7 +100,7 @@ def test_only_what_the_subject_did_fails(pytester: pytest.Pytester, options: tup
     assert '<property name="verdict" value="PROVOKED"' in xml
 
 
-def test_seats_and_traffic_select(pytester: pytest.Pytester, ids: Lines) -> None:
+def test_seats_and_traffic_select(pytester: pytest.Pytester, ids) -> None:
     pytester.makepyfile(
         """
         import pytest_rvads as rvads
@@ -154,7 +136,7 @@ def test_marks_that_mean_nothing_are_refused(pytester: pytest.Pytester, mark: st
     result.stdout.fnmatch_lines([says])
 
 
-def test_senses_are_an_axis(pytester: pytest.Pytester, brackets: Lines) -> None:
+def test_senses_are_an_axis(pytester: pytest.Pytester, brackets) -> None:
     pytester.makepyfile(
         """
         import pytest_rvads as rvads

@@ -1,34 +1,30 @@
 """Falsification: what it finds is real, simple, the same every time, and printed so that it can be run again."""
 
 import re
-from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 from textwrap import dedent
-from typing import Any
 
 import pytest
 from hypothesis import settings
 from hypothesis.database import DirectoryBasedExampleDatabase
 
 import pytest_rvads as rvads
-from pytest_rvads.drivers.interface import Control, Observation
-from pytest_rvads.logic.rules.book import get_rule
-from pytest_rvads.search.falsify import avoidable, broken, look_for, pasteable
+from pytest_rvads.logic.rules.rule import get_rule
+from pytest_rvads.search.falsify import avoidable, look_for, pasteable
 
-NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
+NONE = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
 
 
-def lgsvl(deficiency: str) -> partial[rvads.LgsvlLike]:
+def lgsvl(deficiency):
     return partial(rvads.LgsvlLike, **(NONE | {deficiency: True}))
 
 
-def vehicles(found: Any) -> int:
+def vehicles(found):
     return sum(map(bool, found.scenario.directions))
 
 
 @pytest.mark.slow
-def test_ignored_ties_are_found_with_two_vehicles_every_time_alike() -> None:
+def test_ignored_ties_are_found_with_two_vehicles_every_time_alike():
     one, other = (look_for("paper_stop4", lgsvl("i3"), "p2", budget=60) for _ in range(2))
     assert one is not None
     assert vehicles(one) == 2
@@ -38,11 +34,11 @@ def test_ignored_ties_are_found_with_two_vehicles_every_time_alike() -> None:
     assert rvads.check(run, "p2").status is rvads.Status.FAIL
 
 
-def test_the_reference_survives() -> None:
-    assert look_for("stop4", rvads.Reference, "p1", budget=12, partial=False) is None
+def test_the_reference_survives():
+    assert look_for("stop4", rvads.Reference, "p2", budget=12) is None
 
 
-def test_what_nobody_could_have_avoided_is_no_counterexample() -> None:
+def test_what_nobody_could_have_avoided_is_no_counterexample():
     four = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1111"), rvads.Reference))
     assert rvads.check(four, "p2").status is rvads.Status.FAIL
     assert not avoidable(four, get_rule("p2"))
@@ -51,25 +47,16 @@ def test_what_nobody_could_have_avoided_is_no_counterexample() -> None:
     assert avoidable(two, get_rule("p2"))
 
 
-def test_what_traffic_provoked_is_no_counterexample() -> None:
-    starts: dict[str, Any] = {"distance": (16.4, 16.8, 10.4, 10.0), "speed": (0.0, 0.0, 3.8, 3.8), "wait": 2.48}
-    scenario = rvads.Scenario(rvads.find("stop4"), "3233", subject=1, **starts)
-    run = rvads.simulate(rvads.Case(scenario, rvads.Reference, rvads.traffic("hesitant")))
-    verdict = rvads.check(run, "p3")
-    assert (verdict.status, verdict.provoked) == (rvads.Status.OPEN, True)
-    assert not broken(run, verdict)
-
-
-def test_faults_are_reported_with_the_scenario() -> None:
+def test_faults_are_reported_with_the_scenario():
     class Broken:
-        def control(self, seen: Observation) -> Control:
+        def control(self, seen):
             raise ValueError("no")
 
     with pytest.raises(rvads.RunError, match=r"(?s)Scenario.*can't be judged by p1: .*Broken driving"):
         look_for("stop4", Broken, "p1", budget=5)
 
 
-def test_the_pasteable_test_names_all_that_is_not_usual() -> None:
+def test_the_pasteable_test_names_all_that_is_not_usual():
     scenario = rvads.Scenario(rvads.find("light4"), "0110", distance=(20, 3.5, 5, 20), speed=(0, 0, 1.25, 0), wait=2.5)
     text = pasteable(scenario, "p5")
     assert (
@@ -98,7 +85,7 @@ def test_reference(tmp_path):
 
 
 @pytest.fixture
-def database(tmp_path: Path) -> Iterator[Path]:
+def database(tmp_path):
     """Have Hypothesis keep its examples here."""
     before = settings.get_current_profile_name()
     settings.register_profile("here", database=DirectoryBasedExampleDatabase(tmp_path / "examples"))
@@ -107,7 +94,7 @@ def database(tmp_path: Path) -> Iterator[Path]:
     settings.load_profile(before)
 
 
-def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytester: pytest.Pytester, database: Path) -> None:
+def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytester, database):
     pytester.makepyfile(test_faulty=FAULTY)
     result = pytester.runpytest("-p", "no:cacheprovider")
     result.assert_outcomes(passed=1, failed=1)
@@ -123,135 +110,14 @@ def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytest
     assert any(database.rglob("*")), "the example database keeps it"
 
 
-def test_what_an_option_names_is_searched_whatever_the_fixture_says(pytester: pytest.Pytester, database: Path) -> None:
-    pytester.makepyfile(test_faulty=FAULTY.replace("p2", "p1").replace("60", "2"))
-    result = pytester.runpytest("-p", "no:cacheprovider", "--rvads-autopilot=stopped", "-k", "test_ties")
-    result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["*p1 was not triggered in any of 2 simulations*"])
-
-
 @pytest.mark.slow
-def test_falsification_works_on_two_workers(pytester: pytest.Pytester) -> None:
+def test_falsification_works_on_two_workers(pytester):
     pytester.makepyfile(test_faulty=FAULTY)
     pytester.runpytest_subprocess("-p", "no:cacheprovider", "-n", "2").assert_outcomes(passed=1, failed=1)
 
 
-def test_a_method_searches_too_and_what_goes_wrong_in_a_search_is_told_by_its_line(pytester: pytest.Pytester) -> None:
-    file = pytester.makepyfile("""
-        import pytest_rvads as rvads
-
-        class TestIt:
-            @rvads.falsify(rvads.find("stop4"), rule="speed_limit", budget=2, autopilot=rvads.Reference)
-            def test_method(self, tmp_path):
-                assert tmp_path.exists() and isinstance(self, TestIt)
-
-        @rvads.falsify("stop4", rule="p91", autopilot=rvads.Reference)
-        def test_rule(): ...
-
-        @rvads.falsify("stop4", rule="p1", autopilot=int)
-        def test_driver(): ...
-    """)
-    result = pytester.runpytest("-p", "no:cacheprovider")
-    result.assert_outcomes(passed=1, failed=2)
-    result.stdout.fnmatch_lines([f"E *FormulaError: {file.name}:8: unknown rule 'p91', there are *"])
-    result.stdout.fnmatch_lines([f"E *RunError: {file.name}:11: *int can't drive a*: an autopilot needs a method control*"])
-    result.stdout.no_fnmatch_line("*plugin.py*")
-
-
-@pytest.mark.parametrize(
-    ("fixture", "says"),
-    [
-        ("rvads_autopilot", "AutopilotError: *.py:7: an autopilot must be a class or a callable that makes one, got None*"),
-        ("rvads_simulator", "ScenarioError: *.py:7: simulator None has no __call__: *"),
-        ("rvads_vehicle", "ScenarioError: *.py:7: a fleet, as the fixture rvads_vehicle, needs a rvads.Vehicle(...), got None"),
-    ],
-)
-def test_a_fixture_that_returns_nothing_is_told_by_the_line_of_the_search(
-    pytester: pytest.Pytester, fixture: str, says: str
-) -> None:
-    pytester.makepyfile(f"""
-        import pytest
-        import pytest_rvads as rvads
-
-        @pytest.fixture
-        def {fixture}(): ...
-
-        @rvads.falsify("stop4", rule="p1", budget=1)
-        def test_it(): ...
-    """)
-    result = pytester.runpytest("-p", "no:cacheprovider", *([] if "auto" in fixture else ["--rvads-autopilot=reference"]))
-    result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines([f"E *{says}"])
-
-
-def test_an_error_of_a_simulator_is_told_once_with_its_type_and_its_notes(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(
-        test_it="""
-        import pytest
-        import pytest_rvads as rvads
-
-        class Lost(rvads.RunError):
-            def __init__(self, host, port):
-                super().__init__(f"{host}:{port} is gone")
-
-        class Remote:
-            name = "remote"
-            vmax = rvads.bullet.vmax
-
-            def __call__(self, case):
-                error = Lost("here", 80)
-                error.add_note("start it again")
-                raise error
-
-        @pytest.fixture
-        def rvads_simulator():
-            return Remote()
-
-        @rvads.falsify("stop4", rule="p1", budget=1, autopilot=rvads.Reference)
-        def test_it(): ...
-    """
-    )
-    result = pytester.runpytest("-p", "no:cacheprovider")
-    result.stdout.fnmatch_lines(["E *test_it.Lost: test_it.py:21: here:80 is gone", "*start it again"])
-    result.stdout.no_fnmatch_line("*searching.py*")
-
-
-def test_a_search_stands_where_its_test_does(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(
-        test_it="""
-        import pytest_rvads as rvads
-
-        @rvads.falsify("stop4", rule="speed_limit", budget=1, autopilot=rvads.Reference)
-        def test_it(request):
-            assert request.node.location[:2] == ("test_it.py", 2)
-    """
-    )
-    pytester.runpytest("-p", "no:cacheprovider").assert_outcomes(passed=1)
-
-
-def test_a_search_starts_no_vehicle_faster_than_it_can_stop() -> None:
-    bus = rvads.Vehicle(mass=20_000.0)
-    asked: list[rvads.Scenario] = []
-
-    class Watched:
-        name = "watched"
-
-        def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float:
-            return 1.0 if vehicle == bus else 10.0
-
-        def __call__(self, case: rvads.Case) -> rvads.Run:
-            asked.append(case.scenario)
-            return rvads.bullet(case)
-
-    look_for("stop4", rvads.Reference, "speed_limit", fleet=rvads.Fleet(bus), simulator=Watched(), budget=8, duration=1.0)
-    assert 0 < max(max(scenario.speeds) for scenario in asked) <= 1.0
-
-
-def test_misuse() -> None:
+def test_misuse(pytester):
+    with pytest.raises(rvads.ScenarioError, match="budget must be"):
+        rvads.falsify("stop4", rule="p1", budget=0)
     with pytest.raises(rvads.FormulaError, match="unknown rule 'p9'"):
         look_for("stop4", rvads.Reference, "p9")
-    mine = rvads.Rule("p1", "forall a. F a@j & true")
-    with pytest.raises(rvads.FormulaError, match="'p1' is a shipped rule and "):
-        look_for("stop4", rvads.Reference, mine)
-    with pytest.raises(rvads.FormulaError, match="'p1' is a shipped rule and "):
-        rvads.sweep(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1000"), rvads.Reference), mine, 0.0, 0.0)

@@ -14,17 +14,17 @@ from pytest_rvads.studies.power_tables import plot, table_of_mutants, table_of_p
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_a_seed_determines_the_sequence(name: str) -> None:
+def test_a_seed_determines_the_sequence(name):
     one, same, other = ([s.name for s in islice(METHODS[name]("paper_light4", seed), 12)] for seed in (1, 1, 2))
     assert one == same != other
 
 
-def test_class_covering_takes_every_class_in_every_configuration_once() -> None:
+def test_class_covering_takes_every_class_in_every_configuration_once():
     seen = [(s.number, s.configuration) for s in islice(METHODS["class-covering"]("paper_stop4", 0), 120)]
     assert sorted(seen) == sorted(product(range(1, 25), "ABCDE"))
 
 
-def test_pairwise_covers_all_pairs_of_levels_soon() -> None:
+def test_pairwise_covers_all_pairs_of_levels_soon():
     """An array of strength 2 over 3, 3, 3, 3 and 5 levels has at least 15 rows; a greedy one has few more."""
     rows = [(*s.directions, s.configuration) for s in islice(METHODS["pairwise"]("paper_stop4", 3), 25)]
     levels = [(1, 2, 3)] * 4 + [tuple("ABCDE")]
@@ -32,26 +32,22 @@ def test_pairwise_covers_all_pairs_of_levels_soon() -> None:
         assert {(row[i], row[j]) for row in rows} == set(product(one, two))
 
 
-def test_random_speeds_stay_inside_the_braking_envelope() -> None:
+def test_random_speeds_stay_inside_the_braking_envelope():
     for scenario in islice(METHODS["continuous"]("paper_stop4", 0), 10):
         for entrance in scenario.creation:
             distance, speed = scenario.start(entrance)
             assert speed <= (rvads.vmax(distance) or 0.0)
 
 
-def test_ties_detect_i3_and_nothing_else() -> None:
+def test_ties_detect_i3_and_nothing_else():
     tied = rvads.Scenario(rvads.find("paper_stop4"), "2200")
-    assert detects(("I3", tied, None, "bullet"))
-    assert not detects(("I1", tied, None, "bullet"))
+    assert detects(("I3", tied, None))
+    assert not detects(("I1", tied, None))
+    among = tied.but(subject=tied.creation[0])
+    assert detects(("I3", among, "reference")), "the first one created ignores who is on its right"
 
 
-def test_one_vehicle_among_traffic_has_the_deficiency() -> None:
-    at_the_line = rvads.Scenario(rvads.find("paper_stop4"), "2200", distance=0.0, subject=0)
-    assert detects(("I1", at_the_line, "reference", "bullet")), "it drives off before it knows that it has to stop"
-    assert not detects(("I3", at_the_line, "reference", "bullet")), "which of several goes first is the traffic's own decision"
-
-
-def test_the_race_counts_up_to_the_first_that_detects(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_race_counts_up_to_the_first_that_detects(monkeypatch):
     monkeypatch.setattr(power, "detects", lambda job: job[1].configuration == "E")
     monkeypatch.setattr(power, "METHODS", {name: METHODS[name] for name in ("class-covering", "pairwise")})
     found = measure(20, 10, deficiencies=["I3"], workers=1)
@@ -63,13 +59,13 @@ def test_the_race_counts_up_to_the_first_that_detects(monkeypatch: pytest.Monkey
         assert count == (first.index("E") + 1 if "E" in first else 11)
 
 
-def test_the_bootstrap_interval_holds_the_median() -> None:
+def test_the_bootstrap_interval_holds_the_median():
     assert interval((3,) * 20) == (3, 3)
     low, high = interval(tuple(range(1, 101)))
     assert 35 < low < 50.5 < high < 66  # median of 100: standard error about 1.25 * 29 / 10
 
 
-def test_tables_and_plot() -> None:
+def test_tables_and_plot():
     measured = [Power("I3", "uniform", (1, 2, 3, 4, 41), 40), Power("I3", "pairwise", (41, 41, 41), 40)]
     table = table_of_power(measured)
     assert "| I3 | 3 (" in table
@@ -79,6 +75,6 @@ def test_tables_and_plot() -> None:
     assert "**survives**" in table_of_mutants([Killing("deadlocks", "Waits.", (), ("mirror",))])
 
 
-def test_command_line_misused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_line_misused(capsys):
     assert main(["power", "--seeds", "0"]) == 2
     assert "--seeds must be at least 1" in capsys.readouterr().err

@@ -22,7 +22,7 @@ from pytest_rvads.conduct.progress import (
 )
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.check import check
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 
@@ -118,9 +118,7 @@ def queue(drive: Make, gap: float, speed: float = 0.0) -> Run:
 
 
 def together(one: Run, two: Run) -> Run:
-    both: dict[str, Any] = {
-        name: np.concatenate((one.need(name), two.need(name)), axis=1) for name in ("station", "speed", "pose")
-    }
+    both = {name: np.concatenate((one.need(name), two.need(name)), axis=1) for name in ("station", "speed", "pose")}
     agents = (*one.agents, replace(two.agents[0], name="b0"))
     return replace(one, agents=agents, zone=np.concatenate((one.zone, two.zone), axis=1), **both)
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from pytest_rvads.conduct.kpis import describe, kpis
-from pytest_rvads.conduct.validate import validate
+from pytest_rvads.conduct.validate import agree, validate
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction, Movement
-from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.check import check
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run
@@ -213,7 +213,7 @@ def test_what_breaks_the_model_is_found(run: Callable[[], Run], kind: str, messa
 
 def test_coarse_sampling_is_told() -> None:
     run = moving({(0, 2): (-90.0, [8.0] * 100)})
-    coarse = replace(run, dt=0.2, station=run.station[:1] + 1.6 * np.arange(100)[:, None])
+    coarse = replace(run, dt=0.2, station=run.station[:1] + 1.6 * np.arange(100)[:, None])  # type: ignore[index]
     (finding,) = [f for f in validate(coarse) if f.kind == "sampling"]
     assert str(finding).startswith("a0 drives 8.0 m/s at 0.00 s: in 0.2 s that is more than the entrance zone of 1 m")
     assert not [f for f in validate(run) if f.kind == "sampling"]
@@ -238,12 +238,32 @@ def test_a_damaged_run_is_not_judged_as_if_it_were_fine() -> None:
         ("station", (7, 0), np.inf, "station of a0 at 0.07 s is not a finite number"),
     ):
         assert check(changed(array, place, value), "p1").reason.startswith(says)
-    sizes: list[Any] = [(), (4.6, 0.0), (4.6, 1.86, 1.4), (np.inf, 1.86)]
-    for size in sizes:
+    for size in ((), (4.6, 0.0), (4.6, 1.86, 1.4), (np.inf, 1.86)):
         odd = replace(straight(), agents=(replace(straight().agents[0], size=size),))
         assert check(odd, "p1").reason.startswith("the size of a0 must be a positive length and width")
     for broken in (changed("zone", (7, 0), 9), replace(straight(), speed=np.zeros((5, 1))), replace(straight(), dt=np.nan)):
         assert check(broken, "p1").status == "ERROR"
+
+
+def test_two_runs_between_equal_states_agree() -> None:
+    one = straight()
+    assert agree(one, straight()) == ()
+    # The same two places, with a rest in between: the same way, more time.
+    slower = moving({(0, 2): (-5.0, [8.0] * 400)})
+    rest = np.repeat(np.arange(400), np.where(np.arange(400) == 50, 11, 1))
+    slower = replace(slower, **{n: getattr(slower, n)[rest] for n in ("zone", "lights", "station", "speed", "pose")})
+    (finding,) = agree(one, slower)
+    assert str(finding) == "equal states are 3.99 s apart in one run and 4.09 s in the other"
+    assert agree(one, moving({(0, 2): (-6.0, [8.0] * 400)})) == (), "they start elsewhere"
+    detour = straight()
+    station = detour.station
+    assert station is not None
+    station = station.copy()
+    station[10] -= 1.0
+    (finding,) = agree(one, replace(detour, station=station))
+    assert finding.kind == "distance"
+    on = moving({(0, 2): (-5.0, [8.0] * 500)})
+    assert agree(one, on) == (), "what comes after the equal state is no matter"
 
 
 # Key performance indicators
@@ -299,7 +319,7 @@ def test_post_encroachment_time_by_hand() -> None:
     assert kpis(run).pairs[0].pet == pytest.approx(wanted, abs=0.021)
     together = moving({near: (-10.0, [8.0] * 1600), far: (-10.0, [8.0] * 1600)})
     assert kpis(together).pairs[0].pet is not None
-    assert kpis(together).pet < 0
+    assert kpis(together).pet < 0  # type: ignore[operator]
     assert kpis(moving({(0, 2): (-10.0, [8.0] * 900), (2, 0): (-10.0, [8.0] * 900)})).pet is None, "they never meet"
 
 

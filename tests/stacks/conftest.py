@@ -4,14 +4,12 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from pytest_rvads.drivers.stacks.process import Process
-
-Find = Callable[[str], list[int]]
 
 ROOT = Path(__file__).parents[2]
 FAULTY = Path(__file__).with_name("faulty.py")
@@ -22,13 +20,11 @@ def faulty_command(fault: str, scenario: int = 1, decision: int = 3) -> list[str
 
 
 @pytest.fixture
-def faulty() -> Iterator[Callable[..., Process]]:
+def faulty() -> Callable[..., Process]:
     """Return a function that makes a stack which fails: which fault, in which scenario, at which decision."""
     made = []
 
-    def make(fault: str, scenario: int = 1, decision: int = 3, startup: float = 60.0) -> Process:
-        # Only what is meant to come too late may be cut off soon: a busy machine is no fault of a stack.
-        timeout = 1.0 if fault in ("hang", "late") else 60.0
+    def make(fault: str, scenario: int = 1, decision: int = 3, timeout: float = 0.2, startup: float = 5.0) -> Process:
         made.append(Process(faulty_command(fault, scenario, decision), timeout=timeout, startup=startup))
         return made[-1]
 
@@ -57,7 +53,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def marked() -> Find:
+def marked() -> Callable[[str], list[int]]:
     """Return a function that lists the processes with a word on their command line."""
 
     def find(word: str) -> list[int]:

@@ -5,20 +5,19 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable
 
 fault, scenario, decision = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
 
 
-def say(content: dict[str, object]) -> None:
+def say(content):
     os.write(1, json.dumps({"step": asked} | content).encode() + b"\n")
 
 
-FAULTS: dict[str, Callable[[], object]] = {
+FAULTS = {
     "crash": lambda: sys.exit("cannot open the map"),
     "segfault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
-    "hang": lambda: time.sleep(600),
-    "late": lambda: time.sleep(2),
+    "hang": lambda: time.sleep(60),
+    "late": lambda: time.sleep(0.4),
     "nan": lambda: say({"type": "command", "throttle": float("nan")}),
     "inf": lambda: say({"type": "command", "target_speed": float("inf")}),
     "text": lambda: say({"type": "command", "brake": "full"}),
@@ -32,7 +31,7 @@ FAULTS: dict[str, Callable[[], object]] = {
     "print": lambda: os.write(1, b"loading weights ... done\n"),
     "twice": lambda: say({"type": "command", "target_speed": 5.0}),
     "step": lambda: say({"type": "command", "target_speed": 5.0, "step": None}),
-    "close": lambda: [os.close(1), time.sleep(60)],  # type: ignore[func-returns-value]
+    "close": lambda: (os.close(1), time.sleep(60)),
 }
 
 runs, asked = 0, 0
@@ -41,7 +40,7 @@ for line in sys.stdin:
     if content["type"] == "hello":
         if fault == "mute":
             time.sleep(60)
-        say({"type": "hello", "version": 1 if fault == "version" else 2, "name": "faulty", "rate": 7 if fault == "rate" else 20})
+        say({"type": "hello", "version": 2 if fault == "version" else 1, "name": "faulty", "rate": 7 if fault == "rate" else 20})
     elif content["type"] == "reset":
         runs, asked = runs + 1, 0
         if fault == "unready":

@@ -1,14 +1,13 @@
 """Lock-step: what a stack in another process drives does not depend on how fast it is, nor in which language or format."""
 
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from pytest_rvads.drivers.interface import Observation, TargetSpeed
+from pytest_rvads.drivers.commands import TargetSpeed
+from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.stacks.process import Process
 from pytest_rvads.junctions.finder import find
@@ -17,8 +16,6 @@ from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
-
-from .conftest import Find
 
 ROOT = Path(__file__).parents[2]
 SCENARIO = Scenario(find("stop4"), "1133", distance=20, subject=0, duration=12)
@@ -52,8 +49,8 @@ class Echo:
 
 
 @pytest.fixture
-def echo(tmp_path: Path) -> Iterator[Callable[..., Process]]:
-    made: list[Process] = []
+def echo(tmp_path: Path) -> Callable[..., Process]:
+    made = []
 
     def make(seed: int = 0, sleeps: bool = False) -> Process:
         script = tmp_path / f"echo{len(made)}.py"
@@ -66,7 +63,7 @@ def echo(tmp_path: Path) -> Iterator[Callable[..., Process]]:
         stack.close()
 
 
-def drive(autopilot: Any, scenario: Scenario = SCENARIO) -> Run:
+def drive(autopilot: object, scenario: Scenario = SCENARIO) -> Run:
     run = simulate(Case(scenario, autopilot, traffic=Reference))
     assert run.fault is None, run.fault
     return run
@@ -79,17 +76,15 @@ def test_a_stack_drives_as_the_same_code_in_process(echo: Callable[..., Process]
 
 
 def test_random_sleeps_change_no_bit(echo: Callable[..., Process]) -> None:
-    started = time.perf_counter()
     fast, *slow = drive(echo()), drive(echo(1, sleeps=True)), drive(echo(2, sleeps=True))
-    taken = time.perf_counter() - started
     assert {run.hash for run in slow} == {fast.hash}
     longest = slow[0].provenance["timing"]["a0"]["longest"]
-    assert 0.001 < longest < taken, "the compute time is reported, in seconds"
+    assert 0.001 < longest < 1.0, "the compute time is reported"
     steps = int((fast.zone[:-1, 0] != Zone.GONE).sum())
     assert slow[0].provenance["timing"]["a0"]["decisions"] == -(-steps // 5), "asked at 20 Hz while it is in the run"
 
 
-def test_one_process_serves_many_scenarios(compiled: Path, marked: Find) -> None:
+def test_one_process_serves_many_scenarios(compiled: Path, marked: Callable[[str], list[int]]) -> None:
     """A run does not depend on what the process did before, and there is one process."""
     scenarios = [Scenario(find("stop4"), "1133", subject=s, duration=8) for s in range(4)] + [
         Scenario(find("light3"), "112", subject=1, duration=8)
@@ -103,7 +98,7 @@ def test_one_process_serves_many_scenarios(compiled: Path, marked: Find) -> None
             assert drive(stack, scenario).hash == found
 
 
-def test_every_vehicle_may_be_a_stack(compiled: Path, marked: Find) -> None:
+def test_every_vehicle_may_be_a_stack(compiled: Path, marked: Callable[[str], list[int]]) -> None:
     with Process([str(compiled)]) as stack:
         run = simulate(Case(Scenario(find("stop4"), "2222", duration=5), stack))
         assert run.fault is None

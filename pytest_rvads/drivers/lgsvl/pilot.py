@@ -16,7 +16,7 @@ from pytest_rvads.drivers.lgsvl.scheduler import Scheduler
 from pytest_rvads.drivers.lgsvl.yielding import listed, oncoming, prior_on_red
 from pytest_rvads.drivers.lgsvl.zone import Guarded, zone_of
 from pytest_rvads.drivers.spacing import clear_of_bodies
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.states import Colour, Zone
 
@@ -129,16 +129,14 @@ class Pilot(Follower):
             self._stood = seen.time
         if colour is Colour.GREEN and self._green is None:
             self._green = seen.time
-        if self._waited(seen, colour):
-            self._release(seen)
-
-    def _waited(self, seen: Observation, colour: Colour) -> bool:
-        """Return whether one that stopped at a light may go: a right turn after a time, the others some time after green."""
-        if seen.me.turn is Turn.RIGHT:
+        if me.turn is Turn.RIGHT:
             waited = self._stood is not None and seen.time - self._stood >= seen.wait - 1e-9
-            return colour is Colour.GREEN or (waited and (self._has.i4 or not prior_on_red(seen)))
-        extra = min(max(seen.wait, TURN_WAIT[0]), TURN_WAIT[1]) if seen.me.turn is Turn.LEFT else 0.0
-        return self._green is not None and seen.time - self._green >= extra - 1e-9
+            if colour is Colour.GREEN or (waited and (self._has.i4 or not prior_on_red(seen))):
+                self._release(seen)
+        elif self._green is not None:
+            extra = min(max(seen.wait, TURN_WAIT[0]), TURN_WAIT[1]) if me.turn is Turn.LEFT else 0.0
+            if seen.time - self._green >= extra - 1e-9:
+                self._release(seen)
 
     def _release(self, seen: Observation) -> None:
         self._free = True

@@ -1,188 +1,123 @@
 """The messages of the protocol as binary frames, little-endian, for speed; ``clients/c/rvads.h`` has the same as structs.
 
-A frame is a header of two unsigned 32-bit integers, kind and size, then `size` bytes. Commands have a fixed size; an
-observation ends with as many vehicles as there are. The sizes of the structs leave no padding.
+A frame is a header of two unsigned 32-bit integers, kind and size, then `size` bytes. Observations and commands have a
+fixed size. The sizes of the structs leave no padding.
 """
 
 from __future__ import annotations
 
+import json
 import struct
-from collections.abc import Iterable
-from itertools import chain
 from typing import Any
 
-from msgspec import json
-
-from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
-from pytest_rvads.drivers.stacks import messages
-from pytest_rvads.drivers.stacks.child import Child, StackError
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.drivers.commands import Acceleration, Command, TargetSpeed, Trajectory, Waypoint
+from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.stacks.child import StackError
+from pytest_rvads.drivers.stacks.messages import Answer
+from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.runs.states import Kind, VehicleState
+from pytest_rvads.runs.states import VehicleState
+from pytest_rvads.scenarios.classes import WAYS
 
-__all__ = ["Binary"]
+__all__ = ["COMMAND", "HEADER", "MOST_POINTS", "READY", "Binary"]
 
 RESET, READY, OBSERVE, COMMAND, BYE = 1, 2, 3, 4, 5
 """Kinds of frames."""
-ENTRANCES, OTHERS, POINTS = 32, 63, 64
-"""Entrances, exits, other vehicles, and points of a trajectory that a frame has room for."""
-_TRAJECTORY = 4
-"""The last kind of commands."""
+MOST = WAYS[-1]
+"""Entrances a frame has room for."""
+MOST_POINTS = 64
+"""Points of a trajectory a frame has room for."""
 HEADER = struct.Struct("<2I")
-_RESET = struct.Struct("<14I5d8d")
-_ENTRANCE, _EXIT = struct.Struct("<4Id"), struct.Struct("<2I")
-_MOVEMENT, _PAIR, _POINT = struct.Struct("<4Id"), struct.Struct("<2I"), struct.Struct("<4d")
+_RESET = struct.Struct(f"<8I5d8d{MOST}d{2 * MOST * MOST}B")
 _SEEN = struct.Struct("<d4I")
-_VEHICLE = struct.Struct("<6I8d")
-_LIGHTS = struct.Struct(f"<{ENTRANCES}I")
-_COMMAND = struct.Struct("<4I4d")
-_SIZES = {READY: 0, COMMAND: _COMMAND.size + 3 * 8 * POINTS}
-"""Of the frames that a stack sends [bytes]."""
+_VEHICLE = struct.Struct("<4I8d")
+_LIGHTS = struct.Struct(f"<{MOST}I")
+_COMMAND = struct.Struct(f"<4I4d{3 * MOST_POINTS}d")
 _TURNS = {turn: number for number, turn in enumerate((Turn.RIGHT, Turn.STRAIGHT, Turn.LEFT))}
 _CONTROLS = {control: number for number, control in enumerate(JunctionControl)}
-_SIGNS = {sign: number for number, sign in enumerate(("none", "stop", "yield", "priority", "lights"))}
-_KINDS = {kind: number for number, kind in enumerate(Kind)}
+_NOBODY = bytes(_VEHICLE.size)
 
 
-class Binary(messages.Format):
+class Binary:
     """The format ``binary``."""
 
     bye = HEADER.pack(BYE, 0)
+    command_size = _COMMAND.size
 
     def reset(self, content: dict[str, Any]) -> bytes:
-        """Return the reset frame: fixed parts, movements, conflicts, yields, the path of the itinerary, all of it as JSON.
-
-        Raises:
-            StackError: more entrances or exits than there is room for.
-        """
+        """Return the reset frame: a fixed part, the path of the itinerary by the metre, and the whole content as JSON."""
         way, place = content["itinerary"], content["map"]
-        entrances, exits = place["entrances"], place["exits"]
-        if max(len(entrances), len(exits)) > ENTRANCES:
-            raise StackError(f"the junction has {len(entrances)} entrances and {len(exits)} exits, {_ROOM.format(ENTRANCES)}")
-        text = json.encode(content)
+        points, ways = way["path"], len(place["setbacks"])
+        text = json.dumps(content, separators=(",", ":")).encode()
+        pairs = [(i, k) for i in range(MOST) for k in range(MOST)]
         fixed = _RESET.pack(
-            len(place["arms"]),
-            len(entrances),
-            len(exits),
+            ways,
             _CONTROLS[place["control"]],
             int(place["left_hand"]),
             way["entrance"],
             way["exit"],
-            _TURNS[way["turn"]],
-            *(len(part) for part in (place["movements"], place["conflicts"], place["yields"], way["path"], text)),
-            0,
+            _TURNS[Turn(way["turn"])],
+            len(points),
+            len(text),
             content["period"],
             content["speed_limit"],
             way["line"],
             way["length"],
             way["end"],
             *content["vehicle"].values(),
+            *place["setbacks"],
+            *[0.0] * (MOST - ways),
+            *(pair in place["right_of"] for pair in pairs),
+            *(pair in place["opposite"] for pair in pairs),
         )
-        body = b"".join(
-            (
-                fixed,
-                _table(_ENTRANCE, ((e["arm"], e["lane"], _SIGNS[e["sign"]], 0, e["setback"]) for e in entrances)),
-                _table(_EXIT, ((e["arm"], e["lane"]) for e in exits)),
-                _relation(place["right_of"]),
-                _relation(place["opposite"]),
-                *(_MOVEMENT.pack(m["entrance"], m["exit"], _TURNS[m["turn"]], 0, m["length"]) for m in place["movements"]),
-                *(_PAIR.pack(*pair) for pair in chain(place["conflicts"], place["yields"])),
-                *(_POINT.pack(*point) for point in way["path"]),
-                text,
-            )
-        )
+        body = fixed + b"".join(struct.pack("<4d", *point) for point in points) + text
         return HEADER.pack(RESET, len(body)) + body
 
     def observe(self, seen: Observation, step: int) -> bytes:
-        """Return the observe frame; steps count from 1 in every scenario.
-
-        Raises:
-            StackError: more vehicles than there is room for.
-        """
-        others, lights = seen.others, seen.lights
-        if len(others) > OTHERS:
-            raise StackError(f"there are {len(others)} other vehicles, {_ROOM.format(OTHERS)}")
+        """Return the observe frame; steps count from 1 in every scenario."""
+        others = seen.others
+        lights = [int(colour) for colour in seen.lights]
         body = b"".join(
             (
                 _SEEN.pack(seen.time, step, len(others), len(lights), 0),
-                self._vehicle(seen.me),
-                _LIGHTS.pack(*lights, *[0] * (ENTRANCES - len(lights))),
-                *map(self._vehicle, others),
+                _vehicle(seen.me),
+                *map(_vehicle, others),
+                _NOBODY * (MOST - 1 - len(others)),
+                _LIGHTS.pack(*lights, *[0] * (MOST - len(lights))),
             )
         )
         return HEADER.pack(OBSERVE, len(body)) + body
 
-    def command(self, body: bytes) -> tuple[Command, float | None, int]:
-        """Return the command in the body of a frame, the compute time that the stack reports [s], and the step it answers.
+    def command(self, body: bytes) -> Answer:
+        """Return the answer in the body of a frame.
 
         Raises:
             StackError: no such kind of command, or more points than there is room for.
         """
-        kind, count, step, _, one, two, three, compute = _COMMAND.unpack_from(body)
+        kind, count, step, _, one, two, three, compute, *points = _COMMAND.unpack(body)
         taken = compute if compute >= 0 else None
-        if kind != _TRAJECTORY:
-            return _command(kind, one, two, three), taken, step
-        if count > POINTS:
-            raise StackError(f"its trajectory has {count} points, expected at most {POINTS}")
-        points = struct.iter_unpack("<3d", body[_COMMAND.size : _COMMAND.size + 24 * count])
-        return Trajectory(tuple(Waypoint(*point) for point in points)), taken, step
-
-    def ready(self, child: Child, limit: float) -> None:
-        """Wait for the frame that says so."""
-        _frame(child, READY, limit)
-
-    def answer(self, child: Child, limit: float) -> tuple[Command, float | None, int]:
-        """Return what the next frame says."""
-        return self.command(_frame(child, COMMAND, limit))
-
-    def _vehicle(self, state: VehicleState) -> bytes:
-        entrance = state.entrance
-        return _VEHICLE.pack(
-            self.number(state),
-            _KINDS[state.kind],
-            entrance,
-            self._lanes[entrance],
-            _TURNS[state.turn],
-            state.zone,
-            *state[4:12],
-        )
+        return _command(kind, count, (one, two, three), points), taken, step
 
 
-def _frame(child: Child, kind: int, limit: float) -> bytes:
-    """Return the body of the next frame, which has to be of a kind."""
-    head = child.exactly(HEADER.size, limit)
-    found, size = HEADER.unpack(head)
-    if _SIZES.get(found) != size:
-        raise StackError(messages.stray(head + child.pending()))
-    if found != kind:
-        raise StackError(f"it sent a frame of kind {found}, expected {kind}")
-    return child.exactly(size, limit)
-
-
-def _command(kind: int, one: float, two: float, three: float) -> Command:
+def _command(kind: int, count: int, values: tuple[float, float, float], points: list[float]) -> Command:
     match kind:
         case 0:
-            return Control(one, two, three)
+            return Control(*values)
         case 1:
-            return TargetSpeed(one)
+            return TargetSpeed(values[0])
         case 2:
-            return Acceleration(one)
+            return Acceleration(values[0])
         case 3:
-            return Acceleration(one, two)
-    raise StackError(f"its command is of kind {kind}, expected 0 to {_TRAJECTORY}")
+            return Acceleration(values[0], values[1])
+        case 4 if count <= MOST_POINTS:
+            return Trajectory(tuple(Waypoint(*points[3 * k : 3 * k + 3]) for k in range(count)))
+        case 4:
+            raise StackError(f"its trajectory has {count} points, expected at most {MOST_POINTS}")
+    raise StackError(f"its command is of kind {kind}, expected 0 to 4")
 
 
-def _table(row: struct.Struct, rows: Iterable[tuple[Any, ...]]) -> bytes:
-    """Return rows of numbers, filled up to the number of entrances that there is room for."""
-    return b"".join(row.pack(*values) for values in rows).ljust(row.size * ENTRANCES, b"\0")
+def _vehicle(state: VehicleState) -> bytes:
+    return _VEHICLE.pack(state.entrance, _TURNS[state.turn], int(state.zone), 0, *state[_FIRST:])
 
 
-def _relation(pairs: Iterable[tuple[int, int]]) -> bytes:
-    """Return a relation between entrances as a square table of bytes, 1 where it holds."""
-    table = bytearray(ENTRANCES * ENTRANCES)
-    for one, other in pairs:
-        table[one * ENTRANCES + other] = 1
-    return bytes(table)
-
-
-_ROOM = "a binary frame has room for {}: let the stack say the format json in its hello"
+_FIRST = VehicleState._fields.index("station")

@@ -11,10 +11,11 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-from pytest_rvads.drivers.interface import Autopilot, Command, Observation, TrafficSystem
+from pytest_rvads.drivers.commands import Command
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.stacks import messages
 from pytest_rvads.drivers.stacks.child import Child, StackError
 from pytest_rvads.drivers.stacks.connection import Connection
-from pytest_rvads.drivers.stacks.place import reset
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Agent
@@ -25,7 +26,7 @@ RATE = 20.0
 """Decisions per second where neither the caller nor the stack says another rate [Hz]."""
 
 
-class Process(TrafficSystem):
+class Process:
     """A stack in another process, asked in lock-step: simulated time waits for it.
 
     It is a factory of autopilots, to be returned by the fixture ``rvads_autopilot`` or given to `simulate`. One process serves
@@ -66,14 +67,14 @@ class Process(TrafficSystem):
         for name, limit in (("timeout", timeout), ("startup", startup)):
             if not (isinstance(limit, Real) and math.isfinite(limit) and limit > 0):
                 raise AutopilotError(f"{name} must be a number of seconds above 0, got {limit!r}")
-        self.label: str = f"stack {shlex.join(self.command)}"
+        self.label = f"stack {shlex.join(self.command)}"
         """How reports call it."""
         self._period = None if rate is None else _period(rate, self.label)
         self._limits = startup, timeout
         self._place = cwd, env
         self.connections: list[Connection] = []
         """Running processes, by the order of the vehicles of a run."""
-        weakref.finalize(self, _close, self.connections)
+        self._finish = weakref.finalize(self, _close, self.connections)
 
     def __call__(self) -> Process:
         """Return the traffic system of the next run."""
@@ -119,7 +120,7 @@ class Process(TrafficSystem):
             raise StackError(f"{self.label}: {error}", error.detail) from None
 
 
-class Pilot(Autopilot):
+class Pilot:
     """Drives one vehicle in one run by asking a process.
 
     Args:
@@ -144,7 +145,7 @@ class Pilot(Autopilot):
         """
         try:
             if not self._begun:
-                self._connection.reset(reset(seen, self.period))
+                self._connection.reset(messages.reset(seen, self.period))
                 self._connection.serves = self
                 self._begun = True
             if self._connection.serves is not self:

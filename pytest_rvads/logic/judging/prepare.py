@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 
-import numpy as np
-
 from pytest_rvads.conduct.predicates import Static
 from pytest_rvads.logic.judging.ground import Binding, Instance, ground
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import evaluate
+from pytest_rvads.logic.ltl.boolean import holds
 from pytest_rvads.logic.ltl.ltl3 import Machine, synthesize
-from pytest_rvads.logic.ltl.rewrite import replaced
+from pytest_rvads.logic.ltl.rewrite import rebuild
 from pytest_rvads.logic.rules.shape import Kind, Shape, agents_of, shape_of, split
 
 __all__ = ["Member", "Prepared", "Template", "prepare", "template"]
@@ -70,7 +68,13 @@ def template(formula: f.Formula) -> tuple[f.Formula, tuple[f.Atom, ...]]:
     """Replace atoms by propositions p0, p1, ... in the order of their occurrence; return the formula and the atoms."""
     found = f.atoms(formula)
     names = {atom: f.Atom(f"p{k}") for k, atom in enumerate(found)}
-    return replaced(formula, names.__getitem__), found
+    return _rename(formula, names), found
+
+
+def _rename(formula: f.Formula, names: dict[f.Atom, f.Atom]) -> f.Formula:
+    if isinstance(formula, f.Atom):
+        return names[formula]
+    return rebuild(formula, tuple(_rename(c, names) for c in f.children(formula)))
 
 
 @lru_cache(maxsize=1024)
@@ -112,5 +116,5 @@ def _key(formula: f.Formula) -> object:
     atoms = sorted(f.atoms(formula), key=str)
     if shape.kind is not Kind.STATE or len(atoms) > _MERGE_LIMIT or not isinstance(formula, f.Always):
         return formula
-    rows = np.array(list(product((False, True), repeat=len(atoms))))
-    return tuple(atoms), evaluate(formula.body, dict(zip(atoms, rows.T, strict=True)), (len(rows),)).tobytes()
+    rows = (frozenset(a for a, v in zip(atoms, row, strict=True) if v) for row in product((False, True), repeat=len(atoms)))
+    return tuple(atoms), tuple(holds(formula.body, row) for row in rows)

@@ -6,10 +6,8 @@ largest subformulas without temporal operators: ``!(a | b | c) U d`` has two gua
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from functools import reduce
+from collections.abc import Iterable, Mapping
 from itertools import product
-from operator import and_, or_
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +16,7 @@ from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.effort import Budget
 
-__all__ = ["LETTER_LIMIT", "assign", "conj", "connect", "disj", "evaluate", "holds", "iff", "letters", "neg", "plain"]
+__all__ = ["LETTER_LIMIT", "assign", "conj", "disj", "evaluate", "holds", "iff", "letters", "neg"]
 
 LETTER_LIMIT = 1024
 """Most letters a monitor may have."""
@@ -58,24 +56,19 @@ def _join(parts: Iterable[f.Formula], kind: type[f.And | f.Or], unit: f.Formula,
 
 def assign(formula: f.Formula, atom: f.Atom, value: bool) -> f.Formula:
     """Return a boolean formula with `atom` replaced by `value`, simplified."""
-    if isinstance(formula, f.Atom):
-        return (f.TRUE if value else f.FALSE) if formula == atom else formula
-    return plain(formula, tuple(assign(part, atom, value) for part in f.children(formula)))
-
-
-def plain(formula: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
-    """Return a boolean formula with other direct subformulas, simplified and without implications."""
     match formula:
-        case f.Not():
-            return neg(parts[0])
-        case f.And():
-            return conj(parts)
-        case f.Or():
-            return disj(parts)
-        case f.Implies():
-            return disj((neg(parts[0]), parts[1]))
-        case f.Iff():
-            return iff(*parts)
+        case f.Atom():
+            return (f.TRUE if value else f.FALSE) if formula == atom else formula
+        case f.Not(body):
+            return neg(assign(body, atom, value))
+        case f.And(parts):
+            return conj(assign(p, atom, value) for p in parts)
+        case f.Or(parts):
+            return disj(assign(p, atom, value) for p in parts)
+        case f.Implies(left, right):
+            return disj((neg(assign(left, atom, value)), assign(right, atom, value)))
+        case f.Iff(left, right):
+            return iff(assign(left, atom, value), assign(right, atom, value))
     return formula
 
 
@@ -103,11 +96,7 @@ def letters(guards: tuple[f.Formula, ...], budget: Budget) -> tuple[int, ...]:
         memo: dict[tuple[f.Formula, ...], frozenset[int]] = {}
         cells = _cells(tuple(guards[k] for k in members), memo, budget, 0)
         total *= len(cells)
-        if total > LETTER_LIMIT:
-            raise FormulaError(
-                f"the formula distinguishes more than {LETTER_LIMIT} valuations of its propositions, too many for a monitor: "
-                "use fewer propositions, or split it into rules"
-            )
+        _check(total)
         choices.append([sum((code >> i & 1) << k for i, k in enumerate(members)) for code in sorted(cells)])
     return tuple(sorted(sum(parts) for parts in product(*choices)))
 
@@ -139,35 +128,60 @@ def _cells(
     else:
         rests = (tuple(assign(g, atom, v) for g in guards) for v in (False, True))
         found = frozenset().union(*(_cells(rest, memo, budget, deep + 1) for rest in rests))
+        _check(len(found))
     memo[guards] = found
     return found
 
 
+def _check(count: int) -> None:
+    if count > LETTER_LIMIT:
+        raise FormulaError(
+            f"the formula distinguishes more than {LETTER_LIMIT} valuations of its propositions, too many for a monitor: "
+            "use fewer propositions, or split it into rules"
+        )
+
+
 def evaluate(formula: f.Formula, values: Mapping[f.Atom, NDArray[np.bool_]], shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Return a boolean formula over arrays: one truth value per entry of arrays of shape `shape`."""
-    if isinstance(formula, f.Atom):
-        return values[formula]
-    if isinstance(formula, f.Const):
-        return np.full(shape, formula.value)
-    return connect(formula, [evaluate(part, values, shape) for part in f.children(formula)])
-
-
-def connect(formula: f.Formula, parts: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
-    """Return the truth values of a boolean operator, given those of its parts."""
     match formula:
-        case f.Not():
-            return ~parts[0]
-        case f.And():
-            return reduce(and_, parts)
-        case f.Or():
-            return reduce(or_, parts)
-        case f.Implies():
-            return ~parts[0] | parts[1]
-        case f.Iff():
-            return ~(parts[0] ^ parts[1])
+        case f.Atom():
+            return values[formula]
+        case f.Const(value):
+            return np.full(shape, value)
+        case f.Not(body):
+            return ~evaluate(body, values, shape)
+        case f.And(parts):
+            found = evaluate(parts[0], values, shape)
+            for part in parts[1:]:
+                found = found & evaluate(part, values, shape)
+            return found
+        case f.Or(parts):
+            found = evaluate(parts[0], values, shape)
+            for part in parts[1:]:
+                found = found | evaluate(part, values, shape)
+            return found
+        case f.Implies(left, right):
+            return ~evaluate(left, values, shape) | evaluate(right, values, shape)
+        case f.Iff(left, right):
+            return ~(evaluate(left, values, shape) ^ evaluate(right, values, shape))
     raise TypeError(f"not a boolean formula: {formula}")
 
 
 def holds(formula: f.Formula, true: frozenset[f.Atom]) -> bool:
     """Return a boolean formula in the state in which exactly the atoms in `true` hold."""
-    return bool(evaluate(formula, {atom: np.array(atom in true) for atom in f.atoms(formula)}, ()))
+    match formula:
+        case f.Atom():
+            return formula in true
+        case f.Const(value):
+            return value
+        case f.Not(body):
+            return not holds(body, true)
+        case f.And(parts):
+            return all(holds(p, true) for p in parts)
+        case f.Or(parts):
+            return any(holds(p, true) for p in parts)
+        case f.Implies(left, right):
+            return not holds(left, true) or holds(right, true)
+        case f.Iff(left, right):
+            return holds(left, true) == holds(right, true)
+    raise TypeError(f"not a boolean formula: {formula}")

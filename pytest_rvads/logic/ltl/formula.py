@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from pytest_rvads.logic.ltl.terms import Attr, Binder, Element, Infix, Number, Term, Value, Var
+from pytest_rvads.logic.ltl.terms import Attr, Binder, Element, Number, Term, Var, Word
 
 __all__ = [
     "FALSE",
@@ -27,7 +27,6 @@ __all__ = [
     "Formula",
     "Iff",
     "Implies",
-    "Infix",
     "Next",
     "Not",
     "Number",
@@ -35,9 +34,9 @@ __all__ = [
     "Release",
     "Term",
     "Until",
-    "Value",
     "Var",
     "WeakUntil",
+    "Word",
     "atoms",
     "children",
     "depth",
@@ -74,14 +73,6 @@ class Atom(Formula):
     terms: tuple[Term, ...] = ()
     at: int = field(default=0, compare=False, repr=False)
     """Where it stands in the text, for error messages."""
-    word: object = field(default=None, hash=False, repr=False)
-    """What the name means, where the name alone doesn't tell."""
-
-    def __eq__(self, other: object) -> bool:
-        """Tell whether both say the same of the same; results are kept by atoms, so it takes one word, not two that are alike."""
-        if not isinstance(other, Atom):
-            return NotImplemented
-        return self.name == other.name and self.terms == other.terms and self.word is other.word
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +220,7 @@ _TEMPORAL = (Next, Always, Eventually, Until, WeakUntil, Release)
 
 def is_boolean(formula: Formula) -> bool:
     """Say whether the formula speaks about the present state alone."""
-    return not isinstance(formula, _TEMPORAL) and all(map(is_boolean, children(formula)))
+    return not any(isinstance(n, _TEMPORAL) for n, _ in walk(formula))
 
 
 _UNARY = {Not: "!", Next: "N ", Always: "G ", Eventually: "F "}
@@ -242,6 +233,7 @@ _BINARY = {
     WeakUntil: (5, "W"),
     Release: (5, "R"),
 }
+_INFIX = ("right-of", "opposite", "entex", "=", "!=", "<", "<=", ">", ">=")
 
 
 def _show(formula: Formula, level: int) -> str:
@@ -251,7 +243,7 @@ def _show(formula: Formula, level: int) -> str:
             return "true" if value else "false"
         case Atom(name, terms):
             return _show_atom(name, terms)
-        case Not(Atom(Infix() as name, terms)):
+        case Not(Atom(name, terms)) if name in _INFIX:
             # Without parentheses this would look like a comparison of something negated.
             return f"!({_show_atom(name, terms)})"
         case Not(body) | Next(body) | Always(body) | Eventually(body):
@@ -278,6 +270,6 @@ def _show(formula: Formula, level: int) -> str:
 def _show_atom(name: str, terms: tuple[Term, ...]) -> str:
     if name == "@":
         return f"{terms[0]}@{terms[1]}"
-    if isinstance(name, Infix):
+    if name in _INFIX:
         return f"{terms[0]} {name} {terms[1]}"
     return f"{name}({', '.join(map(str, terms))})" if terms else name

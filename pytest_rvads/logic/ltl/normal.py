@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import conj, disj, plain
+from pytest_rvads.logic.ltl.boolean import conj, disj, iff, neg
 
 __all__ = ["Kind", "Node", "Pool"]
 
@@ -66,16 +66,19 @@ class Pool:
                 return self.add(body, not positive)
             case f.Next(body):
                 return self._next(self.add(body, positive))
-            # The negation of an U is the R of what is negated, and the other way round.
-            case f.Always(body) | f.Eventually(body):  # F a = true U a, and G a = false R a
-                a, until = self.add(body, positive), isinstance(formula, f.Eventually) is positive
-                return self._lasting(until, self._number(Node(Kind.TRUE if until else Kind.FALSE)), a)
-            case f.Until(left, right) | f.Release(left, right):
+            case f.Always(body):
+                return self._always(self.add(body, True)) if positive else self._eventually(self.add(body, False))
+            case f.Eventually(body):
+                return self._eventually(self.add(body, True)) if positive else self._always(self.add(body, False))
+            case f.Until(left, right):
                 a, b = self.add(left, positive), self.add(right, positive)
-                return self._lasting(isinstance(formula, f.Until) is positive, a, b)
+                return self._until(a, b) if positive else self._release(a, b)
+            case f.Release(left, right):
+                a, b = self.add(left, positive), self.add(right, positive)
+                return self._release(a, b) if positive else self._until(a, b)
             case f.WeakUntil(left, right):  # a W b = b R (a | b)
                 a, b = self.add(right, positive), self.add(f.Or((left, right)), positive)
-                return self._lasting(not positive, a, b)
+                return self._release(a, b) if positive else self._until(a, b)
             case f.Implies(left, right):
                 return self._join((f.Not(left), right), positive, conjunction=False)
             case f.Iff(left, right):  # (a & b) | (!a & !b), and its negation (a & !b) | (!a & b)
@@ -124,16 +127,28 @@ class Pool:
     def _next(self, a: int) -> int:
         return a if self.nodes[a].kind in (Kind.TRUE, Kind.FALSE) else self._number(Node(Kind.NEXT, (a,)))
 
-    def _lasting(self, until: bool, a: int, b: int) -> int:
-        """Return the node of ``a U b``, or of ``a R b``."""
+    def _eventually(self, a: int) -> int:
+        return self._until(self._number(Node(Kind.TRUE)), a)
+
+    def _always(self, a: int) -> int:
+        return self._release(self._number(Node(Kind.FALSE)), a)
+
+    def _until(self, a: int, b: int) -> int:
         one, two = self.nodes[a], self.nodes[b]
-        kind, unit, zero = (Kind.UNTIL, Kind.TRUE, Kind.FALSE) if until else (Kind.RELEASE, Kind.FALSE, Kind.TRUE)
-        if two.kind in (Kind.TRUE, Kind.FALSE) or one.kind is zero or a == b:
+        if two.kind in (Kind.TRUE, Kind.FALSE) or one.kind is Kind.FALSE or a == b:
             return b
-        # a U (a U b) = a U b, and F (c U b) = F b; likewise for R and G
-        if two.kind is kind and (two.parts[0] == a or one.kind is unit):
-            return self._lasting(until, a, two.parts[1])
-        return self._number(Node(kind, (a, b)))
+        # a U (a U b) = a U b, and F (c U b) = F b
+        if two.kind is Kind.UNTIL and (two.parts[0] == a or one.kind is Kind.TRUE):
+            return self._until(a, two.parts[1])
+        return self._number(Node(Kind.UNTIL, (a, b)))
+
+    def _release(self, a: int, b: int) -> int:
+        one, two = self.nodes[a], self.nodes[b]
+        if two.kind in (Kind.TRUE, Kind.FALSE) or one.kind is Kind.TRUE or a == b:
+            return b
+        if two.kind is Kind.RELEASE and (two.parts[0] == a or one.kind is Kind.FALSE):
+            return self._release(a, two.parts[1])
+        return self._number(Node(Kind.RELEASE, (a, b)))
 
     def _number(self, node: Node) -> int:
         n = self._numbers.setdefault(node, len(self.nodes))
@@ -144,4 +159,15 @@ class Pool:
 
 def _fold(formula: f.Formula) -> f.Formula:
     """Simplify the constants out of a boolean formula."""
-    return plain(formula, tuple(map(_fold, f.children(formula))))
+    match formula:
+        case f.Not(body):
+            return neg(_fold(body))
+        case f.And(parts):
+            return conj(map(_fold, parts))
+        case f.Or(parts):
+            return disj(map(_fold, parts))
+        case f.Implies(left, right):
+            return disj((neg(_fold(left)), _fold(right)))
+        case f.Iff(left, right):
+            return iff(_fold(left), _fold(right))
+    return formula

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from pytest_rvads.logic.ltl import formula as f
 
-__all__ = ["rebuild", "replaced", "substitute"]
+__all__ = ["rebuild", "substitute"]
 
 
 def rebuild(formula: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
@@ -21,18 +21,11 @@ def rebuild(formula: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
     return type(formula)(*parts)
 
 
-def replaced(formula: f.Formula, by: Callable[[f.Atom], f.Formula]) -> f.Formula:
-    """Return `formula` with what `by` gives in the place of every atom."""
-    if isinstance(formula, f.Atom):
-        return by(formula)
-    return rebuild(formula, tuple(replaced(child, by) for child in f.children(formula)))
-
-
 def substitute(formula: f.Formula, terms: Mapping[str, f.Term]) -> f.Formula:
     """Replace free variables by terms; bound variables are renamed where they would capture one of them."""
     match formula:
-        case f.Atom(name, arguments, at, word):
-            return f.Atom(name, tuple(_substitute(t, terms) for t in arguments), at, word)
+        case f.Atom(name, arguments, at):
+            return f.Atom(name, tuple(_substitute(t, terms) for t in arguments), at)
         case f.Forall(variables, body) | f.Exists(variables, body):
             inner = {name: term for name, term in terms.items() if name not in {v.name for v in variables}}
             taken = {str(t.of if isinstance(t, f.Attr) else t) for t in inner.values()}
@@ -45,7 +38,7 @@ def substitute(formula: f.Formula, terms: Mapping[str, f.Term]) -> f.Formula:
                 if new != v.name:
                     fresh[v.name] = f.Var(new)
                 taken.add(new)
-                renamed.append(f.Binder(new, v.sort, v.told))
+                renamed.append(f.Binder(new, v.sort))
             return type(formula)(tuple(renamed), substitute(body, {**inner, **fresh}))
     return rebuild(formula, tuple(substitute(c, terms) for c in f.children(formula)))
 

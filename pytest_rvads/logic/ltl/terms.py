@@ -1,17 +1,13 @@
-"""Terms of the logic: variables, constants, attributes."""
+"""Terms of the paper's logic: variables, constants, attributes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from decimal import Decimal
 
-__all__ = ["Attr", "Binder", "Element", "Infix", "Number", "Term", "Value", "Var"]
+from pytest_rvads.logic.ltl.sorts import Sort, sort_of
 
-
-class Infix(str):
-    """The name of a relation that is written between its two terms, as comparisons are."""
-
-    __slots__ = ()
+__all__ = ["Attr", "Binder", "Element", "Number", "Term", "Var", "Word"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +24,11 @@ class Var:
 
 @dataclass(frozen=True, slots=True)
 class Element:
-    """A constant that a variable stands for, of the model."""
+    """A constant that a variable stands for: an agent, a light, an entrance ... of the model."""
 
-    sort: str = field(hash=False)  # the name tells the sort
+    sort: Sort = field(hash=False)  # hashing an enum is slow, and the name tells the sort
     index: int
-    """Its number among those of its kind."""
+    """Column of an agent, number of an entrance, exit, light or road."""
     name: str
 
     def __str__(self) -> str:
@@ -40,8 +36,8 @@ class Element:
 
 
 @dataclass(frozen=True, slots=True)
-class Value:
-    """A value that has a name."""
+class Word:
+    """A value of an attribute or a direction: ``red``, ``left``."""
 
     name: str
 
@@ -51,7 +47,7 @@ class Value:
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A constant to compare with."""
+    """A constant to compare with: seconds for ``wt``, m/s for ``sp``."""
 
     value: float
 
@@ -61,7 +57,7 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Attr:
-    """An attribute of what a variable or constant stands for: ``x.size``."""
+    """An attribute of an agent or a light: ``a.wt``, ``a.sp``, ``lt.cl``."""
 
     of: Var | Element
     name: str
@@ -70,7 +66,7 @@ class Attr:
         return f"{self.of}.{self.name}"
 
 
-Term = Var | Element | Value | Number | Attr
+Term = Var | Element | Word | Number | Attr
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +74,7 @@ class Binder:
     """A quantified variable with its sort, which prints only where the letters don't tell it."""
 
     name: str
-    sort: str
-    told: bool = field(default=False, compare=False, repr=False)
-    """Whether the letters of the name tell the sort, so that it need not be declared."""
+    sort: Sort
 
     def __str__(self) -> str:
-        return self.name if self.told else f"{self.name}: {self.sort}"
+        return self.name if sort_of(self.name) is self.sort else f"{self.name}: {self.sort}"

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from pytest_rvads.conduct.standing import TIE
-from pytest_rvads.logic.rules.current import PACKAGE
+from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.maps.control import JunctionControl
 
 __all__ = ["PAPER", "ROAD", "VARIANTS"]
 
-_rule = partial(Rule, place=PACKAGE)
 _STOP, _LIGHTS = JunctionControl.STOP, JunctionControl.LIGHTS
 _SOURCE = "Li et al., Simulation-based Validation for Autonomous Driving Systems, table of traffic rules"
 
 PAPER = (
-    _rule(
+    Rule(
         "p1",
         "forall a, a'. G(a@j & a != a' -> !a'@j)",
         "no two vehicles in the junction",
@@ -26,7 +22,7 @@ PAPER = (
         bound=("a'",),
         about=_STOP,
     ),
-    _rule(
+    Rule(
         "p2",
         "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt = a'.wt & j.en right-of j.en' -> (N a'@j.en') U a@j)",
         "right-of-way",
@@ -37,7 +33,7 @@ PAPER = (
         about=_STOP,
         companions=("p3",),
     ),
-    _rule(
+    Rule(
         "p3",
         "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt < a'.wt -> (N a@j.en) U a'@j)",
         "first come, first served",
@@ -48,7 +44,7 @@ PAPER = (
         about=_STOP,
         companions=("p2",),
     ),
-    _rule(
+    Rule(
         "p4",
         "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & !take(a, j.en, right) -> a@j.en U lt.cl = green)",
         "red light",
@@ -58,7 +54,7 @@ PAPER = (
         bound=("a",),
         about=_LIGHTS,
     ),
-    _rule(
+    Rule(
         "p5",
         "forall j.en, j.en', a, a', lt. G(a@j.en & a'@j.en' & j.en right-of j.en' & lt@j.en & lt.cl = red"
         " & take(a, j.en, right) -> (N a@j.en) U a'@j)",
@@ -69,7 +65,7 @@ PAPER = (
         bound=("a",),
         about=_LIGHTS,
     ),
-    _rule(
+    Rule(
         "p6",
         "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & j.en opposite j.en' & take(a, j.en, left)"
         " & !take(a', j.en', left) -> (N a@j.en) U a'@j)",
@@ -83,7 +79,7 @@ PAPER = (
 )
 
 VARIANTS = (
-    _rule(
+    Rule(
         "p6g",
         "forall j.en, j.en', a, a', lt, lt'. G(a@j.en & a'@j.en' & j.en opposite j.en' & lt@j.en & lt'@j.en'"
         " & lt.cl = green & lt'.cl = green & take(a, j.en, left) & !take(a', j.en', left) -> (N a@j.en) U a'@j)",
@@ -103,7 +99,7 @@ _UVC = "Uniform Vehicle Code (US model law)"
 _STVO = "German road traffic regulations (StVO)"
 
 ROAD = (
-    _rule(
+    Rule(
         "full_stop",
         "forall a, j.en. G(a@j.en -> !a@j W stopped(a))",
         "full stop",
@@ -113,7 +109,7 @@ ROAD = (
         bound=("a",),
         about=_STOP,
     ),
-    _rule(
+    Rule(
         "first_come",
         "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt < a'.wt -> (N a@j.en) U a'@j)",
         "first come, first served",
@@ -125,7 +121,7 @@ ROAD = (
         tie=TIE,
         companions=("right_first",),
     ),
-    _rule(
+    Rule(
         "right_first",
         "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt = a'.wt & j.en right-of j.en' -> (N a'@j.en') U a@j)",
         "right before left",
@@ -137,7 +133,7 @@ ROAD = (
         tie=TIE,
         companions=("first_come",),
     ),
-    _rule(
+    Rule(
         "red",
         "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & !turn(a, near) -> a@j.en U lt.cl = green)",
         "red light",
@@ -147,7 +143,7 @@ ROAD = (
         bound=("a",),
         about=_LIGHTS,
     ),
-    _rule(
+    Rule(
         "right_on_red",
         "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & turn(a, near) -> (!a@j W (stopped(a) | lt.cl = green))"
         " & (forall a'. !obstructs(a, a') W (a@j.en & lt.cl = green)))",
@@ -158,7 +154,7 @@ ROAD = (
         bound=("a",),
         about=_LIGHTS,
     ),
-    _rule(
+    Rule(
         "left_yields",
         "forall a, a'. G(turn(a, far) & owes(a, a') -> !obstructs(a, a'))",
         "left turn yields",
@@ -168,7 +164,7 @@ ROAD = (
         bound=("a",),
         about=_LIGHTS,
     ),
-    _rule(
+    Rule(
         "no_collision",
         "forall a, a'. G(a != a' -> !collide(a, a'))",
         "no collision",
@@ -177,7 +173,7 @@ ROAD = (
         responsible="the vehicle that caused it; both, where nothing tells them apart",
         bound=("a", "a'"),
     ),
-    _rule(
+    Rule(
         "no_conflict",
         "forall a, a'. G(inside(a) & a != a' & conflict(a, a') -> !meet(a, a'))",
         "no meeting in the junction",
@@ -186,7 +182,7 @@ ROAD = (
         responsible="the vehicle that lacked the right of way; else the one that entered last; both, if they entered together",
         bound=("a",),
     ),
-    _rule(
+    Rule(
         "keep_clear",
         "forall a. G(inside(a) -> !blocks(a))",
         "keep clear",
@@ -195,7 +191,7 @@ ROAD = (
         responsible="the vehicle that stands or creeps",
         bound=("a",),
     ),
-    _rule(
+    Rule(
         "progress",
         "forall a. G(may_go(a) -> !idles(a))",
         "progress",
@@ -204,7 +200,7 @@ ROAD = (
         responsible="the vehicle that could go; all that wait for each other",
         bound=("a",),
     ),
-    _rule(
+    Rule(
         "keep_lane",
         "forall a. G !off_lane(a)",
         "keep to the lane",
@@ -213,7 +209,7 @@ ROAD = (
         responsible="the vehicle outside its lane",
         bound=("a",),
     ),
-    _rule(
+    Rule(
         "on_route",
         "forall a. G !off_route(a)",
         "on the route",
@@ -222,7 +218,7 @@ ROAD = (
         responsible="the vehicle off its route",
         bound=("a",),
     ),
-    _rule(
+    Rule(
         "speed_limit",
         "forall a. G !speeding(a)",
         "speed limit",

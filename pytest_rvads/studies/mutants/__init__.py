@@ -10,17 +10,18 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.studies.mutants import action, decision, sight
+from pytest_rvads.studies.mutants import action, decision
+from pytest_rvads.studies.mutants import sight as perception
 
 __all__ = ["MUTANTS"]
 
 MUTANTS: Mapping[str, type[Reference]] = MappingProxyType(
     {
         "anticipates green": decision.Anticipates,
-        "blind ahead": sight.BlindAhead,
-        "blind inside": sight.BlindInside,
-        "blind to the left": sight.BlindLeft,
-        "blind to the right": sight.BlindRight,
+        "blind ahead": perception.BlindAhead,
+        "blind inside": perception.BlindInside,
+        "blind to the left": perception.BlindLeft,
+        "blind to the right": perception.BlindRight,
         "creeps": action.Creeps,
         "dawdles": action.Dawdles,
         "deadlocks": decision.Deadlocks,
@@ -28,24 +29,24 @@ MUTANTS: Mapping[str, type[Reference]] = MappingProxyType(
         "half yield": decision.HalfYield,
         "hits the leader": action.HitsLeader,
         "ignores stop": decision.IgnoresStop,
-        "ignores yellow": sight.Yellow,
+        "ignores yellow": perception.Yellow,
         "jostles": decision.Jostles,
         "last come first": decision.Backwards,
         "late brake": action.LateBrake,
-        "late sight": sight.LateSight,
+        "late sight": perception.LateSight,
         "left first": decision.LeftFirst,
         "lowest number first": decision.NumberFirst,
-        "never green": sight.Unlit,
+        "never green": perception.Unlit,
         "no stop right on red": decision.NoRightOnRedStop,
         "no yield right on red": decision.NoRightOnRedYield,
         "no yield turning left": decision.NoYield,
-        "runs red": sight.RunsRed,
+        "runs red": perception.RunsRed,
         "short stop": decision.ShortStop,
-        "short-sighted": sight.ShortSighted,
+        "short-sighted": perception.ShortSighted,
         "speeds": action.Speeds,
         "stops far": action.StopsFar,
         "tailgates": decision.Tailgates,
-        "takes all for standing": sight.NoSpeeds,
+        "takes all for standing": perception.NoSpeeds,
         "weak brake": action.WeakBrake,
     }
 )

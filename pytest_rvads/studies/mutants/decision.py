@@ -10,7 +10,7 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
 from pytest_rvads.drivers.reference import Gate, Reference
 from pytest_rvads.drivers.stop_sign import HOLD, PATIENCE, StopSign
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 
@@ -35,28 +35,20 @@ _SHORT = 1.5
 """Slower than this, the short stop counts as one [m/s]."""
 
 
-class _Queued(StopSign):
-    def __init__(self, queue: Queue) -> None:
-        super().__init__()
-        self._queue = queue
-
-
 class _Gated(Reference):
-    """Has other gates than the reference autopilot at stop signs, at lights, or at both, or another order at stop signs."""
+    """Has other gates than the reference autopilot at stop signs, at lights, or at both."""
 
     sign: ClassVar[type[Gate]] = StopSign
     light: ClassVar[type[Gate]] = Light
-    queue: ClassVar[type[Queue] | None] = None
 
     def make_gate(self, seen: Observation) -> Gate:
-        if seen.junction.control is JunctionControl.LIGHTS:
-            return self.light()
-        return self.sign() if self.queue is None else _Queued(self.queue())
+        return self.light() if seen.junction.control is JunctionControl.LIGHTS else self.sign()
 
 
 class _Open:
     def allows(self, seen: Observation) -> bool:
-        return not any(in_the_way(seen, other) for other in seen.others)
+        mine = (seen.itinerary.entrance, seen.itinerary.exit)
+        return not any(in_the_way(seen.junction, mine, other) for other in seen.others)
 
 
 class IgnoresStop(_Gated):
@@ -78,35 +70,49 @@ class ShortStop(_Gated):
     sign = _Short
 
 
-def _waiting(seen: Observation) -> list[VehicleState]:
-    return [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
+class _QueueMutant(StopSign):
+    queue: ClassVar[type[Queue]]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._queue = self.queue()
 
 
 class _ByNumber(Queue):
     def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
-        return [min(_waiting(seen), key=lambda s: s.entrance)], True
+        waiting = [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
+        return [min(waiting, key=lambda s: s.entrance)], True
+
+
+class _NumberSign(_QueueMutant):
+    queue = _ByNumber
 
 
 class NumberFirst(_Gated):
     """At a stop sign, whoever waits at the entrance with the lowest number goes first."""
 
-    queue = _ByNumber
+    sign = _NumberSign
 
 
 class _LastFirst(Queue):
     def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
-        return [max(_waiting(seen), key=lambda s: (self._outside[s.name], -s.entrance))], True
+        waiting = [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
+        return [max(waiting, key=lambda s: (self._outside[s.name], -s.entrance))], True
+
+
+class _BackwardsSign(_QueueMutant):
+    queue = _LastFirst
 
 
 class Backwards(_Gated):
     """At a stop sign, the last to come goes first."""
 
-    queue = _LastFirst
+    sign = _BackwardsSign
 
 
 class _LeftQueue(Queue):
     def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
-        waiting = _waiting(seen)
+        waiting = [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
         earliest = min(self._outside[s.name] for s in waiting)
         tied = [s for s in waiting if self._outside[s.name] == earliest]
         right_of = seen.junction.right_of
@@ -114,10 +120,14 @@ class _LeftQueue(Queue):
         return ([min(free, key=lambda s: s.entrance)], True) if free else (tied, False)
 
 
+class _LeftSign(_QueueMutant):
+    queue = _LeftQueue
+
+
 class LeftFirst(_Gated):
     """Of two that arrive together at a stop sign, lets the one on the left go first."""
 
-    queue = _LeftQueue
+    sign = _LeftSign
 
 
 class _Polite(StopSign):
@@ -147,7 +157,9 @@ class EqualPatience(_Gated):
 
 class _EarlySign(StopSign):
     def allows(self, seen: Observation) -> bool:
-        left = [o for o in seen.others if o.zone is not Zone.JUNCTION or in_the_way(seen, o)]
+        mine = (seen.itinerary.entrance, seen.itinerary.exit)
+        junction = seen.junction
+        left = [o for o in seen.others if o.zone is not Zone.JUNCTION or in_the_way(junction, mine, o)]
         return super().allows(seen._replace(others=tuple(left)))
 
 
@@ -162,10 +174,14 @@ class _Deaf(Queue):
         return False
 
 
+class _JostleSign(_QueueMutant):
+    queue = _Deaf
+
+
 class Jostles(_Gated):
     """At a stop sign, does not notice that another one has set off already."""
 
-    queue = _Deaf
+    sign = _JostleSign
 
 
 class _Rushes(Light):

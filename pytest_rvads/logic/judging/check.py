@@ -1,12 +1,13 @@
-"""Judging a run by a rule: Algorithm 1 of the paper, and what it leaves open at the end of a finite run."""
+"""Judging a run by a rule: Algorithm 1 of the paper, and what it leaves open (facts on finite runs)."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from pytest_rvads.conduct.predicates import extract, once
+from pytest_rvads.conduct.predicates import extract
 from pytest_rvads.conduct.validate import damage
-from pytest_rvads.errors import RunError, require
+from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.logic.judging.attribution import attribute, companions
 from pytest_rvads.logic.judging.cycle import Cycle, find_cycle
 from pytest_rvads.logic.judging.evaluate import Values
@@ -14,12 +15,10 @@ from pytest_rvads.logic.judging.ground import ground, simplify, unfold
 from pytest_rvads.logic.judging.judge import Near, judge, nearest_miss
 from pytest_rvads.logic.judging.prepare import Template, prepare
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule
-from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.rule import Rule, get_rule
 from pytest_rvads.logic.rules.shape import shape_of
 from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.story import Story
-from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Run
 
 __all__ = ["check", "extract", "ground", "simplify", "unfold"]
@@ -34,15 +33,7 @@ _KINDS = {
 }
 
 
-def check(
-    run: Run,
-    rule: str | Rule,
-    *,
-    tie: float | None = None,
-    itinerary: bool = True,
-    standing: bool = False,
-    book: RuleBook | None = None,
-) -> Verdict:
+def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bool = True, standing: bool = False) -> Verdict:
     """Judge a run by a rule.
 
     Args:
@@ -52,7 +43,6 @@ def check(
         itinerary: use the known itineraries for ``take``; False evaluates the paper's definition, a future formula.
         standing: count waiting times from standstill, as the paper's text says, instead of from the arrival at the
             entrance, as its implementation does and its tables require.
-        book: to look the rule and its companions up in; by default the one that is open, with what you registered.
 
     With a subject among traffic (`Run.subject`) the status is that of the instances the subject is to blame for. Where it is
     to blame for none, whatever the traffic did is told with ``provoked`` set; and it passes only where an instance bound it
@@ -65,16 +55,14 @@ def check(
     Raises:
         FormulaError: an unknown rule, or one whose monitor would be too large.
     """
-    require(run, Run, "check takes a run, such as rvads.simulate(case) returns", RunError)
-    book = current_book(book)
-    rule = get_rule(rule, book)
+    rule = get_rule(rule) if isinstance(rule, str) else rule
     window = rule.tie if tie is None else tie
     if not window >= 0:
         raise RunError(f"the tie window must be a number of seconds, at least 0, got {tie!r}")
-    broken = once(run, damage)
+    broken = damage(run)
     if broken:
         return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason if run.fault else str(broken[0])))
-    story = _judged(rule, Values(run, window, standing=standing), book, itinerary)
+    story = _judged(rule, run, window, itinerary, standing)
     if run.fault is None:
         return tell(story)
     if story.status is Status.FAIL and not (story.provoked or story.unavoidable):
@@ -83,38 +71,37 @@ def check(
     return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason))
 
 
-def _judged(rule: Rule, values: Values, book: RuleBook, itinerary: bool) -> Story:
+def _judged(rule: Rule, run: Run, window: float, itinerary: bool, standing: bool) -> Story:
     """Return what a rule says of the states of a run, whatever ended it."""
-    run, control = values.run, values.run.junction.control
+    control = run.junction.control
     if rule.about not in (None, control):
         reason = f"{rule.name} is about junctions with {_KINDS[rule.about or control]}, this one has {_KINDS[control]}"
         return Story(rule, run, Status.NA, reason=reason)
     prepared = prepare(rule.formula, extract(run), rule.bound, itinerary=itinerary)
-    templates, collapsed = prepared.templates, prepared.collapsed
-    if not templates:
-        if shape_of(rule.formula).premise is not None or not collapsed:
+    if not prepared.templates:
+        if shape_of(rule.formula).premise is not None or not prepared.collapsed:
             reason = "no vehicle is in a position that the rule is about: what is static already excludes every instance"
-            return Story(rule, run, Status.NA, reason=reason, collapsed=collapsed)
-        return Story(rule, run, Status.PASS, collapsed=collapsed)
+            return Story(rule, run, Status.NA, reason=reason, collapsed=prepared.collapsed)
+        return Story(rule, run, Status.PASS, collapsed=prepared.collapsed)
+    values = Values(run, window, standing=standing)
     try:
-        found = judge(templates, values)
+        found = judge(prepared.templates, values)
     except RunError as error:
-        return Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=collapsed)
-    whose = attribute(found, rule, values, book)
-    story = Story(rule, run, whose.status, tuple(found), values, collapsed=collapsed)
+        return Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=prepared.collapsed)
+    whose = attribute(found, rule, values)
+    story = Story(rule, run, whose.status, tuple(found), values, collapsed=prepared.collapsed, tie=window)
     story.asked, story.unavoidable, story.provoked = whose.asked, whose.unavoidable, whose.provoked
     if whose.status is Status.NA:
-        story.reason, story.near = _idle(story, templates, values)
+        story.reason, story.near = _idle(story, prepared.templates, values)
     if whose.unavoidable or whose.status is Status.OPEN:
-        story.cycle = _cycle(rule, values, templates, book)
+        story.cycle = _cycle(rule, run, values, prepared.templates)
     if whose.status is Status.PASS and run.facts.strayed and run.subject in (None, *run.facts.strayed):
         story.status = Status.OPEN
         story.reason = f"{' and '.join(run.facts.strayed)} left the route, which ended the run: what would have come is not known"
-    if values.tie > 0:
-        exact = values.untied()
-        status = attribute(judge(templates, exact), rule, exact, book).status
-        if status is not whose.status:
-            story.notes.append(f"the tie window of {values.tie:g} s decides: without it the verdict would be {status}")
+    if window > 0:
+        exact = attribute(judge(prepared.templates, Values(run, standing=standing)), rule, Values(run, standing=standing))
+        if exact.status is not whose.status:
+            story.notes.append(f"the tie window of {window:g} s decides: without it the verdict would be {exact.status}")
     return story
 
 
@@ -127,10 +114,10 @@ def _idle(story: Story, templates: tuple[Template, ...], values: Values) -> tupl
     return "never triggered: the premise of no instance ever holds on the run", nearest_miss(templates, values)
 
 
-def _cycle(rule: Rule, values: Values, own: tuple[Template, ...], book: RuleBook) -> Cycle | None:
+def _cycle(rule: Rule, run: Run, values: Values, own: tuple[Template, ...]) -> Cycle | None:
     """Look for obligations that contradict each other: of the rule alone, else together with its companions."""
     found = find_cycle(own, values)
     if found is None and rule.companions:
-        found = find_cycle([*own, *companions(rule, values.run, book)], values)
+        found = find_cycle([*own, *companions(rule, run)], values)
         found = found and replace(found, alone=False)
     return found
