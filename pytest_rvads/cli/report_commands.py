@@ -52,7 +52,7 @@ def _merge(options: argparse.Namespace) -> int:
     if options.baseline:
         planned = set(report.planned)
         earlier = load(Path(options.baseline))
-        lost = {r["nodeid"] for r in earlier.records if cell_of(r) not in planned}
+        lost = {record.nodeid for record in earlier.records if cell_of(record) not in planned}
         report = with_baseline(report, compare(report, earlier, options.baseline, options.erosion, lost.__contains__))
     if options.output:
         save(Path(options.output), report)

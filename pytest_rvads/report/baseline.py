@@ -6,77 +6,16 @@ waited beyond what its rule asks for, and of the item's run the shortest time to
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
+from msgspec import structs
+
+from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record
-from pytest_rvads.report.session_report import Report
+from pytest_rvads.report.session_report import Change, Comparison, Report
 
-__all__ = ["Change", "Comparison", "compare", "with_baseline"]
-
-_WORDS = {
-    "NEW": "fails now and did not before, or is new and fails",
-    "FIXED": "failed before, also as a known failure, and passes now",
-    "ERODED": "passes both times, with less of a margin",
-    "LOST": "was judged before, and now is NA, is another place, or does not exist",
-    "KNOWN": "passed before and is marked as a known failure now",
-    "ADDED": "is judged now and was not before",
-    "UNCHANGED": "the same",
-    "NOT RUN": "was selected and did not run",
-    "OUTSIDE": "is in the baseline and was not selected now",
-}
-"""Every kind of change, in the order of the summary."""
-_TOLD = ("NEW", "FIXED", "ERODED", "LOST", "KNOWN")
-"""Kinds that are listed item by item."""
-
-
-@dataclass(frozen=True, slots=True)
-class Change:
-    """What became of one item."""
-
-    kind: str
-    """A key of the words above."""
-    nodeid: str
-    text: str = ""
-    """What happened, where there is more to say than the kind."""
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """A session beside its baseline."""
-
-    name: str
-    """Of the baseline."""
-    changes: tuple[Change, ...]
-    versions: tuple[str, ...] = ()
-    """A sentence for each version that differs."""
-
-    def count(self, *kinds: str) -> int:
-        """Return how many items changed in one of these ways."""
-        return sum(change.kind in kinds for change in self.changes)
-
-    @property
-    def headline(self) -> str:
-        """The numbers in one line."""
-        found = Counter(change.kind for change in self.changes)
-        return f"against {self.name}: " + (
-            ", ".join(f"{found[kind]} {kind}" for kind in _WORDS if found[kind]) or "nothing to compare"
-        )
-
-    def lines(self, most: int | None = None) -> Iterator[str]:
-        """Yield the changes worth telling, a line each.
-
-        Args:
-            most: per kind; the rest is counted.
-        """
-        yield from self.versions
-        for kind in _TOLD:
-            told = [change for change in self.changes if change.kind == kind]
-            for change in told[:most]:
-                yield f"{kind:<7} {change.nodeid}" + (f"  {change.text}" if change.text else "")
-            if most is not None and len(told) > most:
-                yield f"{kind:<7} ... and {len(told) - most} more"
+__all__ = ["compare", "with_baseline"]
 
 
 def compare(report: Report, baseline: Report, name: str, erosion: float, gone: Callable[[str], bool]) -> Comparison:
@@ -90,11 +29,11 @@ def compare(report: Report, baseline: Report, name: str, erosion: float, gone: C
         gone: whether an item of the baseline that the session has no record of does not exist any more; otherwise it was
             not selected.
     """
-    before = {record["nodeid"]: record for record in baseline.records}
-    changes = [_change(record, before.pop(record["nodeid"], None), erosion) for record in report.records]
+    before = {record.nodeid: record for record in baseline.records}
+    changes = [_change(record, before.pop(record.nodeid, None), erosion) for record in report.records]
     for nodeid, record in before.items():
         if gone(nodeid):
-            changes += [Change("LOST", nodeid, f"was {record['status']}, does not exist any more")] if _judged(record) else []
+            changes += [Change("LOST", nodeid, f"was {record.status}, does not exist any more")] if _judged(record) else []
         else:
             changes.append(Change("OUTSIDE", nodeid))
     differences = (
@@ -108,7 +47,7 @@ def compare(report: Report, baseline: Report, name: str, erosion: float, gone: C
 def with_baseline(report: Report, comparison: Comparison) -> Report:
     """Return the report with its comparison, and the kind of change in every record, under ``change``."""
     kinds = {change.nodeid: change.kind for change in comparison.changes}
-    records = tuple(record | {"change": kinds[record["nodeid"]]} for record in report.records)
+    records = tuple(structs.replace(record, change=kinds[record.nodeid]) for record in report.records)
     return replace(report, records=records, comparison=comparison)
 
 
@@ -116,58 +55,56 @@ _FAILED = ("violated", "error", "flaky")
 
 
 def _state(record: Record | None) -> str:
+    """Return the meaning of an outcome, or ``absent`` or ``known``; whatever the verdicts, a failed item is no passed one."""
     if record is None:
         return "absent"
-    if record["outcome"] == "failed":
+    if record.failed:
         # An error says nothing of what the verdict would be, so it is never the same as a violation.
-        return {"ERROR": "error", "NOT JUDGED": "error", "FLAKY": "flaky"}.get(record["status"], "violated")
-    if record["known"]:
+        return record.status.meaning if record.status.bad else "violated"
+    if record.known:
         return "known"
-    return "passed" if record["status"] in ("PASS", "PROVOKED", "UNAVOIDABLE") else "idle"
+    return "passed" if record.status.meaning == "passed" else "idle"
 
 
-def _judged(record: Record) -> bool:
-    return _state(record) != "idle"
-
-
-def _elsewhere(record: Record, before: Record | None) -> bool:
-    """Tell whether the junction of an item is not the one it was: another map under the same name."""
-    places = [found.get("place") for found in (record, before or {})]
-    return None not in places and places[0] != places[1]
+def _judged(record: Record | None) -> bool:
+    return record is not None and _state(record) != "idle"
 
 
 def _change(record: Record, before: Record | None, erosion: float) -> Change:
     """Return what became of an item that the session has a record of."""
-    nodeid, now = record["nodeid"], _state(record)
-    if record["status"] == "NOT RUN":
+    if record.status is Outcome.NOT_RUN:
         # A skip that somebody wrote into a test is a choice; being too late, or interrupted, is none.
-        chosen = record["outcome"] == "skipped" and not record["message"].startswith("NOT RUN: ")
-        if chosen and before is not None and _judged(before):
-            return Change("LOST", nodeid, f"was {before['status']}, is skipped")
-        return Change("NOT RUN", nodeid)
-    moved = _elsewhere(record, before)
-    then = "absent" if moved else _state(before)
-    was = "" if before is None else before["status"]
+        chosen = record.outcome == "skipped" and not record.message.startswith("NOT RUN: ")
+        if before and chosen and _judged(before):
+            return Change("LOST", record.nodeid, f"was {before.status}, is skipped")
+        return Change("NOT RUN", record.nodeid)
+    # Another map under the same name is no basis.
+    moved = before is not None and None not in (record.place, before.place) and record.place != before.place
+    then, now = "absent" if moved else _state(before), _state(record)
+    was = before.status.value if before else ""
+    if now in _FAILED and then != now:
+        changed = f"was {was}, is {record.status}: " if then in _FAILED else ""
+        return Change("NEW", record.nodeid, changed + record.message.strip().partition("\n")[0])
+    if moved and now not in _FAILED and _judged(before):
+        return Change("LOST", record.nodeid, f"was {was}, at a junction that is not the same any more")
+    kind, text = _kept(then, now)
+    if kind == "UNCHANGED" and now == "passed" and before and (eroded := _erosion(record, before, erosion)):
+        return Change("ERODED", record.nodeid, eroded)
+    return Change(kind, record.nodeid, text.format(was=was, now=record.status, known=record.known))
+
+
+def _kept(then: str, now: str) -> tuple[str, str]:
+    """Return the kind of a change that is no new failure, and what to say of it."""
     match then, now:
-        case _, ("violated" | "error" | "flaky") if then == now:
-            return Change("UNCHANGED", nodeid)
-        case _, ("violated" | "error" | "flaky"):
-            changed = f"was {was}, is {record['status']}: " if then in _FAILED else ""
-            return Change("NEW", nodeid, changed + record["message"].strip().partition("\n")[0])
-        case "absent", _ if moved and before is not None and _judged(before):
-            return Change("LOST", nodeid, f"was {was}, at a junction that is not the same any more")
         case (("violated" | "error" | "flaky" | "known"), "passed"):
-            return Change("FIXED", nodeid)
+            return "FIXED", ""
         case "passed", "known":
-            return Change("KNOWN", nodeid, record["known"])
+            return "KNOWN", "{known}"
         case (("passed" | "violated" | "error" | "flaky" | "known"), "idle"):
-            return Change("LOST", nodeid, f"was {was}, is {record['status']}")
-        case (("absent" | "idle"), ("passed" | "known")):
-            return Change("ADDED", nodeid)
-        case "absent", _:
-            return Change("ADDED", nodeid)
-    lost = _erosion(record, before or {}, erosion) if now == "passed" else ""
-    return Change("ERODED", nodeid, lost) if lost else Change("UNCHANGED", nodeid)
+            return "LOST", "was {was}, is {now}"
+        case ("absent", _) | ("idle", ("passed" | "known")):
+            return "ADDED", ""
+    return "UNCHANGED", ""
 
 
 def _erosion(record: Record, before: Record, least: float) -> str:
@@ -180,6 +117,11 @@ def _erosion(record: Record, before: Record, least: float) -> str:
 
 def _margins(record: Record) -> dict[str, float]:
     """Return the safety margins of an item [s], the larger the safer."""
-    waits = [-i["margin"] for v in record["verdicts"] for i in v.get("instances", ()) if i["margin"] is not None]
-    found = {"margin": min(waits, default=None)} | {name: record.get("kpis", {}).get(name) for name in ("ttc", "pet")}
+    waits = [-i.margin for verdict in record.verdicts for i in verdict.instances if i.margin is not None]
+    kpis = record.kpis
+    found = {
+        "margin": min(waits, default=None),
+        "ttc": kpis.ttc if kpis else None,
+        "pet": kpis.pet if kpis else None,
+    }
     return {name: value for name, value in found.items() if value is not None}

@@ -8,15 +8,14 @@ traffic was asked exercises nothing, nor does NA, an error, or an item that did 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from pytest_rvads.report.record import Record, asked
+from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Cell, Report, cell_of
 
-__all__ = ["Coverage", "dropped", "measure", "shortfall"]
-
-_REASONS = ("ERROR", "FLAKY", "NOT JUDGED", "UNAVOIDABLE", "PROVOKED", "NA", "NOT RUN")
-"""Why a cell is not exercised, the first that applies to one of its items."""
+__all__ = ["Coverage", "at_junctions", "dropped", "measure", "shortfall"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,17 +42,20 @@ class Coverage:
 
 def measure(report: Report) -> Coverage:
     """Return the coverage of a session over its cells."""
-    cells: dict[Cell, list[Record]] = {tuple(cell): [] for cell in report.planned}  # type: ignore[misc]
+    cells: dict[Cell, list[Record]] = {cell: [] for cell in report.planned}
     for record in report.records:
         cells.setdefault(cell_of(record), []).append(record)
     idle: Counter[str] = Counter()
     for records in cells.values():
-        if not any(map(asked, records)):
-            statuses = {record["status"] for record in records}
-            idle[next((reason for reason in _REASONS if reason in statuses), "not selected")] += 1
-    order = (*_REASONS, "not selected")
-    ordered = {why if why == "NA" else why.lower(): idle[why] for why in order if idle[why]}
-    return Coverage(len(cells), len(cells) - idle.total(), ordered)
+        if not any(record.asked for record in records):
+            # The first reason that applies to one of its items.
+            whys = sorted((record.status for record in records if not record.status.judges), key=lambda why: why.severity)
+            idle[whys[0].small if whys else _UNSELECTED] += 1
+    order = (*(outcome.small for outcome in Outcome.worst_first()), _UNSELECTED)
+    return Coverage(len(cells), len(cells) - idle.total(), {why: idle[why] for why in order if idle[why]})
+
+
+_UNSELECTED = "not selected"
 
 
 def shortfall(report: Report, least: float) -> str:
@@ -63,10 +65,10 @@ def shortfall(report: Report, least: float) -> str:
         report: a session or several merged.
         least: share of the planned cells that have to be exercised [%].
     """
-    found = measure(report)
-    if found.planned and 100 * found.exercised >= least * found.planned:
+    coverage = measure(report)
+    if coverage.planned and 100 * coverage.exercised >= least * coverage.planned:
         return ""
-    return f"coverage is below {least:g} %: {found}"
+    return f"coverage is below {least:g} %: {coverage}"
 
 
 def dropped(report: Report) -> list[str]:
@@ -76,3 +78,44 @@ def dropped(report: Report) -> list[str]:
     tests = ", ".join(f"{count} of {test}" for test, count in report.left_out.items())
     count = sum(report.left_out.values())
     return [f"{count} point{'' if count == 1 else 's'} beyond v(d)max left out: {tests}"]
+
+
+def at_junctions(records: Sequence[Record], totals: Mapping[int, tuple[int, int]]) -> list[str]:
+    """Return a line per junction: what was exercised of it, and the verdicts by status.
+
+    Args:
+        records: of a session.
+        totals: per number of ways, how many classes and how many full scenarios exist.
+    """
+    here: dict[str, list[Record]] = {}
+    for record in records:
+        here.setdefault(record.junction, []).append(record)
+    return [_at(junction, found, *totals[found[0].ways]) for junction, found in here.items()]
+
+
+def _at(junction: str, records: Sequence[Record], classes: int, scenarios: int) -> str:
+    ran = [record for record in records if record.hash and record.status is not Outcome.ERROR]
+    seen = {record.cls for record in ran} - {0}
+    members = {record.scenario for record in ran if record.cls}
+    # As seen from its seat, equal scenarios are rotations of each other; with a subject there are as many classes as scenarios.
+    seated = {r.scenario[r.seat :] + r.scenario[: r.seat] for r in ran if r.cls and r.seat is not None}
+    seats = f"{len(seated)}/{scenarios} classes with a subject, " if seated else ""
+    runs = {record.hash for record in ran}
+    idle = sorted({record.asks for record in records} - {r.asks for r in records if r.status is not Outcome.NA})
+    return (
+        f"{junction}: {len(seen)}/{classes} classes, {seats}{len(members)}/{scenarios} scenarios, {len(runs)} runs, "
+        f"{len(records)} verdicts: {_counted(records)}" + (f"  (never applicable: {', '.join(idle)})" if idle else "")
+    )
+
+
+def _counted(records: Sequence[Record]) -> str:
+    """Return the verdicts by status: ``3 pass, 1 known failures, 2 NA``."""
+    counts = Counter(record.status for record in records if not record.known)
+    told = [(outcome, f"{counts[outcome]} {outcome.word}") for outcome in Outcome if counts[outcome]]
+    known = sum(bool(record.known) for record in records)
+    parts = [text for _, text in told]
+    if known:
+        # After all that was found out of somebody, before what was not.
+        place = sum(outcome.judges or outcome.meaning == "passed" for outcome, _ in told)
+        parts.insert(place, f"{known} known failures")
+    return ", ".join(parts)

@@ -1,32 +1,32 @@
-"""A session's report on disk: JSON for programs, Markdown for GitHub's job summary, HTML for people."""
+"""A session's report on disk: the table of formats, writing, and reading JSON back."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+
+import msgspec
 
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.report.coverage import dropped, measure
-from pytest_rvads.report.driven import drivers
-from pytest_rvads.report.indicators import extremes
-from pytest_rvads.report.matrix import coverage, matrices
+from pytest_rvads.report.markdown import markdown
+from pytest_rvads.report.outline import outline
 from pytest_rvads.report.page import page
-from pytest_rvads.report.session_report import Report, cell_from
-from pytest_rvads.report.timing import timing
+from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.traceability import table
-from pytest_rvads.report.triage import causes, provoked, unavoidable
 
-__all__ = ["FORMATS", "append_summary", "load", "markdown", "save"]
+__all__ = ["FORMATS", "append_summary", "load", "save"]
 
-VERSION = 3
+VERSION = 4
 SUMMARY_LIMIT = 900 * 1024
 """GitHub drops a job summary above 1 MiB as a whole [bytes]."""
-_REQUIRED = {
-    *("nodeid", "line", "test", "ways", "junction", "cls", "scenario", "cfg", "rule", "seat", "traffic", "driver"),
-    *("status", "verdicts", "outcome"),
-}
+
+
+class _Head(msgspec.Struct):
+    """What tells a report from other files."""
+
+    format: str
+    version: int
 
 
 def save(path: Path, report: Report) -> None:
@@ -65,89 +65,32 @@ def load(path: Path) -> Report:
     """Read a JSON report.
 
     Raises:
-        RvadsError: not a report, or one of another version.
+        RvadsError: not a report, or one of another version, or damaged: where, and what was expected there.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = path.read_bytes()
+        head = msgspec.json.decode(content, type=_Head)
+    except msgspec.ValidationError:
+        head = _Head("", 0)
     except (OSError, ValueError) as error:
         raise RvadsError(f"{path} can't be read as a report of --rvads-report: {error}") from error
-    if not isinstance(content, dict) or content.get("format") != "rvads-report" or content.get("version") != VERSION:
+    if (head.format, head.version) != ("rvads-report", VERSION):
         raise RvadsError(f"{path} is not a report of version {VERSION} written by --rvads-report=FILE.json")
     try:
-        return _report(content)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise RvadsError(f"{path} is a damaged report ({type(error).__name__}: {error}): write it again") from error
-
-
-def _report(content: dict[str, Any]) -> Report:
-    for record in content["records"]:
-        if missing := sorted(_REQUIRED - record.keys()):
-            raise ValueError(f"a record has no {', '.join(missing)}")
-    return Report(
-        tuple(content["records"]),
-        {int(ways): (classes, scenarios) for ways, (classes, scenarios) in content["totals"].items()},
-        tuple(map(cell_from, content["planned"])),
-        dict(content["versions"]),
-        int(content["exitstatus"]),
-        tuple(content["notes"]),
-        {str(test): int(count) for test, count in content["left_out"].items()},
-    )
+        return msgspec.json.decode(content, type=Report)
+    except msgspec.ValidationError as error:
+        raise RvadsError(f"{path} is a damaged report: {error}: write it again") from error
 
 
 def _json(report: Report) -> str:
+    """Return a report as JSON: what it is made of, to be read back, and under ``outline`` what it says."""
     content = {
         "format": "rvads-report",
         "version": VERSION,
-        "versions": report.versions,
-        "exitstatus": report.exitstatus,
-        "notes": report.notes,
-        "left_out": report.left_out,
-        "totals": {str(ways): total for ways, total in report.totals.items()},
-        "planned": report.planned,
-        "records": report.records,
+        **{field.name: getattr(report, field.name) for field in fields(report)},
+        "outline": [{"title": block.title, "lines": list(block.plain())} for block in outline(report)],
     }
-    return json.dumps(content, indent=1)
-
-
-def markdown(report: Report) -> str:
-    """Return a report as Markdown: the causes first, then coverage and verdict matrices."""
-    records = report.records
-    lines = ["# rvads verdicts", ""]
-    if report.exitstatus > 1:
-        lines += [f"**The session did not end by itself (exit status {report.exitstatus}): verdicts are missing.**", ""]
-    lines += [line for note in report.notes for line in (f"**{_cell(note)}**", "")]
-    if report.comparison:
-        lines += ["## Since the baseline", "", _cell(report.comparison.headline), ""]
-        lines += [f"- {_cell(line)}" for line in report.comparison.lines()]
-        lines.append("")
-    for title, groups in (
-        ("Causes of failures", causes(records)),
-        ("Provoked by traffic", provoked(records)),
-        ("Unavoidable: nobody could have kept the rule", unavoidable(records)),
-    ):
-        if groups:
-            lines += [f"## {title}", "", "| items | rule | cause | first |", "|---:|---|---|---|"]
-            lines += [f"| {c.count} | {_cell(c.rule)} | {_cell(c.line)} | `{_cell(c.example)}` |" for c in groups]
-            lines.append("")
-    said = (
-        *drivers(records),
-        *coverage(records, report.totals),
-        *extremes(records),
-        *timing(records),
-        f"coverage: {measure(report)}",
-        *dropped(report),
-    )
-    lines += [f"- {_cell(line)}" for line in said]
-    for matrix in matrices(records):
-        lines += ["", f"## {matrix.title}", ""]
-        lines.append("| class | " + " | ".join(f"{cfg} {rule}" for cfg, rule in matrix.columns) + " |")
-        lines.append("|---|" + "---|" * len(matrix.columns))
-        lines += [f"| {label} | " + " | ".join(_cell(c) for c in cells) + " |" for label, cells in matrix.rows]
-    return "\n".join(lines) + "\n"
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ")
+    return msgspec.json.format(msgspec.json.encode(content), indent=1).decode()
 
 
 FORMATS: dict[str, Callable[[Report, Path], str]] = {

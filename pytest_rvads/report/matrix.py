@@ -1,4 +1,4 @@
-"""The verdict matrix and the coverage of a session, as plain values."""
+"""The verdict matrix of a session, as plain values."""
 
 from __future__ import annotations
 
@@ -6,13 +6,37 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record
 
-__all__ = ["Matrix", "coverage", "group_of", "matrices"]
+__all__ = ["Entry", "Matrix", "group_of", "matrices"]
 
 
 _CLASS = re.compile(r"-class(\d{2,})-")
+
+
+class Entry(NamedTuple):
+    """What stands where a row and a column of a matrix meet."""
+
+    text: str = ""
+    """``pass``, ``3/4 fail``, ``NA``, ``xfail I3``; empty where no item is."""
+    outcome: Outcome | None = None
+    """The worst in it."""
+    known: bool = False
+    """Whether all that went wrong was known."""
+
+    @property
+    def bad(self) -> bool:
+        """Whether something went wrong that was not known."""
+        return bool(self.outcome and self.outcome.bad and not self.known)
+
+    @property
+    def style(self) -> str:
+        """How a terminal shows it: bold only where all of it went wrong."""
+        style = self.outcome.style if self.outcome else ""
+        return style if self.outcome and self.text == self.outcome.cell else style.removeprefix("bold ")
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,12 +46,12 @@ class Matrix:
     title: str
     columns: tuple[tuple[str, str], ...]
     """(configuration, rule) of each column."""
-    rows: tuple[tuple[str, tuple[str, ...]], ...]
-    """Classes with equal verdicts, and a text per column: ``pass``, ``3/4 fail``, ``NA``, ``xfail I3``."""
+    rows: tuple[tuple[str, tuple[Entry, ...]], ...]
+    """Classes with equal verdicts, and an entry per column."""
 
     def shortened(self, most: int) -> Matrix:
         """Return the matrix with at most so many rows: those in which something is wrong, then the first ones."""
-        wrong = [any(bad in cell.upper() for cell in cells for bad in _BAD) for _, cells in self.rows]
+        wrong = [any(entry.bad or entry.known for entry in entries) for _, entries in self.rows]
         kept = sorted(sorted(range(len(self.rows)), key=lambda i: not wrong[i])[:most])
         return replace(self, rows=tuple(self.rows[i] for i in kept))
 
@@ -42,18 +66,18 @@ def matrices(records: Sequence[Record]) -> list[Matrix]:
 
 def group_of(record: Record) -> str:
     """Return the title of the matrix that a record belongs to."""
-    among = f" among {record['traffic']} traffic" if record.get("traffic") else ""
-    return f"{record['junction']}{among}   {record['nodeid'].partition('[')[0]}"
+    among = f" among {record.traffic} traffic" if record.traffic else ""
+    return f"{record.junction}{among}   {record.nodeid.partition('[')[0]}"
 
 
 def _matrix(title: str, records: Sequence[Record]) -> Matrix:
-    columns = tuple(sorted({(r["cfg"], _rule(r)) for r in records}, key=lambda c: (c[0], c[1])))
+    columns = tuple(sorted({(record.cfg, record.asks) for record in records}))
     cells: dict[int, dict[tuple[str, str], list[Record]]] = {}
     for record in records:
-        cells.setdefault(record["cls"], {}).setdefault((record["cfg"], _rule(record)), []).append(record)
-    alike: dict[tuple[str, ...], list[int]] = {}
+        cells.setdefault(record.cls, {}).setdefault((record.cfg, record.asks), []).append(record)
+    alike: dict[tuple[Entry, ...], list[int]] = {}
     for number in sorted(cells):
-        row = tuple(_text(cells[number].get(column, [])) for column in columns)
+        row = tuple(_entry(cells[number].get(column, [])) for column in columns)
         alike.setdefault(row, []).append(number)
     width = max(map(_width, records))
     return Matrix(title, columns, tuple((_spans(numbers, width), row) for row, numbers in alike.items()))
@@ -61,35 +85,27 @@ def _matrix(title: str, records: Sequence[Record]) -> Matrix:
 
 def _width(record: Record) -> int:
     """Return how many digits the number of a class has in ids, at least two."""
-    found = _CLASS.search(record["nodeid"])
+    found = _CLASS.search(record.nodeid)
     return len(found[1]) if found else 2
 
 
-def _rule(record: Record) -> str:
-    return record["rule"] or "run"
-
-
-def _text(records: Sequence[Record]) -> str:
-    """Return what a cell says: its status, or where the rows differ the bad ones with their share; known failures apart."""
+def _entry(records: Sequence[Record]) -> Entry:
+    """Return an outcome, or where the rows differ the bad ones with their share; known failures apart."""
     if not records:
-        return ""
-    kinds = Counter(_kind(r) for r in records)
-    if len(kinds) == 1:
-        return next(iter(kinds))
-    bad = [kind for kind in _BAD if kinds[kind]] + sorted(kind for kind in kinds if kind.startswith("xfail"))
-    shown = bad or [kind for kind in ("NOT RUN", "unavoidable", "provoked", "pass", "NA") if kinds[kind]]
-    return ", ".join(f"{kinds[kind]}/{len(records)} {kind.lower() if kind in _BAD else kind}" for kind in shown)
-
-
-_BAD = ("ERROR", "FLAKY", "FAIL", "NOT JUDGED", "OPEN")
-
-
-def _kind(record: Record) -> str:
-    known: str | None = record["known"]
-    status: str = record["status"]
-    if known:
-        return f"xfail {known.partition(':')[0]}"
-    return status.lower() if status in ("PASS", "PROVOKED", "UNAVOIDABLE") else status
+        return Entry()
+    counts = Counter(record.status for record in records if not record.known)
+    known = Counter(f"xfail {record.known.partition(':')[0]}" for record in records if record.known)
+    worst = min((record.status for record in records), key=lambda outcome: outcome.severity)
+    bad = [outcome for outcome in Outcome.worst_first() if counts[outcome] and outcome.bad]
+    only_known = bool(known) and not bad
+    if len(counts) + len(known) == 1:
+        return Entry(next(iter(known), worst.cell), worst, only_known)
+    shown = [(counts[outcome], outcome.small) for outcome in bad] + [(known[name], name) for name in sorted(known)]
+    if not shown:
+        # What did not run comes first: it may be anything.
+        rest = sorted(counts, key=lambda outcome: (outcome is not Outcome.NOT_RUN, outcome.severity))
+        shown = [(counts[outcome], outcome.cell) for outcome in rest]
+    return Entry(", ".join(f"{count}/{len(records)} {name}" for count, name in shown), worst, only_known)
 
 
 def _spans(numbers: Sequence[int], width: int) -> str:
@@ -101,51 +117,3 @@ def _spans(numbers: Sequence[int], width: int) -> str:
         else:
             spans.append([number, number])
     return ", ".join(f"{a:0{width}d}" if a == b else f"{a:0{width}d}-{b:0{width}d}" for a, b in spans)
-
-
-def coverage(records: Sequence[Record], totals: dict[int, tuple[int, int]]) -> list[str]:
-    """Return a line per junction: what was exercised of it, and the verdicts by status.
-
-    Args:
-        records: of a session.
-        totals: per number of ways, how many classes and how many full scenarios exist.
-    """
-    lines = []
-    for junction in dict.fromkeys(r["junction"] for r in records):
-        here = [r for r in records if r["junction"] == junction]
-        classes, scenarios = totals[here[0]["ways"]]
-        ran = [r for r in here if r.get("hash") and r["status"] != "ERROR"]
-        seen = {r["cls"] for r in ran} - {0}
-        members = {r["scenario"] for r in ran if r["cls"]}
-        seated = {_from(r["scenario"], r["seat"]) for r in ran if r["cls"] and r["seat"] is not None}
-        # With a vehicle under test among traffic there are as many classes as scenarios.
-        seats = f"{len(seated)}/{scenarios} classes with a subject, " if seated else ""
-        runs = {r["hash"] for r in ran}
-        counts = Counter("known" if r["known"] else r["status"] for r in here)
-        verdicts = ", ".join(f"{counts[s]} {w}" for s, w in _WORDS if counts[s])
-        idle = sorted({_rule(r) for r in here} - {_rule(r) for r in here if r["status"] != "NA"})
-        lines.append(
-            f"{junction}: {len(seen)}/{classes} classes, {seats}{len(members)}/{scenarios} scenarios, {len(runs)} runs, "
-            f"{len(here)} verdicts: {verdicts}" + (f"  (never applicable: {', '.join(idle)})" if idle else "")
-        )
-    return lines
-
-
-def _from(scenario: str, seat: int) -> str:
-    """Return a scenario as seen from a seat: equal ones are rotations of each other."""
-    return scenario[seat:] + scenario[:seat]
-
-
-_WORDS = (
-    ("PASS", "pass"),
-    ("FAIL", "fail"),
-    ("OPEN", "open"),
-    ("UNAVOIDABLE", "unavoidable"),
-    ("PROVOKED", "provoked by traffic"),
-    ("known", "known failures"),
-    ("NA", "NA"),
-    ("ERROR", "error"),
-    ("FLAKY", "flaky"),
-    ("NOT JUDGED", "not judged"),
-    ("NOT RUN", "not run"),
-)

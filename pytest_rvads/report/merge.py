@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
-from pytest_rvads.report.record import JUDGED, SEVERITY, Record
+from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Cell, Report, in_order
 
 __all__ = ["merge"]
@@ -27,11 +29,11 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
     clashes: list[str] = []
     for name, report in reports:
         for record in report.records:
-            known = records.setdefault(record["nodeid"], (name, record))
+            known = records.setdefault(record.nodeid, (name, record))
             if known[1] is not record:
                 clash = _clash(known, (name, record))
                 clashes += [clash] if clash else []
-                records[record["nodeid"]] = min(known, (name, record), key=lambda found: SEVERITY.index(found[1]["status"]))
+                records[record.nodeid] = min(known, (name, record), key=lambda found: found[1].status.severity)
     notes = [f"{name}: {note}" for name, report in reports for note in report.notes]
     notes += clashes[:_SHOWN]
     if len(clashes) > _SHOWN:
@@ -47,18 +49,19 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
         _exitstatus([report for _, report in reports], merged, bool(clashes)),
         tuple(differences + notes),
         {test: count for _, report in reports for test, count in report.left_out.items()},
+        _seconds([report for _, report in reports]),
     )
 
 
 def _clash(one: tuple[str, Record], other: tuple[str, Record]) -> str:
     """Return how two records of the same item contradict each other, or nothing."""
     (first, a), (second, b) = one, other
-    if "NOT RUN" in (a["status"], b["status"]):
+    if Outcome.NOT_RUN in (a.status, b.status):
         return ""
-    if a["status"] != b["status"]:
-        return f"{a['nodeid']} is {a['status']} in {first} and {b['status']} in {second}"
-    if a.get("hash") != b.get("hash"):
-        return f"{a['nodeid']} is {a['status']} in both {first} and {second}, but of different runs"
+    if a.status != b.status:
+        return f"{a.nodeid} is {a.status} in {first} and {b.status} in {second}"
+    if a.hash != b.hash:
+        return f"{a.nodeid} is {a.status} in both {first} and {second}, but of different runs"
     return ""
 
 
@@ -76,14 +79,22 @@ def _versions(reports: Sequence[tuple[str, Report]]) -> tuple[dict[str, str], li
     return {package: ", ".join(where) for package, where in found.items()}, differences
 
 
+def _seconds(reports: Sequence[Report]) -> dict[str, float]:
+    """Return how long the runs took, those whose items were split in all."""
+    seconds: Counter[str] = Counter()
+    for report in reports:
+        seconds.update(report.seconds)
+    return dict(seconds)
+
+
 def _exitstatus(reports: Sequence[Report], records: Sequence[Record], clashed: bool) -> int:
     """Return the exit status of a session that had run all this.
 
     A shard in which nothing was applicable (5) is no trouble as long as another one judged something.
     """
     worst = max((r.exitstatus for r in reports if r.exitstatus != 5), default=0)
-    if worst == 0 and (clashed or any(r["outcome"] == "failed" for r in records)):
+    if worst == 0 and (clashed or any(record.failed for record in records)):
         return 1
-    if worst == 0 and not any(r["status"] in JUDGED for r in records):
+    if worst == 0 and not any(record.status.judges for record in records):
         return 5
     return worst

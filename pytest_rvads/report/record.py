@@ -1,28 +1,192 @@
-"""Records: one plain dict per item, the only thing that reports are made from."""
+"""Records: one value per item, the only thing that reports are made from."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-__all__ = ["JUDGED", "SEVERITY", "Record", "asked", "cell_record", "conclude", "flake", "not_run", "properties"]
+import msgspec
+from msgspec.structs import replace
 
-Record = dict[str, Any]
+from pytest_rvads.report.outcome import Outcome
 
-SEVERITY = ("ERROR", "FLAKY", "FAIL", "NOT JUDGED", "OPEN", "UNAVOIDABLE", "PROVOKED", "PASS", "NA", "NOT RUN")
-"""Every status of a record, the worst first.
-
-UNAVOIDABLE: violated, and nobody could have kept the rule. PROVOKED: violated or open by the doing of the traffic, not of the
-subject. NOT JUDGED: the test has a rule or a monitor and judged nothing.
-"""
-JUDGED = ("PASS", "FAIL", "OPEN")
-"""Statuses in which something was found out about the system under test; a session without any of them is not green."""
+__all__ = ["Computing", "Record", "VerdictRecord", "conclude", "planned_record", "properties", "received", "sent", "updated"]
 
 
-def cell_record(
-    nodeid: str, line: int, test: str, keys: Mapping[str, str | int], ways: int, requirements: Sequence[str] = ()
+class InstanceRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """What one instance of a rule says."""
+
+    binding: dict[str, str] = {}
+    status: Outcome | None = None
+    responsible: tuple[str, ...] = ()
+    trigger: float | None = None
+    """Since when the obligation exists [s]."""
+    failed: float | None = None
+    """When no continuation could repair it any more [s]."""
+    broken: tuple[str, ...] = ()
+    margin: float | None = None
+    """How long before it was allowed the bound vehicle acted, negative when it waited [s]."""
+
+
+class NearRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """The step in which a rule that never applied came closest to applying."""
+
+    binding: dict[str, str]
+    time: float
+    """Of that step [s]."""
+    missing: tuple[str, ...]
+    steps: int
+
+
+class VerdictRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """What one rule says about a run: a `Verdict` without its explanation."""
+
+    rule: str = ""
+    status: Outcome
+    message: str = ""
+    reason: str = ""
+    final: bool = False
+    time: float | None = None
+    """Of the earliest violation, or since when the obligation is open [s]."""
+    counts: dict[str, int] = {}
+    collapsed: int = 0
+    responsible: tuple[str, ...] = ()
+    instances: tuple[InstanceRecord, ...] = ()
+    near: NearRecord | None = None
+    cause: str = ""
+    violated: str = ""
+    roles: str = ""
+    asked: bool = True
+    unavoidable: bool = False
+    notes: tuple[str, ...] = ()
+    requirement: str | None = None
+    subject: str | None = None
+    provoked: bool = False
+
+    @property
+    def outcome(self) -> Outcome:
+        """What it makes of its item."""
+        return Outcome.UNAVOIDABLE if self.unavoidable else Outcome.PROVOKED if self.provoked else self.status
+
+
+class VehicleIndicators(msgspec.Struct, frozen=True, kw_only=True):
+    """Indicators of one vehicle: times [s], deceleration [m/s^2], jerk [m/s^3]."""
+
+    agent: str
+    waiting: float | None = None
+    delay: float | None = None
+    deceleration: float | None = None
+    jerk: float | None = None
+
+
+class PairIndicators(msgspec.Struct, frozen=True, kw_only=True):
+    """Indicators of two vehicles: time to collision and post-encroachment time [s]."""
+
+    agents: tuple[str, str]
+    ttc: float | None = None
+    pet: float | None = None
+
+
+class Indicators(msgspec.Struct, frozen=True, kw_only=True):
+    """Key performance indicators of a run, with the shortest times of all pairs [s]."""
+
+    vehicles: tuple[VehicleIndicators, ...] = ()
+    pairs: tuple[PairIndicators, ...] = ()
+    ttc: float | None = None
+    pet: float | None = None
+    unavailable: tuple[str, ...] = ()
+
+
+class Computing(msgspec.Struct, frozen=True, kw_only=True):
+    """How long a stack in another process computed in a run: the sum and the longest decision [s]."""
+
+    stack: str
+    decisions: int
+    compute: float
+    longest: float
+
+
+class Difference(msgspec.Struct, frozen=True):
+    """Where a run parts from its repetition."""
+
+    what: str
+    """The first field that differs."""
+    time: float | None
+    """Of the first state that does [s], None where it is not the states."""
+    text: str
+    """The difference in one sentence."""
+
+
+class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What is known of an item; NOT RUN as long as it has not run.
+
+    What comes from its run, and what only some records have, is left out of files where there is none.
+    """
+
+    nodeid: str
+    line: int
+    """Of the test function in its file."""
+    test: str
+    """Name of the test function."""
+    ways: int
+    """Number of entrances of the junction."""
+    junction: str
+    cls: int
+    scenario: str
+    cfg: str
+    rotation: int
+    seat: int | None
+    traffic: str | None
+    rule: str | None
+    driver: str
+    """What drove, as it calls itself."""
+    requirements: tuple[str, ...]
+    """Identifiers of what scenario and rule trace to."""
+    status: Outcome
+    verdicts: tuple[VerdictRecord, ...]
+    known: str | None
+    """Reason of the xfail that matched."""
+    outcome: str
+    """Pytest's, empty if it did not run."""
+    message: str
+    run: str | None = None
+    hash: str | None = None
+    place: str | None = None
+    """Digest of the junction: another map under the same name has another one."""
+    duration: float | None = None
+    """Of the run [s]."""
+    kpis: Indicators | None = None
+    timing: dict[str, Computing] | None = None
+    """By vehicle, of those that a stack in another process drove."""
+    unkept: str | None = None
+    """Why the run could not be kept."""
+    flaky: Difference | None = None
+    look: str = ""
+    """The replay page, with the time of the violation."""
+    change: str = ""
+    """Since the baseline, where there is one."""
+
+    @property
+    def asks(self) -> str:
+        """The rule, or ``run`` where a test judges the run itself."""
+        return self.rule or "run"
+
+    @property
+    def failed(self) -> bool:
+        """Whether the item failed."""
+        return self.outcome == "failed"
+
+    @property
+    def asked(self) -> bool:
+        """Whether a rule asked something of the system under test, of the subject where there is one, and got an answer."""
+        given = any(verdict.asked for verdict in self.verdicts if verdict.status.judges)
+        return self.status.judges or (given and self.status is not Outcome.ERROR)
+
+
+def planned_record(
+    nodeid: str, line: int, test: str, keys: Mapping[str, Any], ways: int, requirements: Sequence[str] = ()
 ) -> Record:
-    """Start the record of an item.
+    """Return the record of an item that is to run.
 
     Args:
         nodeid: of the item.
@@ -32,98 +196,91 @@ def cell_record(
         ways: number of entrances of the junction.
         requirements: identifiers of what scenario and rule trace to.
     """
-    return {
-        "nodeid": nodeid,
-        "line": line,
-        "test": test,
-        "ways": ways,
-        "seat": None,
-        "traffic": None,
-        "rule": None,
-        "driver": "",
-        **keys,
-        "requirements": list(requirements),
-    }
-
-
-def asked(record: Record) -> bool:
-    """Return whether a rule asked something of the system under test, of the subject where there is one, and got an answer."""
-    given = any(v.get("asked", True) for v in record["verdicts"] if v["status"] in JUDGED)
-    return record["status"] in JUDGED or (given and record["status"] != "ERROR")
+    known: dict[str, Any] = {"seat": None, "traffic": None, "rule": None, "driver": "", **keys}
+    return Record(
+        nodeid=nodeid,
+        line=line,
+        test=test,
+        ways=ways,
+        requirements=tuple(requirements),
+        status=Outcome.NOT_RUN,
+        verdicts=(),
+        known=None,
+        outcome="",
+        message="",
+        **known,
+    )
 
 
 def conclude(
     record: Record,
-    verdicts: Sequence[Record],
+    verdicts: Iterable[Mapping[str, Any]],
     when: str,
     outcome: str,
     *,
     known: str | None = None,
     text: str = "",
-    asserted: bool = True,
-    judged: bool = True,
-) -> None:
-    """Complete a record when its item is over.
+    error: Outcome | None = None,
+) -> Record:
+    """Return the record of an item that is over.
 
     Args:
-        record: of the item, changed in place.
-        verdicts: records of the verdicts given, in order.
+        record: of the item so far.
+        verdicts: the verdicts given, as builtins, in order.
         when: phase of the report.
         outcome: pytest's outcome.
         known: reason of the xfail that matched, or None.
         text: of the exception, or empty.
-        asserted: whether the exception, if any, is a failed assertion; any other one is an error of the test.
-        judged: False where the test has a rule or a monitor and did not judge, for which it failed.
+        error: what a failure is that is no failed assertion: ERROR, or NOT JUDGED where the test was to judge and did not.
 
     The status is that of the verdicts, worst first. A test of a run without rule and monitor is PASS or FAIL by its
     assertions. One that was skipped by somebody is NOT RUN; it never counts as a pass, and no failed test as anything but a
     failure.
     """
-    worst = min(map(_status, verdicts), key=SEVERITY.index, default=None)
-    if outcome == "failed":
-        violated = worst if worst in ("FAIL", "OPEN", "UNAVOIDABLE") else "FAIL"
-        status = "ERROR" if worst == "ERROR" or not (when == "call" and asserted) else violated
-        status = status if judged else "NOT JUDGED"
+    given = msgspec.convert(list(verdicts), tuple[VerdictRecord, ...])
+    worst = min((verdict.outcome for verdict in given), key=lambda found: found.severity, default=None)
+    if outcome != "failed":
+        status = worst or (Outcome.NOT_RUN if when != "call" or outcome == "skipped" else Outcome.PASS)
+    elif error is Outcome.NOT_JUDGED:
+        status = error
+    elif error or when != "call" or worst is Outcome.ERROR:
+        status = Outcome.ERROR
     else:
-        status = worst or ("NOT RUN" if when != "call" or outcome == "skipped" else "PASS")
-    record |= {"status": status, "verdicts": list(verdicts), "known": known, "outcome": outcome, "message": text}
+        status = worst if worst and worst.severity <= Outcome.UNAVOIDABLE.severity else Outcome.FAIL
+    return replace(record, status=status, verdicts=given, known=known, outcome=outcome, message=text)
 
 
-def _status(verdict: Record) -> str:
-    for special in ("unavoidable", "provoked"):
-        if verdict.get(special):
-            return special.upper()
-    return str(verdict["status"])
+def sent(record: Record) -> dict[str, Any]:
+    """Return a record as it crosses processes and reaches hooks: builtins that JSON has too."""
+    content: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(record))
+    return content
 
 
-def flake(record: Record, what: str, time: float | None, text: str) -> None:
-    """Turn the record of a failed item into FLAKY: the same start gave another run.
+def received(content: Mapping[str, Any]) -> Record:
+    """Return the record that was sent.
 
-    Args:
-        record: of the item, changed in place.
-        what: the first field that differs.
-        time: of the first state that does [s], None where it is not the states.
-        text: the difference in one sentence.
+    Raises:
+        msgspec.ValidationError: it is none.
     """
-    record |= {"status": "FLAKY", "flaky": {"what": what, "time": time, "text": text}}
+    return msgspec.convert(content, Record)
 
 
-def not_run(record: Record, reason: str) -> Record:
-    """Return the record of an item that was to run and did not, for a reason."""
-    return record | {"status": "NOT RUN", "verdicts": [], "known": None, "outcome": "", "message": reason}
+def updated(record: Record, **values: Any) -> Record:
+    """Return a record with other values of some fields, given as builtins."""
+    return received({**sent(record), **values})
 
 
 def properties(record: Record) -> list[tuple[str, Any]]:
     """Return the properties of an item for JUnit."""
-    named = {
-        "junction": record["junction"],
-        "class": record["cls"],
-        "scenario": record["scenario"],
-        "configuration": record["cfg"],
-        "rotation": record["rotation"],
-        **({} if record["seat"] is None else {"seat": record["seat"], "traffic": record["traffic"]}),
-        "rule": record["rule"] or record["test"],
-        "verdict": record["status"],
-        "driver": record["driver"],
-    }
-    return list(named.items())
+    seat = [] if record.seat is None else [("seat", record.seat), ("traffic", record.traffic)]
+    return [
+        ("junction", record.junction),
+        ("class", record.cls),
+        ("scenario", record.scenario),
+        ("configuration", record.cfg),
+        ("rotation", record.rotation),
+        *seat,
+        ("rule", record.rule or record.test),
+        ("verdict", record.status.value),
+        ("driver", record.driver),
+    ]

@@ -1,21 +1,82 @@
-"""What a session leaves behind: its records, what its tests asked for, and under which versions."""
+"""What a session leaves behind: its records, what its tests asked for, under which versions, and what changed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.report.record import Record
 
-if TYPE_CHECKING:
-    from pytest_rvads.report.baseline import Comparison
-
-__all__ = ["Cell", "Report", "cell_from", "cell_of", "in_order"]
+__all__ = ["Cell", "Change", "Comparison", "Report", "cell_of", "in_order"]
 
 Cell = tuple[str, int, str, str, int | None, str | None]
 """Junction, class, configuration, rule, seat of the subject, traffic around it; where a test has no rule axis, its name stands
 for the rule."""
+
+
+_KINDS = {
+    "NEW": "fails now and did not before, or is new and fails",
+    "FIXED": "failed before, also as a known failure, and passes now",
+    "ERODED": "passes both times, with less of a margin",
+    "LOST": "was judged before, and now is NA, is another place, or does not exist",
+    "KNOWN": "passed before and is marked as a known failure now",
+    "ADDED": "is judged now and was not before",
+    "UNCHANGED": "the same",
+    "NOT RUN": "was selected and did not run",
+    "OUTSIDE": "is in the baseline and was not selected now",
+}
+"""Every kind of change, in the order of the summary."""
+_TOLD = ("NEW", "FIXED", "ERODED", "LOST", "KNOWN")
+"""Kinds that are listed item by item."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What became of one item."""
+
+    kind: str
+    """A key of the words above."""
+    nodeid: str
+    text: str = ""
+    """What happened, where there is more to say than the kind."""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A session beside its baseline."""
+
+    name: str
+    """Of the baseline."""
+    changes: tuple[Change, ...]
+    versions: tuple[str, ...] = ()
+    """A sentence for each version that differs."""
+
+    def count(self, *kinds: str) -> int:
+        """Return how many items changed in one of these ways."""
+        return sum(change.kind in kinds for change in self.changes)
+
+    @property
+    def headline(self) -> str:
+        """The numbers in one line."""
+        found = Counter(change.kind for change in self.changes)
+        return f"against {self.name}: " + (
+            ", ".join(f"{found[kind]} {kind}" for kind in _KINDS if found[kind]) or "nothing to compare"
+        )
+
+    def lines(self, most: int | None = None) -> Iterator[str]:
+        """Yield the changes worth telling, a line each.
+
+        Args:
+            most: per kind; the rest is counted.
+        """
+        yield from self.versions
+        for kind in _TOLD:
+            told = [change for change in self.changes if change.kind == kind]
+            for change in told[:most]:
+                yield f"{kind:<7} {change.nodeid}" + (f"  {change.text}" if change.text else "")
+            if most is not None and len(told) > most:
+                yield f"{kind:<7} ... and {len(told) - most} more"
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,33 +92,22 @@ class Report:
     versions: dict[str, str] = field(default_factory=dict)
     """Of what the verdicts depend on: name to version."""
     exitstatus: int = 0
-    """Of pytest; above 1 the session did not end by itself."""
+    """Of pytest; 2 to 4: the session did not end by itself."""
     notes: tuple[str, ...] = ()
     """What is missing or doubtful, a sentence each."""
     left_out: dict[str, int] = field(default_factory=dict)
     """Test to how many points of its grid are beyond v(d)max and were left out."""
     seconds: dict[str, float] = field(default_factory=dict, compare=False)
-    """Test and run to how long simulating and judging took on this machine [s]; for the terminal only, in no file."""
+    """Test and run to how long simulating and judging took on this machine [s]."""
     comparison: Comparison | None = None
-    """With the baseline, where there is one; JSON keeps the kind of change of every record."""
+    """With the baseline, where there is one."""
 
 
 def cell_of(record: Record) -> Cell:
     """Return the cell of a table that a record belongs to; the rows of a class share it."""
-    rule = record["rule"] or record["test"]
-    return record["junction"], record["cls"], record["cfg"], rule, record["seat"], record["traffic"]
-
-
-def cell_from(entry: Sequence[Any]) -> Cell:
-    """Return the cell that was written as a list.
-
-    Raises:
-        ValueError: it has another length.
-    """
-    junction, cls, cfg, rule, seat, traffic = entry
-    return junction, cls, cfg, rule, seat, traffic
+    return record.junction, record.cls, record.cfg, record.rule or record.test, record.seat, record.traffic
 
 
 def in_order(records: Sequence[Record]) -> tuple[Record, ...]:
     """Return records as their tests stand in the files, so that no report depends on which worker was faster."""
-    return tuple(sorted(records, key=lambda r: (r["nodeid"].partition("::")[0], r["line"], r["nodeid"])))
+    return tuple(sorted(records, key=lambda record: (record.nodeid.partition("::")[0], record.line, record.nodeid)))

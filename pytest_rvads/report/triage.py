@@ -16,7 +16,8 @@ from collections import Counter
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.record import Record, VerdictRecord
 
 __all__ = ["Cause", "causes", "provoked", "unavoidable"]
 
@@ -60,29 +61,29 @@ class Cause:
 
 def causes(records: Sequence[Record]) -> list[Cause]:
     """Group unexpected failures by their cause, the most frequent first."""
-    return _grouped([record for record in records if record["outcome"] == "failed"])
+    return _grouped([record for record in records if record.failed])
 
 
 def provoked(records: Sequence[Record]) -> list[Cause]:
     """Group what traffic did to a subject that is not to blame, likewise."""
-    return _grouped([record for record in records if record["status"] == "PROVOKED"])
+    return _grouped([record for record in records if record.status is Outcome.PROVOKED])
 
 
 def unavoidable(records: Sequence[Record]) -> list[Cause]:
     """Group what nobody could have avoided and no test failed for, likewise."""
-    return _grouped([record for record in records if record["status"] == "UNAVOIDABLE" and record["outcome"] != "failed"])
+    return _grouped([record for record in records if record.status is Outcome.UNAVOIDABLE and not record.failed])
 
 
 def _grouped(records: Sequence[Record]) -> list[Cause]:
     first: dict[Hashable, Record] = {}
     for record in records:
         if _explains(record):
-            best = first.setdefault(record["hash"], record)
+            best = first.setdefault(record.hash, record)
             if _time(record) < _time(best):
-                first[record["hash"]] = record
+                first[record.hash] = record
     groups: dict[Hashable, list[tuple[Record, Record]]] = {}
     for record in records:
-        teller = first[record["hash"]] if _explains(record) else record
+        teller = first[record.hash] if _explains(record) else record
         groups.setdefault(_signature(teller), []).append((teller, record))
     return sorted(map(_cause, groups.values()), key=lambda cause: -cause.count)
 
@@ -90,37 +91,35 @@ def _grouped(records: Sequence[Record]) -> list[Cause]:
 def _cause(group: Sequence[tuple[Record, Record]]) -> Cause:
     teller = group[0][0]
     verdict = _verdict(teller)
-    rules = dict.fromkeys((_rule(teller), *(_rule(record) for _, record in group)))
-    runs = {teller.get("hash") or teller["nodeid"]: teller for teller, _ in group}
-    roles = Counter(v.get("roles", "") for t in runs.values() if (v := _verdict(t)))
+    rules = dict.fromkeys((teller.asks, *(record.asks for _, record in group)))
+    runs = {teller.hash or teller.nodeid: teller for teller, _ in group}
+    roles = Counter(v.roles for t in runs.values() if (v := _verdict(t)))
     most = roles.most_common(1)[0][0] if len(roles) > 1 else ""
     text = _violated(teller)
-    if verdict and len(roles) == 1 and verdict.get("roles"):
-        text = f"{text} ({verdict['roles']})"
-    nodeids = tuple(record["nodeid"] for _, record in group)
-    return Cause(tuple(rules), text, nodeids, len(runs), teller["nodeid"], most)
+    if verdict and len(roles) == 1 and verdict.roles:
+        text = f"{text} ({verdict.roles})"
+    nodeids = tuple(record.nodeid for _, record in group)
+    return Cause(tuple(rules), text, nodeids, len(runs), teller.nodeid, most)
 
 
 def _explains(record: Record) -> bool:
     """Tell whether what a record says was violated can be behind other failures of its run."""
     verdict = _verdict(record)
-    return bool(verdict and record.get("hash") and not verdict.get("unavoidable"))
+    return bool(verdict and record.hash and not verdict.unavoidable)
 
 
-def _verdict(record: Record) -> Record | None:
+def _verdict(record: Record) -> VerdictRecord | None:
     """Return the verdict that gave a record its status, or None where something else did."""
-    wanted = record["status"]
-    if wanted not in ("FAIL", "OPEN", "PROVOKED", "UNAVOIDABLE"):
+    wanted = record.status
+    if wanted is Outcome.ERROR:
         return None
-    flag = wanted.lower()
-    return next((v for v in record["verdicts"] if v.get(flag) or v["status"] == wanted), None)
+    return next((verdict for verdict in record.verdicts if wanted in (verdict.outcome, verdict.status)), None)
 
 
 def _time(record: Record) -> tuple[float, str]:
     """Return when it was violated [s]; of several at the same time, the first by name tells."""
     verdict = _verdict(record)
-    time = verdict.get("time") if verdict else None
-    return (math.inf if time is None else time), _rule(record)
+    return (math.inf if verdict is None or verdict.time is None else verdict.time), record.asks
 
 
 def _signature(record: Record) -> Hashable:
@@ -128,19 +127,14 @@ def _signature(record: Record) -> Hashable:
     verdict = _verdict(record)
     if verdict:
         # What can't be kept is one cause, however it ended.
-        return "" if verdict.get("unavoidable") else record["status"], _violated(record)
+        return "" if verdict.unavoidable else record.status, _violated(record)
     # One fault of a stack is one cause, whatever rules would have judged its runs.
-    rule = "" if record["status"] == "ERROR" else _rule(record)
-    return record["status"], rule, re.sub(r"\d+(\.\d+)?", "#", _violated(record))
+    rule = "" if record.status is Outcome.ERROR else record.asks
+    return record.status, rule, re.sub(r"\d+(\.\d+)?", "#", _violated(record))
 
 
 def _violated(record: Record) -> str:
-    if record["status"] == "FLAKY":
+    if record.status is Outcome.FLAKY:
         return "not deterministic: the same start gave another run"
     verdict = _verdict(record)
-    text: str = (verdict.get("violated") or verdict["cause"]) if verdict else record["message"].strip().partition("\n")[0]
-    return text
-
-
-def _rule(record: Record) -> str:
-    return record["rule"] or "run"
+    return (verdict.violated or verdict.cause) if verdict else record.message.strip().partition("\n")[0]

@@ -1,6 +1,6 @@
 """What an item knows of its cell and verdicts, and how it reaches the report.
 
-A record is a dict of builtins: it crosses xdist on the report and lands in JUnit and report logs.
+It crosses xdist on the report as builtins, and lands in JUnit and report logs.
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 from pytest_rvads.options import Options
-from pytest_rvads.report.record import Record, conclude, flake, properties
+from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.session.artefacts import look, show
 from pytest_rvads.session.chosen_driver import stand_in, where_else
 from pytest_rvads.session.plan import start
 
 if TYPE_CHECKING:
     from pytest_rvads.logic.judging.verdicts import Verdict
+    from pytest_rvads.report.record import Record
     from pytest_rvads.runs.divergence import Divergence
     from pytest_rvads.runs.run import Run
 
@@ -56,10 +57,13 @@ def prepare(item: pytest.Item) -> bool:
 def letter(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
     """Return how to show NA, counted with the skips, and what a time budget had no room for, counted apart."""
     record = getattr(report, "rvads", None)
-    if record and report.when == "call" and report.skipped and record["status"] == "NA":
-        return "skipped", "n", "NA"
-    if record and report.when == "setup" and record["message"].startswith("NOT RUN: "):
-        return "not run", "-", "NOT RUN"
+    if not record:
+        return None
+    outcome = Outcome(record["status"])
+    if report.when == "call" and report.skipped and outcome is Outcome.NA:
+        return "skipped", outcome.letter, outcome.value
+    if report.when == "setup" and record["message"].startswith("NOT RUN: "):
+        return "not run", outcome.letter, outcome.value
     return None
 
 
@@ -70,50 +74,62 @@ def attach(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestRe
     """
     if report.when == "call" and _undriven(item):
         report.rvads_undriven = where_else(item.session)  # type: ignore[attr-defined]
-    record = item.stash.get(RECORD, None)
-    if record is None:
+    if RECORD not in item.stash:
         return
     if report.when == "teardown":
         _release(item)
-        return
-    if report.when == "setup" and report.passed:
-        return
-    verdicts = item.stash[VERDICTS]
-    raised = call.excinfo.value if call.excinfo else None
-    known = None
+    elif report.when == "call" or not report.passed:
+        record = _concluded(item, call.excinfo.value if call.excinfo else None, report)
+        if report.failed and item.config.stash[OPTIONS].repeat == "failed":
+            record = _repeated(item, record, report)
+        _publish(item, _explained(item, record, report), report)
+
+
+def _concluded(item: pytest.Item, raised: BaseException | None, report: pytest.TestReport) -> Record:
+    """Return the record of an item that is over."""
+    from pytest_rvads.report.record import conclude
+
     text = str(raised) if raised else report.longrepr if isinstance(report.longrepr, str) else ""
-    expected = report.skipped and hasattr(report, "wasxfail")
-    if expected and isinstance(raised, AssertionError):
-        known = report.wasxfail or "xfail without a reason"
-    elif expected and not isinstance(raised, pytest.xfail.Exception):
-        _unmask(report, text)
-    conclude(
-        record,
-        [v.record() for v in verdicts],
+    known = _known(report, raised, text)
+    error = None if raised is None or isinstance(raised, AssertionError) else Outcome.ERROR
+    return conclude(
+        item.stash[RECORD],
+        [verdict.record() for verdict in item.stash[VERDICTS]],
         report.when or "",
         report.outcome,
         known=known,
         text=text,
-        asserted=raised is None or isinstance(raised, AssertionError),
-        judged=not isinstance(raised, NotJudged),
+        error=Outcome.NOT_JUDGED if isinstance(raised, NotJudged) else error,
     )
-    if report.failed and item.config.stash[OPTIONS].repeat == "failed":
-        _repeat(item, record, report)
-    report.rvads = record  # type: ignore[attr-defined]
+
+
+def _known(report: pytest.TestReport, raised: BaseException | None, text: str) -> str | None:
+    """Return the reason of the xfail that a violation met; what meets one otherwise fails: an error is no known failure."""
+    if not (report.skipped and hasattr(report, "wasxfail")):
+        return None
+    if isinstance(raised, AssertionError):
+        return report.wasxfail or "xfail without a reason"
+    if not isinstance(raised, pytest.xfail.Exception):
+        report.outcome = "failed"
+        report.longrepr = f"{text}\n(an xfail stands for a violated rule, not for this)"
+        del report.wasxfail
+    return None
+
+
+def _publish(item: pytest.Item, record: Record, report: pytest.TestReport) -> None:
+    """Put a record on a report, with its properties and, of NA, the place."""
+    from pytest_rvads.report.record import properties, sent
+
+    item.stash[RECORD] = record
+    report.rvads = sent(record)  # type: ignore[attr-defined]
     # A repeated item replaces its properties.
     mine = properties(record)
     names = {name for name, _ in mine}
     item.user_properties[:] = [p for p in item.user_properties if p[0] not in names] + mine
     report.user_properties = list(item.user_properties)
-    if report.skipped and record["status"] == "NA":
+    if report.skipped and record.status is Outcome.NA:
         path, line, _ = item.location
-        report.longrepr = (str(path), (line or 0) + 1, text)
-    if report.failed and verdicts and str(verdicts[-1].status) in ("FAIL", "OPEN"):
-        try:
-            told = _explanation(item, verdicts[-1], record, report)
-        except Exception as error:  # no explanation is worth the verdict
-            told = f"{verdicts[-1].explanation}\n(no more can be told: {type(error).__name__}: {error})"
-        report.sections.append((f"rvads {verdicts[-1].rule}", told))
+        report.longrepr = (str(path), (line or 0) + 1, record.message)
 
 
 def _undriven(item: pytest.Item) -> bool:
@@ -121,13 +137,6 @@ def _undriven(item: pytest.Item) -> bool:
     options = item.config.stash[OPTIONS]
     found = getattr(item, "funcargs", {}).get("rvads_autopilot")
     return found is not None and found is stand_in() and not options.driver
-
-
-def _unmask(report: pytest.TestReport, text: str) -> None:
-    """Fail an item whose xfail was met by something else than a violation: an error is no known failure."""
-    report.outcome = "failed"
-    report.longrepr = f"{text}\n(an xfail stands for a violated rule, not for this)"
-    del report.wasxfail
 
 
 def _release(item: pytest.Item) -> None:
@@ -138,37 +147,57 @@ def _release(item: pytest.Item) -> None:
         del item.stash[REPEAT]
 
 
-def _repeat(item: pytest.Item, record: Record, report: pytest.TestReport) -> None:
+def _repeated(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
     """Simulate the run of a failed item once more; where that gives another run, the item is FLAKY, and stays failed."""
     again = item.stash.get(REPEAT, None)
     divergence = again() if again else None
-    if divergence is not None:
-        flake(record, divergence.what, divergence.time, str(divergence))
-        said = "The run was simulated once more from the same start and came out differently, so its verdict means little.\n"
-        cure = "\nAn autopilot has to be deterministic: no clock, no unseeded random numbers, no state kept between runs."
-        report.sections.append(("rvads not deterministic", f"{said}First difference: {divergence}.{cure}"))
+    if divergence is None:
+        return record
+    from pytest_rvads.report.record import updated
+
+    said = "The run was simulated once more from the same start and came out differently, so its verdict means little.\n"
+    cure = "\nAn autopilot has to be deterministic: no clock, no unseeded random numbers, no state kept between runs."
+    report.sections.append(("rvads not deterministic", f"{said}First difference: {divergence}.{cure}"))
+    difference = {"what": divergence.what, "time": divergence.time, "text": str(divergence)}
+    return updated(record, status=Outcome.FLAKY.value, flaky=difference)
 
 
-def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: pytest.TestReport) -> str:
-    """Return what to print of a failure, and put its page into the record and its picture on the report."""
+def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
+    """Print what there is to say of a violation, and return the record with the page that shows it."""
+    verdicts = item.stash[VERDICTS]
+    if not (report.failed and verdicts and str(verdicts[-1].status) in ("FAIL", "OPEN")):
+        return record
+    from pytest_rvads.report.record import updated
+
+    verdict, page = verdicts[-1], ""
+    try:
+        told, page = _explanation(item, verdict, record.driver, report)
+    except Exception as error:  # no explanation is worth the verdict
+        told = f"{verdict.explanation}\n(no more can be told: {type(error).__name__}: {error})"
+    report.sections.append((f"rvads {verdict.rule}", told))
+    return updated(record, look=page)
+
+
+def _explanation(item: pytest.Item, verdict: Verdict, driver: str, report: pytest.TestReport) -> tuple[str, str]:
+    """Return what to print of a failure, and its page or nothing; its picture is put on the report."""
     from pytest_rvads.scenarios.configurations import Configuration, probe
     from pytest_rvads.simulators.simulator import named
 
     cell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
     scenario = cell.scenario
-    lines = [verdict.explanation, f"driven by {record['driver']}", f"start     {scenario.describe()}"]
+    lines = [verdict.explanation, f"driven by {driver}", f"start     {scenario.describe()}"]
     point = Configuration(scenario.configuration, scenario.distances, scenario.speeds)
     simulator = named(item.config.stash[OPTIONS].simulator)
     probed = probe(point, lambda distance: simulator.vmax(distance, scenario.aggression))
     if probed:
         lines.append(f"probe     {probed}")
     run, folder = item.stash.get(RUN, None), item.config.stash[OPTIONS].artefacts
+    rerun, page = f'rerun     pytest "{item.nodeid}"', ""
     if folder and run is not None:
         rule = cell.rule if cell.rule and cell.rule.name == verdict.rule else verdict.rule
-        notes = "\n".join((*lines, f'rerun     pytest "{item.nodeid}"'))
-        page, image = look(item, folder, run, verdict, rule, notes)
-        lines.append(f"look      {page}")
+        told, image = look(item, folder, run, verdict, rule, "\n".join((*lines, rerun)))
+        lines.append(f"look      {told}")
         if image:
-            record["look"] = page
+            page = told
             show(item, report, image)
-    return "\n".join((*lines, f'rerun     pytest "{item.nodeid}"'))
+    return "\n".join((*lines, rerun)), page

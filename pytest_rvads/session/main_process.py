@@ -8,15 +8,20 @@ import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.report.record import JUDGED, Record, conclude, not_run
-from pytest_rvads.report.session_report import Report, in_order
+from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.session.items import OPTIONS
 from pytest_rvads.session.plan import Planner
+from pytest_rvads.session.reasons import Ending, counted, reasons
 from pytest_rvads.session.time_budget import BUDGET
+
+if TYPE_CHECKING:
+    from pytest_rvads.report.record import Record
+    from pytest_rvads.report.session_report import Report
 
 __all__ = ["Session"]
 
@@ -49,24 +54,26 @@ class Session:
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Keep the record of an item."""
-        record = getattr(report, "rvads", None)
+        content = getattr(report, "rvads", None)
         self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
-        if record is not None:
-            self.records[report.nodeid] = record
-            if record["outcome"] == "failed" and (report.passed or report.skipped):
-                self.turned.add(report.nodeid)
-            self._tell(record)
+        if content is not None:
+            self._keep(content, report)
         elif report.when not in ("setup", "call", "teardown"):
             self.crashed.add(report.nodeid)
         if hasattr(report, "rvads_undriven"):
             self.undriven[report.nodeid] = report.rvads_undriven
-        if report.failed and (record is None or report.when == "teardown"):
+        if report.failed and (content is None or report.when == "teardown"):
             self.others.add(report.nodeid)
 
-    def _tell(self, record: Record) -> None:
-        """Tell users' hooks of a verdict; one that fails costs no other verdict."""
+    def _keep(self, content: dict[str, Any], report: pytest.TestReport) -> None:
+        """Keep a record and tell users' hooks of it; one that fails costs no other verdict."""
+        from pytest_rvads.report.record import received
+
+        record = self.records[report.nodeid] = received(content)
+        if record.failed and not report.failed:
+            self.turned.add(report.nodeid)
         try:
-            self.config.hook.pytest_rvads_verdict(record=record, config=self.config)
+            self.config.hook.pytest_rvads_verdict(record=content, config=self.config)
         except Exception as error:
             said = f"a hook pytest_rvads_verdict raised {type(error).__name__}: {error}"
             self.troubles += [] if said in self.troubles else [said]
@@ -80,41 +87,29 @@ class Session:
     @pytest.hookimpl(trylast=True)
     def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
         """Write what was asked for, whatever ended the session, and keep its exit status honest."""
-        if self.config.option.collectonly:
+        if self.config.option.collectonly or not self._concerned():
             return
-        ended = int(exitstatus)
-        missing = self._complete()
-        if ended not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED, pytest.ExitCode.NO_TESTS_COLLECTED):
-            self.troubles.append(f"the session did not end by itself (exit status {ended}): {_items(missing)} did not run")
-        elif missing:
-            self.troubles.append(f"the session stopped early: {_items(missing)} did not run")
-            ended = ended or pytest.ExitCode.TESTS_FAILED
-        if vanished := len(self.planner.plan().vanished):
-            self.troubles.append(f"{_items(vanished)} vanished: a plugin or conftest.py dropped them without deselecting them")
-            ended = ended or pytest.ExitCode.TESTS_FAILED
-        if self.undriven:
-            self.troubles.append(_undriven(self.undriven))
-            ended = ended or pytest.ExitCode.TESTS_FAILED
-        if self.records and not any(r["status"] in JUDGED for r in self.records.values()):
-            self.troubles.append("nothing was judged: no rule asked anything of what was to be tested, or no item ran")
-            ended = ended or pytest.ExitCode.NO_TESTS_COLLECTED
-        if hushed := self._hushed():
-            self.troubles.append(f"{_items(len(hushed))} passed though not kept: something catches failures, first {hushed[0]}")
-            ended = ended or pytest.ExitCode.TESTS_FAILED
-        unkept = [r["unkept"] for r in self.records.values() if "unkept" in r]
-        if unkept:
-            self.troubles.append(f"the runs of {_items(len(unkept))} could not be kept: {unkept[0]}")
-            ended = ended or pytest.ExitCode.TESTS_FAILED
         budget = self.config.stash[BUDGET]
+        missing = self._complete()
+        found = reasons(
+            Ending(
+                int(exitstatus),
+                self.records,
+                missing,
+                len(self.planner.plan().vanished),
+                self.undriven,
+                self.turned,
+                budget.reason if budget else "",
+                self.options.open != "fail",
+            )
+        )
+        self.troubles += [reason.text for reason in found]
+        ended = next(filter(None, (int(exitstatus), *(reason.exitstatus for reason in found))), 0)
         if budget:
-            late = sum(r["message"] == budget.reason for r in self.records.values())
-            self.troubles += [f"{budget.reason.partition(': ')[2]}: {_items(late)} did not run"] if late else []
             budget.remember(self.records.values())
         if "pytest_rvads_verdict" in self.others:
             ended = ended or pytest.ExitCode.TESTS_FAILED
-        self.report = self._report(
-            ended, cut=bool(missing or vanished or self.undriven or unkept or hushed or session.shouldfail)
-        )
+        self.report = self._report(ended, cut=bool(session.shouldfail) or any(reason.cut for reason in found))
         ended = self.report.exitstatus
         self._index(self.report)
         if not self._write(self.report):
@@ -122,34 +117,38 @@ class Session:
         if ended != exitstatus:
             session.exitstatus = ended
 
-    def _hushed(self) -> list[str]:
-        """Return the node ids of items that failed, and that a plugin or conftest.py made pass."""
-        bad = ("ERROR", "FAIL", "NOT JUDGED", *(("OPEN",) if self.options.open == "fail" else ()))
-        hidden = (n for n, r in self.records.items() if r["status"] in bad and r["outcome"] != "failed" and not r["known"])
-        return sorted({*hidden, *self.turned})
+    def _concerned(self) -> bool:
+        """Return whether anything of ours was planned, or asked for; most sessions of an environment are none of our business."""
+        asked = self.baseline, self.options.reports, self.options.cov_fail_under is not None
+        return bool(self.records or self.planner.plan().cells or any(asked))
 
     def _complete(self) -> int:
         """Add a record for every item that was selected and gave none; return how many never ran."""
+        from msgspec.structs import replace
+
+        from pytest_rvads.report.record import conclude
+
         missing = 0
         plan = self.planner.plan()
         for nodeid, record in plan.vanished.items():
-            self.records[nodeid] = not_run(record, "dropped after collection")
+            self.records[nodeid] = replace(record, message="dropped after collection")
         for nodeid, record in plan.items.items():
             if nodeid in self.crashed:
-                self.records[nodeid] = record
-                conclude(record, [], "", "failed", text="the worker process crashed while it ran this item")
+                text = "the worker process crashed while it ran this item"
+                self.records[nodeid] = conclude(record, (), "", "failed", text=text)
             elif nodeid not in self.records:
-                self.records[nodeid] = not_run(record, "the session ended before")
+                self.records[nodeid] = replace(record, message="the session ended before")
                 missing += 1
         return missing
 
     def _report(self, ended: int, cut: bool) -> Report:
         """Return the report of the session, with the exit status that its gates make of it."""
         from pytest_rvads.report.coverage import shortfall
+        from pytest_rvads.report.session_report import Report, in_order
         from pytest_rvads.scenarios.classes import count_classes, count_scenarios
         from pytest_rvads.versions import versions
 
-        ways = sorted({r["ways"] for r in self.records.values()})
+        ways = sorted({record.ways for record in self.records.values()})
         totals = {n: (count_classes(n), count_scenarios(n)) for n in ways}
         plan = self.planner.plan()
         records = in_order(list(self.records.values()))
@@ -169,10 +168,10 @@ class Session:
         """Return how long the items of every run took together [s]."""
         found: dict[str, float] = {}
         for nodeid, record in self.records.items():
-            if "run" in record:
-                name = f"{record['test']}[{record['run']}]"
+            if record.run:
+                name = f"{record.test}[{record.run}]"
                 found[name] = found.get(name, 0.0) + self.seconds.get(nodeid, 0.0)
-        return found
+        return {name: round(taken, 3) for name, taken in found.items()}
 
     def _compare(self, report: Report, baseline: Report) -> Report:
         from pytest_rvads.report.baseline import compare, with_baseline
@@ -185,20 +184,20 @@ class Session:
         kinds = {"any": (), "new": ("NEW", "LOST"), "eroded": ("NEW", "LOST", "ERODED")}[self.options.fail_on]
         if not kinds or not report.comparison:
             return ended
-        errors = any(r["status"] in ("ERROR", "NOT JUDGED") for r in report.records)
+        errors = any(record.status.meaning == "error" for record in report.records)
         if report.comparison.count(*kinds) or errors:
             return pytest.ExitCode.TESTS_FAILED
-        old = sum(r["outcome"] == "failed" for r in report.records)
+        old = sum(record.failed for record in report.records)
         if ended and old and not self.others and not cut:
             self.troubles.append(
-                f"{_items(old)} failed as in the baseline, which --rvads-fail-on={self.options.fail_on} lets pass"
+                f"{counted(old)} failed as in the baseline, which --rvads-fail-on={self.options.fail_on} lets pass"
             )
             return pytest.ExitCode.OK
         return ended
 
     def _index(self, report: Report) -> None:
         """Write the page that leads from the verdicts to the replays; one that can't be written costs no verdict."""
-        if not self.options.artefacts or not any(r["status"] != "NOT RUN" for r in report.records):
+        if not self.options.artefacts or not _ran(report):
             return
         from pytest_rvads.report.files import save
         from pytest_rvads.session.artefacts import prepare_folder
@@ -222,18 +221,18 @@ class Session:
         jobs = [partial(save, path, report) for path in self.options.reports]
         if summary and self.records:
             jobs.append(partial(append_summary, Path(summary), report))
-        failures = 0
+        written = True
         for job in jobs:
             try:
                 job()
             except OSError as error:
                 self.troubles.append(f"the report could not be written: {error}")
-                failures += 1
-        return not failures
+                written = False
+        return written
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         """Print the verdict matrix, the causes and the coverage lines, if anything of ours ran."""
-        if self.report and any(r["status"] != "NOT RUN" for r in self.report.records):
+        if self.report and _ran(self.report):
             from pytest_rvads.report.terminal import summary
 
             width = shutil.get_terminal_size().columns
@@ -249,14 +248,8 @@ class Session:
             terminalreporter.write_line(f"rvads: {trouble}", red=True)
 
 
-def _undriven(items: dict[str, str]) -> str:
-    """Return that nobody said what drives, and where it may be, if anything looks like it."""
-    where = next(filter(None, items.values()), "")
-    return (
-        f"nothing says what drives in {_items(len(items))}, so the bundled reference autopilot did, and nothing of yours was "
-        "tested: override the fixture rvads_autopilot, or name what drives by --rvads-autopilot=module:name or --rvads-sut "
-        f"(--rvads-autopilot=reference if you mean the reference){'; ' if where else ''}{where}"
-    )
+def _ran(report: Report) -> bool:
+    return any(record.status is not Outcome.NOT_RUN for record in report.records)
 
 
 def _load(path: Path | None) -> Report | None:
@@ -273,7 +266,3 @@ def _load(path: Path | None) -> Report | None:
         return load(path)
     except RvadsError as error:
         raise pytest.UsageError(f"rvads_baseline: {error}") from error
-
-
-def _items(count: int) -> str:
-    return f"{count} item{'' if count == 1 else 's'}"

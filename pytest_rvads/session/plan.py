@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, cast
 import pytest
 
 from pytest_rvads.collection.expansion import LEFT_OUT
-from pytest_rvads.report.record import Record, cell_record
-from pytest_rvads.report.session_report import Cell, cell_from, cell_of
 
 if TYPE_CHECKING:
     from pytest_rvads.collection import Cell as Parameter
+    from pytest_rvads.report.record import Record
+    from pytest_rvads.report.session_report import Cell
 
 __all__ = ["Plan", "Planner", "in_part", "start"]
 
@@ -41,15 +41,22 @@ class Plan:
 
     def pack(self) -> str:
         """Return the plan as one string of JSON."""
-        records = list(self.items.values()), list(self.vanished.values())
-        return json.dumps([list(self.cells), *records, sorted(self.deselected), sorted(self.files), self.left_out])
+        named = sorted(self.deselected), sorted(self.files), self.left_out
+        if not self.cells:  # nothing of ours, so nothing more is loaded
+            return json.dumps([[], [], [], *named])
+        import msgspec
+
+        return msgspec.json.encode([list(self.cells), *map(list, (self.items.values(), self.vanished.values())), *named]).decode()
 
     def unpack(self, text: str) -> None:
         """Take in a packed plan; all workers send the same one."""
-        cells, records, vanished, deselected, files, left_out = json.loads(text)
-        self.cells |= dict.fromkeys(map(cell_from, cells))
-        self.items |= {record["nodeid"]: record for record in records}
-        self.vanished |= {record["nodeid"]: record for record in vanished}
+        cells, items, vanished, deselected, files, left_out = json.loads(text)
+        if cells:
+            from pytest_rvads.report.record import received
+
+            self.cells |= {(*cell,): None for cell in cells}
+            self.items |= {record.nodeid: record for record in map(received, items)}
+            self.vanished |= {record.nodeid: record for record in map(received, vanished)}
         self.deselected |= set(deselected)
         self.files |= set(files)
         self.left_out |= left_out
@@ -64,8 +71,10 @@ def start(item: pytest.Item) -> Record | None:
     """Return the start of an item's record, or None where the item is not ours."""
     if not (isinstance(item, pytest.Function) and hasattr(item, "callspec") and "rvads_cell" in item.callspec.params):
         return None
+    from pytest_rvads.report.record import planned_record
+
     cell = cast("Parameter", item.callspec.params["rvads_cell"])
-    return cell_record(item.nodeid, item.location[1] or 0, item.originalname, cell.keys, cell.scenario.ways, cell.requirements)
+    return planned_record(item.nodeid, item.location[1] or 0, item.originalname, cell.keys, cell.scenario.ways, cell.requirements)
 
 
 class Planner:
@@ -83,7 +92,10 @@ class Planner:
     def plan(self) -> Plan:
         """Return the plan; it is put together when first asked for, so that collecting costs nothing more."""
         starts = {item.nodeid: record for item in self._collected if (record := start(item))}
-        self._plan.cells |= dict.fromkeys(map(cell_of, starts.values()))
+        if starts:
+            from pytest_rvads.report.session_report import cell_of
+
+            self._plan.cells |= dict.fromkeys(map(cell_of, starts.values()))
         self._plan.items |= {item.nodeid: starts[item.nodeid] for item in self._selected if item.nodeid in starts}
         left = starts.keys() - self._plan.items.keys()
         self._plan.deselected |= left

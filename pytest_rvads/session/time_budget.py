@@ -8,12 +8,15 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.session.plan import start
+
+if TYPE_CHECKING:
+    from pytest_rvads.report.record import Record
 
 __all__ = ["BUDGET", "Budget"]
 
@@ -52,7 +55,7 @@ class Budget:
         cache = getattr(self._config, "cache", None)
         if cache is not None:
             history = Counter(self._history())
-            history.update(record["nodeid"] for record in records if record["status"] != "NOT RUN")
+            history.update(record.nodeid for record in records if record.status is not Outcome.NOT_RUN)
             cache.set(_HISTORY, dict(history))
 
     @pytest.hookimpl(optionalhook=True)
@@ -90,11 +93,11 @@ def priority(records: Iterable[Record], failed: Mapping[str, Any], history: Mapp
     runs: dict[tuple[Any, ...], list[str]] = {}
     classes: dict[tuple[Any, ...], list[tuple[Any, ...]]] = {}
     for record in records:
-        group = record["junction"], record["cls"]
-        run = record["nodeid"].partition("[")[0], *group, *(record[k] for k in ("scenario", "cfg", "rotation", "seat"))
+        group = record.junction, record.cls
+        run = record.nodeid.partition("[")[0], *group, record.scenario, record.cfg, record.rotation, record.seat
         if run not in runs:
             classes.setdefault(group, []).append(run)
-        runs.setdefault(run, []).append(record["nodeid"])
+        runs.setdefault(run, []).append(record.nodeid)
     worth: dict[tuple[Any, ...], tuple[int, ...]] = {}
     for turn, members in enumerate(classes.values()):
         ran = {run: min(history.get(nodeid, 0) for nodeid in runs[run]) for run in members}

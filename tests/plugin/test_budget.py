@@ -1,17 +1,16 @@
 """A time budget: what comes first, and that what comes too late is never green."""
 
 import json
-from typing import Any
 
 import pytest
 
-from pytest_rvads.report.record import cell_record
+from pytest_rvads.report.record import Record, planned_record
 from pytest_rvads.session.time_budget import priority
 
 
-def starts(classes: int, configurations: str) -> list[dict[str, Any]]:
+def starts(classes: int, configurations: str) -> list[Record]:
     return [
-        cell_record(
+        planned_record(
             f"t.py::test[{cls}-{cfg}-{rule}]",
             1,
             "test",
@@ -46,7 +45,7 @@ def test_last_failures_come_before_everything() -> None:
 
 def test_what_ran_least_comes_next() -> None:
     records = starts(2, "CD")
-    history = {r["nodeid"]: 5 for r in records if r["cls"] == 1 or r["cfg"] == "C"}
+    history = {r.nodeid: 5 for r in records if r.cls == 1 or r.cfg == "C"}
     assert runs(priority(records, {}, history)) == ["1-C", "2-D", "1-D", "2-C"]
 
 

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-HEAVY = ("numpy", "networkx", "rich", "hypothesis", "lark", "pybullet")
+HEAVY = ("numpy", "networkx", "rich", "hypothesis", "lark", "pybullet", "msgspec")
 
 
 def test_importing_the_plugin_loads_nothing_heavy() -> None:

@@ -1,11 +1,14 @@
 """Coverage as a gate, and how shards of a session add up."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from pytest_rvads.cli import main
+from pytest_rvads.report.files import load
+from pytest_rvads.report.outline import outline
 
 TESTS = """
     import pytest_rvads as rvads
@@ -71,8 +74,10 @@ def test_shards_merge_into_one_table(tests: pytest.Pytester, capsys: pytest.Capt
     assert "01-02   pass   NA" in said.out
     assert said.err == ""
     tests.runpytest("--rvads-report=whole.json")
-    whole, merged = (json.loads((tests.path / f"{n}.json").read_text(encoding="utf-8")) for n in ("whole", "all"))
+    whole, merged = (load(tests.path / f"{name}.json") for name in ("whole", "all"))
     assert merged == whole, "three shards add up to the table of one session"
+    assert outline(replace(merged, seconds={})) == outline(replace(whole, seconds={})), "but for the time it took"
+    assert merged.seconds.keys() == whole.seconds.keys()
     capsys.readouterr()
     assert main(["report", "merge", *names[:2], "--cov-fail-under", "75"]) == 1
     assert "rvads: coverage is below 75 %: 4/8" in capsys.readouterr().err
@@ -80,9 +85,9 @@ def test_shards_merge_into_one_table(tests: pytest.Pytester, capsys: pytest.Capt
 
 def test_merging_what_is_no_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = tmp_path / "other.json"
-    other.write_text('{"format": "rvads-report", "version": 3, "records": [{}]}', encoding="utf-8")
+    other.write_text('{"format": "rvads-report", "version": 4, "records": [{"nodeid": 7}]}', encoding="utf-8")
     assert main(["report", "merge", str(other)]) == 2
-    assert "damaged report" in capsys.readouterr().err
+    assert "other.json is a damaged report: Expected `str`, got `int` - at `$.records[0].nodeid`" in capsys.readouterr().err
     assert main(["report", "merge", str(tmp_path / "none.json")]) == 2
     assert "can't be read" in capsys.readouterr().err
     with pytest.raises(SystemExit):

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 
 TESTS = """
+    import os
+    import time
     from pathlib import Path
     import pytest
     import pytest_rvads as rvads
@@ -25,33 +27,54 @@ TESTS = """
 
     @rvads.scenario("stop4", grid="B", rules="p1", duration=3)
     def test_rules(run, rule, monitor):
-        Path("started").touch()
         monitor.check(rule)
+"""
+INTERRUPTED = (
+    TESTS
+    + """
+    @pytest.fixture(autouse=True)
+    def turns(request):
+        # Two items get through; any other one waits for what is about to come.
+        if not request.node.name.startswith(("test_rules[stop4-class01-", "test_rules[stop4-class02-")):
+            Path(f"waits-{os.getpid()}").touch()
+            while True:
+                time.sleep(0.01)
+"""
+)
+CONFTEST = """
+    from pathlib import Path
+
+    def pytest_rvads_verdict(record):
+        Path("told").open("a").write("one")
 """
 
 
 @pytest.mark.parametrize("workers", [(), ("-n", "2")])
 def test_ctrl_c(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
-    pytester.makepyfile(test_it=TESTS)
-    command = [sys.executable, "-m", "pytest", "-v", "--rvads-report=out.json", *workers]
+    """Every worker has come to an item that does not end, and the main process knows of both verdicts before."""
+    pytester.makeconftest(CONFTEST)
+    pytester.makepyfile(test_it=INTERRUPTED)
     session = subprocess.Popen(
-        command,
+        [sys.executable, "-m", "pytest", "-v", "--rvads-report=out.json", *workers],
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # in the background, shells have it ignored
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
     )
-    while not Path("started").exists() and session.poll() is None:
+
+    def arrived() -> bool:
+        told = Path("told").read_text(encoding="utf-8") if Path("told").exists() else ""
+        return told == "oneone" and len(list(Path().glob("waits-*"))) == max(1, len(workers))
+
+    while not arrived() and session.poll() is None:
         time.sleep(0.01)
-    time.sleep(0.5)
     session.send_signal(signal.SIGINT)
-    said, _ = session.communicate(timeout=60)
+    said, _ = session.communicate()
     assert session.returncode == pytest.ExitCode.INTERRUPTED, said
     content = json.loads(Path("out.json").read_text(encoding="utf-8"))
     counts = Counter(r["status"] for r in content["records"])
     assert counts["FAIL"] == said.count(" FAILED "), "every verdict that was reached is there"
-    assert counts["FAIL"] >= 1
-    assert counts["FAIL"] + counts["NOT RUN"] == 24
+    assert counts == {"FAIL": 2, "NOT RUN": 22}
     note = f"the session did not end by itself (exit status 2): {counts['NOT RUN']} items did not run"
     assert content["notes"] == [note]
     assert f"rvads: {note}" in said

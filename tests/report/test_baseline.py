@@ -4,23 +4,22 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.report.baseline import Comparison, compare, with_baseline
-from pytest_rvads.report.files import markdown
-from pytest_rvads.report.record import cell_record, conclude, not_run
-from pytest_rvads.report.session_report import Report
+from pytest_rvads.report.baseline import compare, with_baseline
+from pytest_rvads.report.markdown import markdown
+from pytest_rvads.report.record import conclude, planned_record, updated
+from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.terminal import summary
 
 
 def record(name: str, status: str, *, known: str | None = None, margin: float | None = None, pet: float | None = None) -> Any:
     keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": "p1"}
-    made = cell_record(name, 3, "test", keys, 4)
+    made = planned_record(name, 3, "test", keys, 4)
     if status == "NOT RUN":
-        return not_run(made, "the session ended before")
+        return made
     outcome = "skipped" if status == "NA" or known else "passed" if status == "PASS" else "failed"
-    verdict = {"status": status, "cause": "both in", "instances": [{"margin": margin}]}
-    conclude(made, [verdict], "call", outcome, known=known, text="p1 at t=1.00 s: both in")
-    made["kpis"] = {"ttc": None, "pet": pet}
-    return made
+    verdicts = [{"status": status, "cause": "both in", "instances": [{"margin": margin}]}]
+    made = updated(made, kpis={"ttc": None, "pet": pet})
+    return conclude(made, verdicts, "call", outcome, known=known, text="p1 at t=1.00 s: both in")
 
 
 def changes(before: list[Any], now: list[Any], gone: bool = False) -> Comparison:
@@ -110,4 +109,4 @@ def test_summary_and_report_start_with_what_changed() -> None:
     assert text[12] == "  NEW     ... and 2 more"
     assert markdown(report).index("against old.json") < markdown(report).index("Causes")
     assert markdown(report).count("- NEW     ") == 12, "a file has room for all"
-    assert [r["change"] for r in report.records] == ["NEW"] * 12 + ["ADDED"]
+    assert [r.change for r in report.records] == ["NEW"] * 12 + ["ADDED"]

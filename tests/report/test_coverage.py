@@ -7,25 +7,26 @@ import pytest
 
 from pytest_rvads.report.coverage import measure, shortfall
 from pytest_rvads.report.merge import merge
-from pytest_rvads.report.record import cell_record, conclude, not_run
+from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.record import Record, conclude, planned_record, updated
 from pytest_rvads.report.session_report import Report
 
 
-def record(cls: int, rule: str, status: str, *, row: int = 0, hash: str = "aa") -> dict[str, Any]:
+def record(cls: int, rule: str, status: str, *, row: int = 0, hash: str = "aa") -> Record:
     keys = {"junction": "stop4", "cls": cls, "scenario": "1111", "cfg": "C", "rotation": row, "rule": rule}
-    made = cell_record(f"t.py::test[{cls}-r{row}-{rule}]", 3, "test", keys, 4)
+    made = planned_record(f"t.py::test[{cls}-r{row}-{rule}]", 3, "test", keys, 4)
     if status == "NOT RUN":
-        return not_run(made, "the session ended before")
+        return made
     outcome = {"PASS": "passed", "NA": "skipped"}.get(status, "failed")
-    conclude(made, [] if status == "ERROR" else [{"status": status, "cause": "c"}], "call", outcome, asserted=status != "ERROR")
-    made["hash"] = hash
-    return made
+    error = Outcome.ERROR if status == "ERROR" else None
+    verdicts = [] if error else [{"status": status, "cause": "c"}]
+    return conclude(updated(made, hash=hash), verdicts, "call", outcome, error=error)
 
 
 PLANNED = tuple(("stop4", cls, "C", rule, None, None) for cls in (1, 2) for rule in ("p1", "p2"))
 
 
-def report(*records: dict[str, Any], planned: Any = PLANNED, **more: Any) -> Report:
+def report(*records: Record, planned: Any = PLANNED, **more: Any) -> Report:
     return Report(tuple(records), {4: (24, 81)}, planned, more.pop("versions", {"numpy": "2.0"}), **more)
 
 
@@ -46,13 +47,13 @@ def test_one_row_of_a_class_exercises_its_cell() -> None:
 
 
 def test_what_only_the_traffic_was_asked_exercises_nothing() -> None:
-    def among(traffic: str, seat: int, status: str, asked: bool) -> dict[str, Any]:
+    def among(traffic: str, seat: int, status: str, asked: bool) -> Record:
         made = record(1, "p1", "PASS")
-        conclude(made, [{"status": status, "provoked": status == "FAIL", "asked": asked}], "call", "passed")
-        return made | {"seat": seat, "traffic": traffic}
+        verdicts = [{"status": status, "provoked": status == "FAIL", "asked": asked}]
+        return updated(conclude(made, verdicts, "call", "passed"), seat=seat, traffic=traffic)
 
     seen = [among("hesitant", 0, "FAIL", False), among("hesitant", 1, "FAIL", True), among("stopped", 1, "PASS", True)]
-    assert [r["status"] for r in seen] == ["PROVOKED", "PROVOKED", "PASS"]
+    assert [r.status for r in seen] == ["PROVOKED", "PROVOKED", "PASS"]
     assert str(measure(report(*seen, planned=()))) == "2/3 cells exercised (66.6 %): 1 provoked", "a cell per seat and traffic"
 
 
@@ -72,7 +73,7 @@ def test_three_shards_add_up() -> None:
         ("c.json", report(record(2, "p1", "NA"), record(2, "p2", "NA"), exitstatus=5)),
     ]
     whole = merge(shards)
-    assert [(r["nodeid"], r["status"]) for r in whole.records] == [
+    assert [(r.nodeid, r.status) for r in whole.records] == [
         ("t.py::test[1-r0-p1]", "PASS"),
         ("t.py::test[1-r0-p2]", "PASS"),
         ("t.py::test[2-r0-p1]", "NA"),
@@ -93,7 +94,7 @@ def test_contradictions_are_said_and_are_no_success(one: Any, other: Any, says: 
     whole = merge([("a", report(one)), ("b", report(other))])
     assert says in whole.notes[0]
     assert whole.exitstatus == 1
-    assert whole.records[0]["status"] == other["status"], "the worse verdict counts"
+    assert whole.records[0].status == other.status, "the worse verdict counts"
 
 
 def test_versions_that_differ_are_said() -> None:

@@ -7,10 +7,13 @@ from typing import Any
 import pytest
 
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.report.files import load, markdown, save
-from pytest_rvads.report.indicators import extremes
-from pytest_rvads.report.matrix import coverage, matrices
-from pytest_rvads.report.record import SEVERITY, cell_record, conclude, properties
+from pytest_rvads.report.coverage import at_junctions
+from pytest_rvads.report.figures import extremes
+from pytest_rvads.report.files import load, save
+from pytest_rvads.report.markdown import markdown
+from pytest_rvads.report.matrix import Matrix, matrices
+from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.record import Record, conclude, planned_record, properties, updated
 from pytest_rvads.report.session_report import Report, cell_of
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.triage import causes
@@ -20,7 +23,7 @@ TOTALS = {4: (24, 81)}
 
 def record(
     cls: int, cfg: str, rule: str, status: str, *, known: str | None = None, scenario: str = "1111", cause: str = "both in"
-) -> Any:
+) -> Record:
     keys = {
         "junction": "stop4",
         "cls": cls,
@@ -30,11 +33,11 @@ def record(
         "rule": rule,
         "driver": "mine.Pilot",
     }
-    made = cell_record(f"t.py::test[{cls}-{scenario}-{cfg}-{rule}]", 3, "test", keys, 4)
+    made = planned_record(f"t.py::test[{cls}-{scenario}-{cfg}-{rule}]", 3, "test", keys, 4)
     outcome = "skipped" if status == "NA" or known else "passed" if status == "PASS" else "failed"
-    conclude(made, [{"status": status, "cause": cause}], "call", outcome, known=known, text=f"{rule} at t=1.00 s")
-    made["hash"] = f"{cls} {scenario} {cfg}"
-    return made
+    verdicts = [{"status": status, "cause": cause}]
+    made = updated(made, hash=f"{cls} {scenario} {cfg}")
+    return conclude(made, verdicts, "call", outcome, known=known, text=f"{rule} at t=1.00 s")
 
 
 RECORDS = [
@@ -52,17 +55,21 @@ PLANNED = tuple(dict.fromkeys(map(cell_of, RECORDS)))
 REPORT = Report(tuple(RECORDS), TOTALS, PLANNED, {"numpy": "2.0"}, 1, ("a note",))
 
 
+def texts(matrix: Matrix) -> tuple[Any, ...]:
+    return tuple((label, tuple(entry.text for entry in entries)) for label, entries in matrix.rows)
+
+
 def test_the_matrix_reads_like_a_table_of_the_paper() -> None:
     (matrix,) = matrices(RECORDS)
     assert matrix.columns == (("C", "p1"), ("C", "p2"))
-    assert matrix.rows == (("01, 03", ("pass", "NA")), ("02", ("1/2 fail", "xfail I3")), ("04", ("OPEN", "FAIL")))
+    assert texts(matrix) == (("01, 03", ("pass", "NA")), ("02", ("1/2 fail", "xfail I3")), ("04", ("OPEN", "FAIL")))
 
 
 @pytest.mark.parametrize("status", ["ERROR", "FLAKY", "FAIL", "NOT JUDGED", "OPEN"])
 def test_a_cell_says_what_went_wrong_in_a_part_of_its_rows(status: str) -> None:
-    rows = [record(1, "C", "p1", "PASS"), record(1, "C", "p1", "NA"), record(1, "C", "p1", "FAIL") | {"status": status}]
-    assert matrices(rows)[0].rows == (("01", (f"1/3 {status.lower()}",)),)
-    assert matrices(rows[:2])[0].rows == (("01", ("1/2 pass, 1/2 NA",)),)
+    rows = [record(1, "C", "p1", "PASS"), record(1, "C", "p1", "NA"), updated(record(1, "C", "p1", "FAIL"), status=status)]
+    assert texts(matrices(rows)[0]) == (("01", (f"1/3 {status.lower()}",)),)
+    assert texts(matrices(rows[:2])[0]) == (("01", ("1/2 pass, 1/2 NA",)),)
 
 
 def test_causes_group_unexpected_failures() -> None:
@@ -72,43 +79,40 @@ def test_causes_group_unexpected_failures() -> None:
 
 
 def test_coverage_counts_what_was_exercised() -> None:
-    (line,) = coverage(RECORDS, TOTALS)
+    (line,) = at_junctions(RECORDS, TOTALS)
     assert line.startswith("stop4: 4/24 classes, 3/81 scenarios, ")
     assert line.endswith("9 verdicts: 3 pass, 2 fail, 1 open, 1 known failures, 2 NA")
-    (idle,) = coverage(RECORDS[:2], TOTALS)
+    (idle,) = at_junctions(RECORDS[:2], TOTALS)
     assert idle.endswith("(never applicable: p2)")
 
 
 def test_an_item_that_never_ran_is_an_error_or_not_run() -> None:
     keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0}
-    broken, skipped = cell_record("a", 1, "t", keys, 4), cell_record("b", 2, "t", keys, 4)
-    conclude(broken, [], "setup", "failed", text="autopilot raised")
-    conclude(skipped, [], "setup", "skipped")
-    assert (broken["status"], skipped["status"]) == ("ERROR", "NOT RUN")
+    broken, skipped = planned_record("a", 1, "t", keys, 4), planned_record("b", 2, "t", keys, 4)
+    broken = conclude(broken, (), "setup", "failed", text="autopilot raised")
+    skipped = conclude(skipped, (), "setup", "skipped")
+    assert (broken.status, skipped.status) == ("ERROR", "NOT RUN")
     assert [(c.rule, c.text) for c in causes([broken, skipped])] == [("run", "autopilot raised")]
 
 
 def test_several_verdicts_count_by_the_worst() -> None:
     made = record(1, "C", "p1", "PASS")
-    conclude(made, [{"status": s} for s in ("PASS", "NA", "FAIL", "OPEN")], "call", "failed")
-    assert made["status"] == "FAIL"
-    conclude(made, [{"status": s} for s in ("NA", "PASS")], "call", "passed")
-    assert made["status"] == "PASS"
+    four, two = ([{"status": s} for s in given] for given in (("PASS", "NA", "FAIL", "OPEN"), ("NA", "PASS")))
+    assert conclude(made, four, "call", "failed").status == "FAIL"
+    assert conclude(made, two, "call", "passed").status == "PASS"
 
 
 def test_nothing_but_a_judged_pass_is_a_pass() -> None:
     def status(verdicts: list[str], outcome: str, **more: Any) -> str:
         made = record(1, "C", "p1", "PASS")
-        conclude(made, [{"status": s} for s in verdicts], "call", outcome, **more)
-        found: str = made["status"]
-        return found
+        return conclude(made, [{"status": s} for s in verdicts], "call", outcome, **more).status.value
 
-    assert status([], "failed", judged=False, asserted=False) == "NOT JUDGED"
+    assert status([], "failed", error=Outcome.NOT_JUDGED) == "NOT JUDGED"
     assert status([], "passed") == "PASS", "a test of a run by its own assertions"
     assert status([], "skipped") == "NOT RUN"
     assert status(["PASS"], "failed") == "FAIL", "an assertion after the verdict failed, or a known failure passed"
-    assert status([], "failed", asserted=False) == "ERROR"
-    assert status(["NA"], "failed", asserted=False) == "ERROR"
+    assert status([], "failed", error=Outcome.ERROR) == "ERROR"
+    assert status(["NA"], "failed", error=Outcome.ERROR) == "ERROR"
 
 
 def test_a_known_failure_does_not_hide_an_unexpected_one() -> None:
@@ -117,7 +121,7 @@ def test_a_known_failure_does_not_hide_an_unexpected_one() -> None:
         record(9, "C", "p2", "FAIL", scenario="3121"),
         record(9, "C", "p2", "PASS", scenario="1312"),
     ]
-    assert matrices(mixed)[0].rows[0][1] == ("1/3 fail, 1/3 xfail I3",)
+    assert texts(matrices(mixed)[0])[0][1] == ("1/3 fail, 1/3 xfail I3",)
     assert sum(c.count for c in causes(mixed)) == 1
 
 
@@ -141,14 +145,14 @@ def test_a_report_is_read_back(tmp_path: Path) -> None:
     assert (tmp_path / "r.md").read_text(encoding="utf-8") == markdown(REPORT)
 
 
-OLDER, OTHER = ({"format": name, "version": n, "records": []} for name, n in (("rvads-report", 2), ("other-report", 3)))
+OLDER, OTHER = ({"format": name, "version": n, "records": []} for name, n in (("rvads-report", 3), ("other-report", 4)))
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", json.dumps(OLDER), json.dumps(OTHER)])
 def test_other_files_are_refused(tmp_path: Path, content: str) -> None:
     path = tmp_path / "r.json"
     path.write_text(content, encoding="utf-8")
-    with pytest.raises(RvadsError, match=r"r\.json (is not a report of version 3|can't be read)"):
+    with pytest.raises(RvadsError, match=r"r\.json (is not a report of version 4|can't be read)"):
         load(path)
 
 
@@ -167,15 +171,12 @@ def test_markdown_keeps_its_tables_whole() -> None:
     assert [lines[k + 1] for k in heads] == ["|---|---|"], "a column of classes and one of a rule"
 
 
-def measured(cls: int, **vehicle: float | None) -> Any:
+def measured(cls: int, **vehicle: float | None) -> Record:
     made = record(cls, "C", "p1", "PASS")
     one = {"agent": "a0", "waiting": 1.0, "delay": None, "deceleration": 2.0, "jerk": 3.0}
     pair = {"agents": ["a0", "a1"], "ttc": 2.5 - cls, "pet": None}
     vehicles = [one, {**one, "agent": "a1", **vehicle}]
-    return made | {
-        "run": f"run{cls}",
-        "kpis": {"vehicles": vehicles, "pairs": [pair]},
-    }
+    return updated(made, run=f"run{cls}", kpis={"vehicles": vehicles, "pairs": [pair]})
 
 
 def test_extremes_name_value_vehicle_and_run() -> None:
@@ -206,9 +207,9 @@ def long_session(rows: int) -> Report:
     for cls in range(1, rows + 1):
         for bit in range(8):
             passes = (cls >> bit) & 1 and cls < rows
-            records.append(record(cls, f"d{bit:05.2f}v00.00", "p1", "PASS" if passes else "FAIL" if cls == rows else "NA"))
-            records[-1]["nodeid"] = f"t.py::test[stop5-class{cls:03d}-as11111-cfg{bit}-p1]"
-            records[-1]["message"] = f"number {'x' * cls}"
+            made = record(cls, f"d{bit:05.2f}v00.00", "p1", "PASS" if passes else "FAIL" if cls == rows else "NA")
+            nodeid = f"t.py::test[stop5-class{cls:03d}-as11111-cfg{bit}-p1]"
+            records.append(updated(made, nodeid=nodeid, message=f"number {'x' * cls}"))
     return Report(tuple(records), {4: (208, 1024)})
 
 
@@ -239,10 +240,10 @@ def test_a_long_label_of_a_configuration_has_a_number() -> None:
 
 
 def test_every_status_has_a_word() -> None:
-    records = [record(n, "C", "p1", "FAIL") | {"status": status} for n, status in enumerate(SEVERITY, start=1)]
-    (line,) = coverage(records, {4: (24, 81)})
+    records = [updated(record(n, "C", "p1", "FAIL"), status=outcome) for n, outcome in enumerate(Outcome, start=1)]
+    (line,) = at_junctions(records, {4: (24, 81)})
     words = "1 pass, 1 fail, 1 open, 1 unavoidable, 1 provoked by traffic, 1 NA, 1 error, 1 flaky, 1 not judged, 1 not run"
-    assert f"{len(SEVERITY)} verdicts: {words}" in line
+    assert f"{len(Outcome)} verdicts: {words}" in line
 
 
 def test_slow_runs_are_told_where_they_matter() -> None:

@@ -9,13 +9,14 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.logic.rules.rule import rules_for
-from pytest_rvads.report.record import cell_record, conclude
+from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.record import Record, conclude, planned_record, updated
 from pytest_rvads.report.triage import causes
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.studies.mutants import MUTANTS
 
-Runs = dict[str, list[dict[str, Any]]]
+Runs = dict[str, list[Record]]
 """Run to the records of its failed items."""
 FEW = ("dawdles", "ignores stop", "last come first", "no yield turning left", "runs red", "speeds")
 
@@ -32,9 +33,9 @@ def failures(mutant: str, junction: str, letters: str, classes: Sequence[int]) -
             verdict = rvads.check(run, rule)
             if verdict.status in ("FAIL", "OPEN"):
                 keys = {"junction": junction, "cls": scenario.number, "scenario": "", "cfg": "", "rotation": 0, "rule": rule.name}
-                record = cell_record(f"{mutant}::{scenario.name}-{rule.name}", 1, "test", keys, place.ways)
-                conclude(record, [verdict.record()], "call", "failed", text=verdict.message)
-                records.append(record | {"hash": run.hash})
+                record = planned_record(f"{mutant}::{scenario.name}-{rule.name}", 1, "test", keys, place.ways)
+                record = conclude(record, [verdict.record()], "call", "failed", text=verdict.message)
+                records.append(updated(record, hash=run.hash))
     return found
 
 
@@ -50,11 +51,11 @@ def measure(runs: Mapping[str, Runs], draws: int) -> tuple[list[float], list[flo
     for _ in range(draws):
         on = rng.sample(sorted(runs), rng.randint(1, 3))
         faults: dict[str, str] = {}
-        session: list[dict[str, Any]] = []
+        session: list[Record] = []
         for name in names:
             fault = rng.choice(on)
             for record in runs[fault].get(name, ()):
-                faults[record["nodeid"]] = "unavoidable" if record["verdicts"][0]["unavoidable"] else fault
+                faults[record.nodeid] = "unavoidable" if record.verdicts[0].unavoidable else fault
                 session.append(record)
         if not session:
             continue
@@ -91,12 +92,11 @@ def test_cause_groups_are_few_and_pure() -> None:
     assert sum(purities) / len(purities) >= 0.95
 
 
-def failed(run: str, rule: str, violated: str, time: float | None, **more: Any) -> dict[str, Any]:
+def failed(run: str, rule: str, violated: str, time: float | None, **more: Any) -> Record:
     keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": rule}
-    record = cell_record(f"t.py::test[{run}-{rule}]", 3, "test", keys, 4)
+    record = planned_record(f"t.py::test[{run}-{rule}]", 3, "test", keys, 4)
     verdict = {"status": "FAIL", "cause": violated, "violated": violated, "time": time, **more}
-    conclude(record, [verdict], "call", "failed", text=violated)
-    return record | {"hash": run}
+    return conclude(updated(record, hash=run), [verdict], "call", "failed", text=violated)
 
 
 def test_what_broke_first_explains_the_rest_of_its_run() -> None:
@@ -136,17 +136,15 @@ def test_one_fault_is_one_cause_whatever_rules_would_have_judged_it() -> None:
     found = []
     for run, rule in (("one", "p1"), ("one", "p2"), ("two", "p3")):
         record = failed(run, rule, "", None)
-        conclude(record, [], "call", "failed", text="ValueError: no gap", asserted=False)
-        found.append(record | {"hash": None})
+        record = conclude(record, (), "call", "failed", text="ValueError: no gap", error=Outcome.ERROR)
+        found.append(updated(record, hash=None))
     (cause,) = causes(found)
     assert (cause.count, cause.text) == (3, "ValueError: no gap")
 
 
 def test_messages_are_alike_up_to_their_numbers() -> None:
-    def crash(run: str, text: str) -> dict[str, Any]:
-        record = failed(run, "p1", "", None)
-        conclude(record, [], "setup", "failed", text=text)
-        return record
+    def crash(run: str, text: str) -> Record:
+        return conclude(failed(run, "p1", "", None), (), "setup", "failed", text=text)
 
     found = causes([crash("one", "a2 raised at t=1.25 s"), crash("two", "a0 raised at t=0.5 s"), crash("three", "no sensor")])
     assert [(c.text, c.count) for c in found] == [("a2 raised at t=1.25 s", 2), ("no sensor", 1)]

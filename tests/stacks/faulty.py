@@ -16,8 +16,8 @@ def say(content):
 FAULTS = {
     "crash": lambda: sys.exit("cannot open the map"),
     "segfault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
-    "hang": lambda: time.sleep(60),
-    "late": lambda: time.sleep(0.4),
+    "hang": lambda: time.sleep(600),
+    "late": lambda: time.sleep(2),
     "nan": lambda: say({"type": "command", "throttle": float("nan")}),
     "inf": lambda: say({"type": "command", "target_speed": float("inf")}),
     "text": lambda: say({"type": "command", "brake": "full"}),
@@ -31,7 +31,7 @@ FAULTS = {
     "print": lambda: os.write(1, b"loading weights ... done\n"),
     "twice": lambda: say({"type": "command", "target_speed": 5.0}),
     "step": lambda: say({"type": "command", "target_speed": 5.0, "step": None}),
-    "close": lambda: (os.close(1), time.sleep(60)),
+    "close": lambda: (os.close(1), time.sleep(600)),
 }
 
 runs, asked = 0, 0
@@ -39,7 +39,7 @@ for line in sys.stdin:
     content = json.loads(line)
     if content["type"] == "hello":
         if fault == "mute":
-            time.sleep(60)
+            time.sleep(600)
         say({"type": "hello", "version": 2 if fault == "version" else 1, "name": "faulty", "rate": 7 if fault == "rate" else 20})
     elif content["type"] == "reset":
         runs, asked = runs + 1, 0

@@ -1,6 +1,7 @@
 """Lock-step: what a stack in another process drives does not depend on how fast it is, nor in which language or format."""
 
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -76,10 +77,12 @@ def test_a_stack_drives_as_the_same_code_in_process(echo: Callable[..., Process]
 
 
 def test_random_sleeps_change_no_bit(echo: Callable[..., Process]) -> None:
+    started = time.perf_counter()
     fast, *slow = drive(echo()), drive(echo(1, sleeps=True)), drive(echo(2, sleeps=True))
+    taken = time.perf_counter() - started
     assert {run.hash for run in slow} == {fast.hash}
     longest = slow[0].provenance["timing"]["a0"]["longest"]
-    assert 0.001 < longest < 1.0, "the compute time is reported"
+    assert 0.001 < longest < taken, "the compute time is reported, in seconds"
     steps = int((fast.zone[:-1, 0] != Zone.GONE).sum())
     assert slow[0].provenance["timing"]["a0"]["decisions"] == -(-steps // 5), "asked at 20 Hz while it is in the run"
 

@@ -23,7 +23,7 @@ TESTS = """
 """
 
 
-def wait_for(condition: Callable[[], object], seconds: float = 10.0) -> bool:
+def wait_for(condition: Callable[[], object], seconds: float = 120.0) -> bool:
     deadline = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > deadline:
@@ -124,7 +124,7 @@ def session(pytester: pytest.Pytester, marked: Callable[[str], list[int]]) -> Ca
             script.chmod(0o755)
             sut = f"./start.sh {tag}"
         process = subprocess.Popen(
-            [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--rvads-sut", sut, "--rvads-sut-timeout=60", *options],
+            [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--rvads-sut", sut, "--rvads-sut-timeout=600", *options],
             cwd=pytester.path,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -147,7 +147,7 @@ def test_ctrl_c_leaves_no_process(session, marked, shell: bool) -> None:
     tag = f"ctrl-c-{os.getpid()}-{shell}"
     process = session(tag, shell=shell)
     os.killpg(process.pid, signal.SIGINT)
-    output, _ = process.communicate(timeout=20)
+    output, _ = process.communicate(timeout=120)
     assert process.returncode == pytest.ExitCode.INTERRUPTED, output
     assert wait_for(lambda: not marked(tag))
 
@@ -172,6 +172,6 @@ def test_a_killed_worker_leaves_no_process(session, marked) -> None:
 def test_the_first_failure_leaves_no_process(session, marked) -> None:
     tag = f"exitfirst-{os.getpid()}"
     process = session(tag, "-x", fault="crash")
-    output, _ = process.communicate(timeout=20)
+    output, _ = process.communicate(timeout=120)
     assert process.returncode == pytest.ExitCode.TESTS_FAILED, output
     assert wait_for(lambda: not marked(tag))

@@ -1,0 +1,82 @@
+"""Outcomes: every status that a record can have, with all that reports have to know of it."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Literal
+
+__all__ = ["Outcome"]
+
+Meaning = Literal["violated", "error", "flaky", "passed", "idle"]
+Mark = Literal["good", "bad", "doubt", "none"]
+
+
+class Outcome(StrEnum):
+    """What became of an item, in the order in which sentences count.
+
+    A member is its spelling in reports, its severity, what it means, how a cell of a table shows it, its style in a terminal
+    and its mark on a page; and where they are not the usual ones, its word and its letter.
+    """
+
+    severity: int
+    """0 is the worst; between two there is room for another."""
+    meaning: Meaning
+    """What it says when a session is compared with an earlier one; ``idle``: nothing."""
+    cell: str
+    style: str
+    mark: Mark
+    judges: bool
+    """Whether something was found out about the system under test; a session without any such outcome is not green."""
+    word: str
+    """In sentences that count: "3 provoked by traffic"."""
+    letter: str
+    """In pytest's line of progress, where pytest's own would mislead."""
+
+    def __new__(
+        cls,
+        value: str,
+        severity: int = 0,
+        meaning: Meaning = "idle",
+        cell: str = "",
+        style: str = "",
+        mark: Mark = "none",
+        judges: bool = False,
+        word: str = "",
+        letter: str = "",
+    ) -> Outcome:
+        """Make a member; from outside, find the one with a spelling."""
+        member = str.__new__(cls, value)
+        member._value_ = value
+        member.severity, member.meaning, member.cell, member.style, member.mark = severity, meaning, cell, style, mark
+        member.judges, member.letter = judges, letter
+        member.word = word or member.small
+        return member
+
+    PASS = "PASS", 70, "passed", "pass", "green", "good", True
+    FAIL = "FAIL", 20, "violated", "FAIL", "bold red", "bad", True
+    OPEN = "OPEN", 40, "violated", "OPEN", "yellow", "doubt", True
+    UNAVOIDABLE = "UNAVOIDABLE", 50, "passed", "unavoidable", "cyan", "doubt"
+    """Violated, and nobody could have kept the rule."""
+    PROVOKED = "PROVOKED", 60, "passed", "provoked", "cyan", "doubt", False, "provoked by traffic"
+    """Violated or open by the doing of the traffic, not of the subject."""
+    NA = "NA", 80, "idle", "NA", "dim", "none", False, "", "n"
+    ERROR = "ERROR", 0, "error", "ERROR", "bold magenta", "bad"
+    FLAKY = "FLAKY", 10, "flaky", "FLAKY", "bold magenta", "bad"
+    NOT_JUDGED = "NOT JUDGED", 30, "error", "NOT JUDGED", "bold magenta", "bad"
+    """The test has a rule or a monitor and judged nothing."""
+    NOT_RUN = "NOT RUN", 90, "idle", "NOT RUN", "", "none", False, "", "-"
+
+    @property
+    def bad(self) -> bool:
+        """Whether something is wrong with the system under test or with its test."""
+        return self.meaning in ("violated", "error", "flaky")
+
+    @property
+    def small(self) -> str:
+        """The spelling inside a sentence."""
+        return self.value if len(self.value) == 2 else self.value.lower()  # NA is an abbreviation
+
+    @classmethod
+    def worst_first(cls) -> list[Outcome]:
+        """Return all of them, the worst first."""
+        return sorted(cls, key=lambda outcome: outcome.severity)

@@ -1,0 +1,121 @@
+"""The outline of a report: all that it says, in order, as blocks that every format renders in its own way.
+
+Formats differ in how they show a block, never in which: what one of them says, all say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from pytest_rvads.report.coverage import at_junctions, dropped, measure
+from pytest_rvads.report.figures import drivers, extremes, slowest, timing
+from pytest_rvads.report.matrix import Matrix, matrices
+from pytest_rvads.report.session_report import Comparison, Report
+from pytest_rvads.report.triage import Cause, causes, provoked, unavoidable
+
+__all__ = ["Block", "Causes", "Changes", "Figures", "Notes", "Verdicts", "outline"]
+
+_SLOWEST = 10
+"""Runs named that took longest; in short three, and none where all were quicker than a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class Notes:
+    """What is missing or doubtful, before anything else is believed."""
+
+    lines: tuple[str, ...]
+    title: str = "notes"
+
+    def plain(self) -> Iterator[str]:
+        """Yield what the block says, a line each."""
+        yield from self.lines
+
+
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """What changed since the baseline."""
+
+    comparison: Comparison
+    title: str = "since the baseline"
+
+    def plain(self) -> Iterator[str]:
+        """Yield what the block says, a line each."""
+        yield self.comparison.headline
+        yield from self.comparison.lines()
+
+
+@dataclass(frozen=True, slots=True)
+class Verdicts:
+    """The verdicts of one test at one junction."""
+
+    matrix: Matrix
+
+    @property
+    def title(self) -> str:
+        """Junction, traffic, and test."""
+        return self.matrix.title
+
+    def plain(self) -> Iterator[str]:
+        """Yield what the block says, a line each."""
+        for classes, entries in self.matrix.rows:
+            told = (f"{cfg} {rule} {e.text}" for (cfg, rule), e in zip(self.matrix.columns, entries, strict=True) if e.text)
+            yield f"class {classes}: {'; '.join(told)}"
+
+
+@dataclass(frozen=True, slots=True)
+class Causes:
+    """What is behind failures, or behind what was no failure, the most frequent first."""
+
+    title: str
+    causes: tuple[Cause, ...]
+
+    def plain(self) -> Iterator[str]:
+        """Yield what the block says, a line each."""
+        for cause in self.causes:
+            yield f"{cause.count} x {cause.rule}: {cause.line} (first: {cause.example})"
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Who drove, the extremes, what was exercised, and how long it took."""
+
+    lines: tuple[str, ...]
+    title: str = "coverage"
+
+    def plain(self) -> Iterator[str]:
+        """Yield what the block says, a line each."""
+        yield from self.lines
+
+
+Block = Notes | Changes | Verdicts | Causes | Figures
+
+
+def outline(report: Report, short: bool = False) -> list[Block]:
+    """Return what a report says; blocks that would be empty are left out.
+
+    Args:
+        report: of a session, or merged.
+        short: name three slow runs at most, and none where all were quick.
+    """
+    records = report.records
+    blocks: list[Block] = [Notes(report.notes)] if report.notes else []
+    if report.comparison:
+        blocks.append(Changes(report.comparison))
+    blocks += map(Verdicts, matrices(records))
+    for title, groups in (
+        ("causes of failures", causes(records)),
+        ("provoked by traffic", provoked(records)),
+        ("unavoidable: nobody could have kept the rule", unavoidable(records)),
+    ):
+        blocks += [Causes(title, tuple(groups))] if groups else []
+    lines = (
+        *drivers(records),
+        *extremes(records),
+        *at_junctions(records, report.totals),
+        *timing(records),
+        *(slowest(report.seconds, 3, 1.0) if short else slowest(report.seconds, _SLOWEST)),
+        f"coverage: {measure(report)}",
+        *dropped(report),
+    )
+    return [*blocks, Figures(lines)]

@@ -1,0 +1,116 @@
+"""Why a session is not green, whatever pytest says: a list of small checks, each of which may give one reason."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Set
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import pytest
+
+from pytest_rvads.report.outcome import Outcome
+
+if TYPE_CHECKING:
+    from pytest_rvads.report.record import Record
+
+__all__ = ["Ending", "Reason", "counted", "reasons"]
+
+_FAILED = int(pytest.ExitCode.TESTS_FAILED)
+_NOTHING = int(pytest.ExitCode.NO_TESTS_COLLECTED)
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How a session ended: all that decides whether it is green."""
+
+    exitstatus: int
+    """Of pytest."""
+    records: Mapping[str, Record]
+    """By node id."""
+    missing: int
+    """Selected items that never ran."""
+    vanished: int
+    """Items that somebody dropped without deselecting them."""
+    undriven: Mapping[str, str]
+    """Node ids of items that nothing was named to drive in, and where what was meant may be."""
+    turned: Set[str]
+    """Node ids of items that failed until somebody changed their reports."""
+    late: str
+    """Message of items that a time budget had no room for, empty without a budget."""
+    lets_open_pass: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """What keeps a session from being green, or should be known of it."""
+
+    text: str
+    exitstatus: int = _FAILED
+    """To end with where the session would end with 0; 0 where the reason alone is none."""
+    cut: bool = True
+    """Whether so much is missing that a comparison with a baseline excuses no failure."""
+
+
+def reasons(ending: Ending) -> list[Reason]:
+    """Return every reason, the first of which with an exit status decides."""
+    return [reason for check in _CHECKS if (reason := check(ending))]
+
+
+def counted(count: int) -> str:
+    """Return how many items."""
+    return f"{count} item{'' if count == 1 else 's'}"
+
+
+def _ended(ending: Ending) -> Reason | None:
+    missing = f"{counted(ending.missing)} did not run"
+    if ending.exitstatus not in (pytest.ExitCode.OK, _FAILED, _NOTHING):
+        text = f"the session did not end by itself (exit status {ending.exitstatus}): {missing}"
+        return Reason(text, cut=ending.missing > 0)
+    return Reason(f"the session stopped early: {missing}") if ending.missing else None
+
+
+def _vanished(ending: Ending) -> Reason | None:
+    said = f"{counted(ending.vanished)} vanished: a plugin or conftest.py dropped them without deselecting them"
+    return Reason(said) if ending.vanished else None
+
+
+def _undriven(ending: Ending) -> Reason | None:
+    if not ending.undriven:
+        return None
+    where = next(filter(None, ending.undriven.values()), "")
+    return Reason(
+        f"nothing says what drives in {counted(len(ending.undriven))}, so the bundled reference autopilot did, and nothing of "
+        "yours was tested: override the fixture rvads_autopilot, or name what drives by --rvads-autopilot=module:name or "
+        f"--rvads-sut (--rvads-autopilot=reference if you mean the reference){'; ' if where else ''}{where}"
+    )
+
+
+def _unjudged(ending: Ending) -> Reason | None:
+    if not ending.records or any(record.status.judges for record in ending.records.values()):
+        return None
+    said = "nothing was judged: no rule asked anything of what was to be tested, or no item ran"
+    return Reason(said, _NOTHING, cut=False)
+
+
+def _hushed(ending: Ending) -> Reason | None:
+    """Items that failed, and that a plugin or conftest.py made pass."""
+    fails = {outcome for outcome in Outcome if outcome.bad} - ({Outcome.OPEN} if ending.lets_open_pass else set())
+    hidden = {name for name, r in ending.records.items() if r.status in fails and not r.failed and not r.known}
+    hushed = sorted(hidden | ending.turned)
+    if not hushed:
+        return None
+    return Reason(f"{counted(len(hushed))} passed though not kept: something catches failures, first {hushed[0]}")
+
+
+def _unkept(ending: Ending) -> Reason | None:
+    unkept = [record.unkept for record in ending.records.values() if record.unkept]
+    return Reason(f"the runs of {counted(len(unkept))} could not be kept: {unkept[0]}") if unkept else None
+
+
+def _late(ending: Ending) -> Reason | None:
+    late = sum(record.message == ending.late for record in ending.records.values()) if ending.late else 0
+    said = f"{ending.late.partition(': ')[2]}: {counted(late)} did not run"
+    return Reason(said, exitstatus=0, cut=False) if late else None
+
+
+_CHECKS: tuple[Callable[[Ending], Reason | None], ...] = (_ended, _vanished, _undriven, _unjudged, _hushed, _unkept, _late)

@@ -1,0 +1,207 @@
+"""One outline: a report that has something of everything says all of it in every form."""
+
+import csv
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+import pytest_rvads as rvads
+from pytest_rvads.conduct.kpis import kpis
+from pytest_rvads.report.files import FORMATS, load, save
+from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.outline import Block, Causes, Changes, Verdicts, outline
+from pytest_rvads.report.record import Indicators, Record, VerdictRecord, conclude, planned_record, received, sent, updated
+from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of
+from pytest_rvads.report.terminal import summary
+
+STACK = {"stack": "stack ./mine", "decisions": 60, "compute": 0.3, "longest": 0.02}
+INDICATORS = {
+    "vehicles": [{"agent": "a0", "waiting": 7.0, "delay": 3.0, "deceleration": 4.5, "jerk": 1.0}],
+    "pairs": [{"agents": ["a0", "a1"], "ttc": 0.4, "pet": 1.3}],
+}
+TELLING = {
+    "FAIL": {"violated": "both <in> | it", "roles": "a left from +0", "time": 2.0},
+    "OPEN": {"violated": "waits for ever", "time": 9.0},
+    "PROVOKED": {"status": "FAIL", "provoked": True, "violated": "was run into"},
+    "UNAVOIDABLE": {"status": "FAIL", "unavoidable": True, "violated": "a cycle of four"},
+}
+
+
+def record(number: int, outcome: Outcome, known: str | None = None) -> Record:
+    """An item with an outcome; each has a run of its own."""
+    keys: dict[str, Any] = {
+        "junction": "stop4",
+        "cls": number,
+        "scenario": f"11{number:02d}",
+        "cfg": "d12.50v08.00",
+        "rotation": 0,
+        "seat": 1,
+        "traffic": "hesitant",
+        "rule": f"p{number % 2}",
+        "driver": "mine.Pilot",
+    }
+    start = planned_record(f"t.py::test[stop4-class{number:02d}-p{number % 2}]", 3, "test", keys, 4, ("REQ-1", "REQ-2"))
+    told = {"status": outcome.value, **TELLING.get(outcome, {})}
+    verdicts = [msgspec.convert(told, VerdictRecord)] if outcome.value in (*TELLING, "PASS", "NA") else []
+    ran = updated(start, run=f"run{number}", hash=f"h{number}", kpis=INDICATORS, timing={"a1": STACK})
+    result = "skipped" if known or outcome is Outcome.NA else "failed" if outcome.bad else "passed"
+    return updated(conclude(ran, verdicts, "call", result, known=known, text=f"{outcome} in run {number}"), status=outcome)
+
+
+def everything() -> Report:
+    records = [record(number, outcome) for number, outcome in enumerate(Outcome, start=1)]
+    records.append(record(11, Outcome.FAIL, "I3: order of creation"))
+    comparison = Comparison(
+        "main.json",
+        (
+            Change("NEW", records[1].nodeid, "p1 at t=2.00 s"),
+            Change("LOST", "t.py::test[gone]", "was PASS"),
+            Change("OUTSIDE", "x"),
+        ),
+        ("numpy was 1.0 and is 2.0",),
+    )
+    return Report(
+        tuple(records),
+        {4: (24, 81)},
+        (*map(cell_of, records), ("stop4", 12, "C", "p1", None, None)),
+        {"numpy": "2.0"},
+        1,
+        ("3 items vanished", "2 items did not run"),
+        {"test": 2},
+        {f"test[run{n}]": n / 10 for n in range(12)},
+        comparison,
+    )
+
+
+def facts(block: Block) -> Iterator[str]:
+    """The smallest things that a block says."""
+    match block:
+        case Changes(comparison):
+            yield from (comparison.headline, *comparison.lines())
+        case Verdicts(matrix):
+            yield matrix.title
+            yield from (word for column in matrix.columns for word in column)
+            yield from (text for label, entries in matrix.rows for text in (label, *(entry.text for entry in entries)))
+        case Causes(title, causes):
+            yield title
+            yield from (text for c in causes for text in (str(c.count), c.rule, c.line, c.example))
+        case _:
+            yield from block.lines
+
+
+def strings(value: Any) -> Iterator[str]:
+    """Every string and number in a value of JSON."""
+    if isinstance(value, dict):
+        yield from (text for pair in value.items() for one in pair for text in strings(one))
+    elif isinstance(value, list):
+        yield from (text for one in value for text in strings(one))
+    else:
+        yield str(value)
+
+
+def read(form: str, text: str) -> str:
+    """What a reader of a form reads, without its way to write special characters."""
+    if form == ".html":
+        (data,) = re.findall(r"^const session = (.*);$", text, re.MULTILINE)
+        markup = text[: text.index("<script>")].replace("<li>", "\n")
+        return unescape(re.sub(r"<[^>]*>", "\n", markup)) + "\n".join(strings(json.loads(data)))
+    if form == ".json":
+        return "\n".join(strings(json.loads(text)))
+    if form == ".csv":
+        return "\n".join(cell for row in csv.reader(text.splitlines()) for cell in row)
+    return text.replace("\\|", "|")
+
+
+@pytest.mark.parametrize("form", [*FORMATS, "terminal"])
+def test_no_form_leaves_out_what_another_says(form: str) -> None:
+    report = everything()
+    blocks = outline(report)
+    assert [block.title for block in blocks] == [
+        *("notes", "since the baseline", "stop4 among hesitant traffic   t.py::test"),
+        *("causes of failures", "provoked by traffic", "unavoidable: nobody could have kept the rule", "coverage"),
+    ]
+    figures = blocks[-1].plain()
+    begins = ["driven by", "nearest", "most", "stop4", "stack ./mine", "slowest", "coverage", "2 points beyond"]
+    assert [next(b for b in begins if line.startswith(b)) for line in figures] == begins
+    if form == "terminal":
+        # Its notes are printed by who asks for the summary: tests/plugin/test_interrupted.py, test_gate.py.
+        text = summary(report, colour=False, width=400, unicode=True, full=True)
+        blocks = blocks[1:]
+    else:
+        text = FORMATS[form](report, Path())
+    said = read(form, text).lower()
+    wanted = [fact for block in blocks for fact in facts(block)]
+    assert len(wanted) > 60
+    assert [fact for fact in wanted if fact.lower() not in said] == []
+
+
+def test_a_report_read_back_says_the_same(tmp_path: Path) -> None:
+    report = everything()
+    save(tmp_path / "r.json", report)
+    back = load(tmp_path / "r.json")
+    assert back == report
+    assert outline(back) == outline(report)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "says"),
+    [
+        (("records", 1, "status"), "FINE", r"Invalid enum value 'FINE' - at `\$\.records\[1\]\.status`"),
+        (("records", 0, "kpis"), 7, r"Expected `object \| null`, got `int` - at `\$\.records\[0\]\.kpis`"),
+        (("planned", 0), ["stop4"], r"Expected `array` of length 6 - at `\$\.planned\[0\]`"),
+        (("notes",), "one", r"Expected `array`, got `str` - at `\$\.notes`"),
+    ],
+)
+def test_a_damaged_report_names_the_place(tmp_path: Path, place: tuple[Any, ...], value: Any, says: str) -> None:
+    save(tmp_path / "r.json", everything())
+    content = inner = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = value
+    (tmp_path / "r.json").write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(rvads.RvadsError, match=rf"r\.json is a damaged report: {says}"):
+        load(tmp_path / "r.json")
+
+
+def test_a_csv_is_one_table_whose_last_rows_are_about_the_session() -> None:
+    report = everything()
+    header, *rows = csv.reader(FORMATS[".csv"](report, Path()).splitlines())
+    assert {len(row) for row in rows} == {len(header)}
+    items = [row for row in rows if row[header.index("item")]]
+    assert len(items) == 2 * len(report.records), "each traces to two requirements"
+    assert rows[: len(items)] == items
+    assert all(set(row[:-2]) == {""} for row in rows[len(items) :])
+
+
+def test_records_hold_all_that_verdicts_and_indicators_say() -> None:
+    run = rvads.simulate(rvads.Scenario("stop4", "1133", distance=0.3, duration=3.0), rvads.Reference)
+    for rule in ("p1", "p2", "p4"):
+        told = rvads.check(run, rule).record()
+        assert msgspec.json.decode(msgspec.json.encode(msgspec.convert(told, VerdictRecord))) == told
+    found = kpis(run).record()
+    assert msgspec.json.decode(msgspec.json.encode(msgspec.convert(found, Indicators))) == found
+
+
+def test_a_record_crosses_processes_as_builtins() -> None:
+    for one in everything().records:
+        content = sent(one)
+        assert json.loads(json.dumps(content)) == content
+        assert received(content) == one
+        assert content.keys() & {"unkept", "flaky", "look", "change"} == set(), "what there is none of is left out"
+
+
+def test_an_outcome_is_all_in_one_place() -> None:
+    severities = [outcome.severity for outcome in Outcome.worst_first()]
+    assert severities == sorted(set(severities))
+    assert [outcome for outcome in Outcome if outcome.judges] == ["PASS", "FAIL", "OPEN"]
+    assert {outcome for outcome in Outcome if outcome.bad} == {"ERROR", "FLAKY", "FAIL", "NOT JUDGED", "OPEN"}
+    assert all(Outcome(outcome.value) is outcome and outcome.word and outcome.cell for outcome in Outcome)
+    empty = replace(everything(), records=(), seconds={}, notes=(), comparison=None, left_out={}, planned=())
+    assert [list(block.plain()) for block in outline(empty)] == [["coverage: 0/0 cells exercised (0.0 %)"]]
