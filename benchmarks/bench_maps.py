@@ -8,6 +8,7 @@ import tracemalloc
 from pathlib import Path
 
 import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
 
 from pytest_rvads.draw.map_picture import draw_map
 from pytest_rvads.junctions.builtin import path_of
@@ -17,20 +18,20 @@ TOWN = Path(__file__).parents[1].parent / "shared" / "maps" / "Town04.xodr"
 needs_town = pytest.mark.skipif(not TOWN.exists(), reason="the folder ../shared is absent")
 
 
-def test_built_in(benchmark) -> None:
+def test_built_in(benchmark: BenchmarkFixture) -> None:
     junction = benchmark(lambda: read_map(path_of("stop4")).junction("1"))
     assert junction.ways == 4
 
 
 @needs_town
-def test_town04(benchmark) -> None:
+def test_town04(benchmark: BenchmarkFixture) -> None:
     road_map = benchmark(read_map, TOWN)
     assert len(road_map.junctions) == 27
     assert benchmark.stats["max"] < 1.0
 
 
 @needs_town
-def test_town04_with_graph_and_picture(benchmark) -> None:
+def test_town04_with_graph_and_picture(benchmark: BenchmarkFixture) -> None:
     def whole() -> int:
         road_map = read_map(TOWN)
         return len(road_map.graph.segments) + len(describe(road_map)) + len(draw_map(road_map))
@@ -49,7 +50,7 @@ def test_town04_memory() -> None:
 
 
 @pytest.mark.parametrize("side", [3, 10, 18, 32])
-def test_sumo_grid(benchmark, tmp_path: Path, side: int) -> None:
+def test_sumo_grid(benchmark: BenchmarkFixture, tmp_path: Path, side: int) -> None:
     sumo = pytest.importorskip("sumo")
     net, out = tmp_path / "grid.net.xml", tmp_path / "grid.xodr"
     tools = Path(sumo.SUMO_HOME) / "bin"

@@ -8,6 +8,7 @@ import resource
 import time
 
 import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
 
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.junctions.finder import find
@@ -33,13 +34,13 @@ def bare_steps() -> None:
 
 
 @pytest.mark.benchmark(timer=time.process_time)
-def test_bare_steps(benchmark) -> None:
+def test_bare_steps(benchmark: BenchmarkFixture) -> None:
     benchmark.pedantic(bare_steps, rounds=10, warmup_rounds=2)
 
 
 @pytest.mark.benchmark(timer=time.process_time)
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.junction)
-def test_four_vehicles_for_twenty_seconds(benchmark, case: Scenario) -> None:
+def test_four_vehicles_for_twenty_seconds(benchmark: BenchmarkFixture, case: Scenario) -> None:
     run = benchmark.pedantic(simulate, args=(case, Reference), rounds=10, warmup_rounds=2)
     assert (run.duration, len(run.agents)) == (20.0, 4)
     bare = []
@@ -49,11 +50,11 @@ def test_four_vehicles_for_twenty_seconds(benchmark, case: Scenario) -> None:
         bare.append(time.process_time() - start)
     ratio = benchmark.stats["min"] / min(bare)
     benchmark.extra_info["total over bare steps"] = round(ratio, 1)
-    print(f"\n{case.junction}: {benchmark.stats['min']:.3f} s, {ratio:.1f} times the bare steps ({min(bare):.4f} s)")  # noqa: T201
+    print(f"\n{case.place.name}: {benchmark.stats['min']:.3f} s, {ratio:.1f} times the bare steps ({min(bare):.4f} s)")  # noqa: T201
     assert benchmark.stats["min"] <= BUDGET
 
 
-def test_braking_envelope(benchmark, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_braking_envelope(benchmark: BenchmarkFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RVADS_CACHE", "")
 
     def table() -> list[float | None]:

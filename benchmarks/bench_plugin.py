@@ -9,6 +9,7 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -63,7 +64,7 @@ class Clock:
     """Times the collection and the running of a session [s]."""
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_collection(self):
+    def pytest_collection(self) -> Generator[None, object, object]:
         gc.collect()
         start = time.process_time()
         found = yield
@@ -71,7 +72,7 @@ class Clock:
         return found
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_runtestloop(self):
+    def pytest_runtestloop(self) -> Generator[None, object, object]:
         start = time.process_time()
         found = yield
         self.running = time.process_time() - start

@@ -9,9 +9,12 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
 
 from pytest_rvads.drivers.commands import TargetSpeed
 from pytest_rvads.drivers.interface import Observation
@@ -65,7 +68,7 @@ class Inside:
 
 
 @pytest.fixture(params=["cpp", "python"])
-def stack(request: pytest.FixtureRequest, tmp_path: Path):
+def stack(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Process]:
     """A stack that is busy for 1 ms per decision."""
     if request.param == "python":
         (tmp_path / "busy.py").write_text(PYTHON.format(clients=str(CLIENTS / "python")), encoding="utf-8")
@@ -87,10 +90,10 @@ def busy(stack: Process) -> float:
     return time.process_time() + sum(used) / 1e9
 
 
-def test_the_protocol_adds_at_most_a_fifth(benchmark, stack: Process) -> None:
+def test_the_protocol_adds_at_most_a_fifth(benchmark: BenchmarkFixture, stack: Process) -> None:
     """Rounds of both are interleaved; the ratio of elapsed times, which depends on the load, is told beside."""
 
-    def seconds(autopilot: object) -> tuple[float, float, dict[str, float]]:
+    def seconds(autopilot: Any) -> tuple[float, float, dict[str, float]]:
         elapsed, used = time.perf_counter(), busy(stack)
         run = simulate(Case(SCENARIO, autopilot, traffic=Reference))
         assert run.fault is None

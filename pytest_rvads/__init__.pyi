@@ -1,5 +1,7 @@
 # The public names, each written once: type checkers read this file, and so does `__init__.py`.
 
+__all__: list[str]
+
 from pytest_rvads.drivers.follower import Follower as Follower
 from pytest_rvads.drivers.reference import Reference as Reference
 from pytest_rvads.drivers.rolling import RollingStop as RollingStop

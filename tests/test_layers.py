@@ -27,6 +27,8 @@ def test_data_flows_one_way() -> None:
     [
         ("pybullet", {"physics/world.py"}),
         ("rich", {"report/terminal.py"}),
+        ("hypothesis", {"search/strategies.py", "search/falsify.py", "studies/methods.py"}),
+        ("platformdirs", {"physics/cache.py"}),
         ("pytest", {"plugin.py", "hooks.py", "options.py", "collection", "fixtures", "session"}),
     ],
 )

@@ -12,10 +12,14 @@ error; the protocol has a descriptor of its own. SI units throughout, angles in 
 Only the standard library is needed, Python 3.8 or later. Licence: Apache-2.0.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import sys
 import time
+from collections.abc import Iterator
+from typing import Any
 
 VERSION = 1
 
@@ -27,7 +31,7 @@ class Observation:
     acceleration, length, width); `lights`, a colour per entrance; `scenario`, `fresh`.
     """
 
-    def __init__(self, content, scenario, fresh, output):
+    def __init__(self, content: dict[str, Any], scenario: dict[str, Any], fresh: bool, output: Any) -> None:
         self.time = content["time"]
         self.me = content["me"]
         self.others = content["others"]
@@ -38,7 +42,7 @@ class Observation:
         self._output = output
         self._since = time.perf_counter()
 
-    def answer(self, **command):
+    def answer(self, **command: Any) -> None:
         """Answer with ``throttle, brake, steering``; ``target_speed``; ``acceleration`` (and ``steering``); or ``trajectory``.
 
         A trajectory is a list of (time, x, y); all but the controls are driven by the tracking controller.
@@ -46,7 +50,7 @@ class Observation:
         _send(self._output, dict(command, type="command", step=self._step, compute=time.perf_counter() - self._since))
 
 
-def connect(name, rate=None):
+def connect(name: str, rate: float | None = None) -> Iterator[Observation]:
     """Say hello and yield one observation after the other.
 
     Args:
@@ -60,7 +64,8 @@ def connect(name, rate=None):
     if hello.get("protocol") != "rvads":
         sys.exit("rvads: this program is to be started by pytest-rvads")
     _send(output, {"type": "hello", "version": VERSION, "name": name, "format": "json", "rate": rate})
-    scenario, fresh = None, False
+    scenario: dict[str, Any] = {}
+    fresh = False
     for line in lines:
         content = json.loads(line)
         if content["type"] == "reset":
@@ -73,12 +78,12 @@ def connect(name, rate=None):
             return
 
 
-def stopping_speed(distance, deceleration=2.0):
+def stopping_speed(distance: float, deceleration: float = 2.0) -> float:
     """Return the speed from which braking at `deceleration` [m/s^2] ends after `distance` [m]; 0 from there on."""
     return (2.0 * deceleration * distance) ** 0.5 if distance > 0 else 0.0
 
 
-def _send(output, content):
+def _send(output: Any, content: dict[str, Any]) -> None:
     data = json.dumps(content).encode() + b"\n"
     while data:
         data = data[output.write(data) :]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import textwrap
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 
 from pytest_rvads.conduct.validate import validate
 from pytest_rvads.errors import RunError
@@ -16,25 +15,10 @@ from pytest_rvads.logic.ltl.ltl3 import synthesize
 from pytest_rvads.logic.ltl.parser import parse_ltl
 from pytest_rvads.logic.rules.rule import Rule, rulebook, rules_for, user_rules
 from pytest_rvads.logic.rules.rulefile import load_rules
-from pytest_rvads.runs.recorded import read_recorded
+from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.runfile import load_run
 
 __all__ = ["check_runs", "doubts", "list_rules", "named_rules", "read_runs", "show_monitor"]
-
-
-def read_runs(path: str | Path) -> list[Run]:
-    """Read the runs of a file, recorded elsewhere (``.json``) or kept by this library (``.npz``).
-
-    Raises:
-        RunError: another kind of file, or a damaged one.
-    """
-    suffix = Path(path).suffix.lower()
-    if suffix == ".json":
-        return read_recorded(path)
-    if suffix == ".npz":
-        return [load_run(path)]
-    raise RunError(f"{path}: expected recorded runs (.json) or a kept run (.npz), got a file ending in {suffix or 'nothing'!r}")
 
 
 def named_rules(names: Sequence[str]) -> tuple[Rule, ...]:

@@ -62,10 +62,10 @@ def validate(run: Run) -> tuple[Finding, ...]:
 
 def damage(run: Run) -> tuple[Finding, ...]:
     """Find what makes a run unfit to be judged: no states, arrays that don't fit together, values that mean nothing."""
-    return tuple(_values(run))
+    return (*_arrays(run), *_values(run), *_agents(run))
 
 
-def _values(run: Run) -> Iterator[Finding]:
+def _arrays(run: Run) -> Iterator[Finding]:
     shape = (run.steps, len(run.agents))
     shapes: list[tuple[str, NDArray[Any] | None, tuple[int, ...]]] = [
         ("zone", run.zone, shape),
@@ -87,9 +87,15 @@ def _values(run: Run) -> Iterator[Finding]:
             tick, column, *_ = np.argwhere(~np.isfinite(array))[0]
             time = float(tick) * run.dt
             yield Finding("values", time, f"{name} of {run.agents[column].name} at {time:.2f} s is not a finite number")
+
+
+def _values(run: Run) -> Iterator[Finding]:
     for name, codes, allowed in (("zone", run.zone, Zone), ("colour", run.lights, Colour)):
         if codes.size and not np.isin(codes, [int(v) for v in allowed]).all():
             yield Finding("values", 0.0, f"the run has a {name} that is none of {', '.join(v.name.lower() for v in allowed)}")
+
+
+def _agents(run: Run) -> Iterator[Finding]:
     names = [agent.name for agent in run.agents]
     if len(set(names)) < len(names):
         yield Finding("values", 0.0, f"every vehicle must have a name of its own, got {', '.join(names)}")

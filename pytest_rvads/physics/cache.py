@@ -12,7 +12,6 @@ import json
 import math
 import os
 import platform
-import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from functools import lru_cache
@@ -53,12 +52,13 @@ def folder() -> Path | None:
     chosen = os.environ.get(VARIABLE)
     if chosen is not None:
         return Path(chosen) if chosen else None
-    homes = {"win32": ("LOCALAPPDATA", "~/AppData/Local"), "darwin": ("", "~/Library/Caches")}
-    variable, default = homes.get(sys.platform, ("XDG_CACHE_HOME", "~/.cache"))
+    from platformdirs import user_cache_path  # where the cache is switched off, as in tests, nothing needs it
+
     try:
-        return Path(os.environ.get(variable) or Path(default).expanduser()) / "pytest-rvads"
-    except RuntimeError:  # nobody's home
+        path = user_cache_path("pytest-rvads", appauthor=False, opinion=False)
+    except RuntimeError:  # nobody's home, which older versions of platformdirs tell by a relative path
         return None
+    return path if path.is_absolute() else None
 
 
 def _entry(name: str, value: float | None) -> str:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
+from msgspec import Struct
+
+from pytest_rvads.decoding import typed
 from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.errors import MapError, RvadsError, ScenarioError
 from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.maps.segment import Turn
+from pytest_rvads.runs.recorded import Edge
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
@@ -17,7 +21,7 @@ from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.studies.experiment import outcome
 from pytest_rvads.studies.site import Lengths, build_junction
 
-__all__ = ["answer", "predict", "site_lengths"]
+__all__ = ["Graph", "answer", "predict", "site_lengths"]
 
 RULES = {JunctionControl.STOP: ("p1", "p2", "p3"), JunctionControl.LIGHTS: ("p4", "p5", "p6")}
 DURATION = {JunctionControl.STOP: 30.0, JunctionControl.LIGHTS: 40.0}
@@ -28,6 +32,26 @@ DEFAULT_WAIT = 1.5
 """Value of every random draw where a request names none [s]."""
 
 
+class Graph(Struct, frozen=True):
+    """What a request says of a recorded junction."""
+
+    entrances: list[str]
+    exits: list[str]
+    edges: list[Edge]
+
+
+class _Request(Struct, frozen=True):
+    graph: Graph
+    order: list[str]
+    control: Literal["stop", "lights"]
+    directions: str
+    distances: list[float]
+    speeds: list[float]
+    rotation: int | None = None
+    autopilot: str | None = None
+    wait: float | None = None
+
+
 def answer(line: str) -> str:
     """Answer a request, a JSON object in one line, with another one; see ``rvads simulate --jsonl``."""
     id = None
@@ -36,8 +60,7 @@ def answer(line: str) -> str:
             request = json.loads(line)
         except (ValueError, RecursionError) as error:
             raise ScenarioError(f"a request must be a JSON object in one line, got {line[:60]!r}: {error}") from error
-        if not isinstance(request, dict):
-            raise ScenarioError(f"a request must be a JSON object, got {type(request).__name__}")
+        typed(request, dict, "request", ScenarioError)
         try:
             id = json.loads(json.dumps(request.get("id"), allow_nan=False))
         except ValueError as error:
@@ -67,87 +90,60 @@ def predict(request: Mapping[str, Any]) -> tuple[Run, int]:
     Raises:
         RvadsError: a field is missing or has a value that does not fit; the message names it.
     """
-    autopilot = traffic(_field(request, "autopilot", str, "lgsvl"), "autopilot")
-    word = _field(request, "control", str)
-    if word not in (JunctionControl.STOP, JunctionControl.LIGHTS):
-        raise ScenarioError(f"control must be 'stop' or 'lights', got {word!r}")
-    control = JunctionControl(word)
-    order = _field(request, "order", list)
-    place = build_junction("site", control, site_lengths(_field(request, "graph", dict), order), len(order))
-    rotation = _field(request, "rotation", int, 0)
-    wait = request.get("wait")
+    asked = typed(request, _Request, "request", ScenarioError)
+    autopilot = traffic(asked.autopilot or "lgsvl", "autopilot")
+    control = JunctionControl(asked.control)
+    place = build_junction("site", control, site_lengths(asked.graph, asked.order), len(asked.order))
+    rotation = asked.rotation or 0
     scenario = Scenario(
         place,
-        _field(request, "directions", str),
-        distance=_numbers(request, "distances"),
-        speed=_numbers(request, "speeds"),
+        asked.directions,
+        distance=asked.distances,
+        speed=asked.speeds,
         rotation=rotation,
         duration=DURATION[control],
-        wait=DEFAULT_WAIT if wait is None else _number("wait", wait),
+        wait=DEFAULT_WAIT if asked.wait is None else asked.wait,
     )
     return simulate(Case(scenario, autopilot)), rotation
 
 
-def site_lengths(graph: Mapping[str, Any], order: Sequence[str]) -> Lengths:
+def site_lengths(graph: Graph, order: Sequence[str]) -> Lengths:
     """Return turn and length of the movements of a recorded graph, by entrance and exit.
 
     Args:
-        graph: with ``entrances``, ``exits`` and ``edges``.
+        graph: as recorded.
         order: the entrances counter-clockwise.
 
     Raises:
         MapError: the graph is no junction with a movement from every entrance to every other arm.
     """
-    try:
-        edges = [(str(e["source"]), str(e["target"]), Turn(e["turn"]), _number("length", e["length"])) for e in graph["edges"]]
-        exits = [str(node) for node in graph["exits"]]
-        entrances = [str(node) for node in graph["entrances"]]
-    except (KeyError, TypeError, ValueError) as error:
-        raise MapError(f"the graph needs entrances, exits and edges with source, target, turn and length: {error!r}") from error
     ways = len(order)
-    if ways not in (3, 4) or sorted(map(str, order)) != sorted(entrances):
-        raise MapError(f"order must name the 3 or 4 entrances {sorted(entrances)} of the graph, got {list(order)!r}")
-    if len(set(exits)) != ways:
-        raise MapError(f"the graph must have as many exits as entrances, {ways}, got {exits}")
-    if not all(0.0 < length <= LONGEST for *_, length in edges):
+    if ways not in (3, 4) or sorted(order) != sorted(graph.entrances):
+        raise MapError(f"order must name the 3 or 4 entrances {sorted(graph.entrances)} of the graph, got {list(order)!r}")
+    if len(set(graph.exits)) != ways:
+        raise MapError(f"the graph must have as many exits as entrances, {ways}, got {graph.exits}")
+    if not all(0.0 < edge.length <= LONGEST for edge in graph.edges):
         raise MapError(f"every edge of the graph needs a positive length of at most {LONGEST:g} m")
-    # Of its own arm an entrance reaches everything but the exit.
-    number: dict[str, int] = {}
-    for arm, entrance in enumerate(map(str, order)):
-        reached = {target for source, target, *_ in edges if source == entrance}
-        own = [node for node in exits if node not in reached]
-        if len(own) != 1:
-            raise MapError(f"entrance {entrance} must lead to every exit but that of its own arm, it does not lead to {own}")
-        number[own[0]] = arm
-    if len(number) != ways:
-        raise MapError(f"every arm needs an exit of its own, got {len(number)} for {ways} arms")
-    places = {str(entrance): arm for arm, entrance in enumerate(order)}
+    places = {entrance: arm for arm, entrance in enumerate(order)}
+    arms = _arms(graph, order)
     lengths: dict[tuple[int, int], tuple[Turn, float]] = {}
-    for source, target, turn, length in edges:
-        if source in places and target in number:
-            found = lengths.setdefault((places[source], number[target]), (turn, length))
-            if found != (turn, length):
-                raise MapError(f"the graph has two different edges from {source} to {target}, expected one")
+    for edge in graph.edges:
+        if edge.source in places and edge.target in arms:
+            found = lengths.setdefault((places[edge.source], arms[edge.target]), (edge.turn, edge.length))
+            if found != (edge.turn, edge.length):
+                raise MapError(f"the graph has two different edges from {edge.source} to {edge.target}, expected one")
     return lengths
 
 
-def _field(request: Mapping[str, Any], name: str, kind: type, default: Any = None) -> Any:
-    value = request.get(name, default)
-    if value is None:
-        value = default
-    if not isinstance(value, kind) or isinstance(value, bool):
-        raise ScenarioError(f"the field {name!r} of a request must be of type {kind.__name__}, got {value!r}")
-    return value
-
-
-def _numbers(request: Mapping[str, Any], name: str) -> list[float]:
-    return [_number(name, value) for value in _field(request, name, list)]
-
-
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ScenarioError(f"the field {name!r} of a request must hold numbers, got {value!r}")
-    try:
-        return float(value)
-    except OverflowError:
-        raise ScenarioError(f"the field {name!r} of a request holds a number too large to compute with") from None
+def _arms(graph: Graph, order: Sequence[str]) -> dict[str, int]:
+    """Return the arm of every exit: of its own arm an entrance reaches everything but the exit."""
+    arms: dict[str, int] = {}
+    for arm, entrance in enumerate(order):
+        reached = {edge.target for edge in graph.edges if edge.source == entrance}
+        own = [node for node in graph.exits if node not in reached]
+        if len(own) != 1:
+            raise MapError(f"entrance {entrance} must lead to every exit but that of its own arm, it does not lead to {own}")
+        arms[own[0]] = arm
+    if len(arms) != len(order):
+        raise MapError(f"every arm needs an exit of its own, got {len(arms)} for {len(order)} arms")
+    return arms

@@ -13,6 +13,9 @@ from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Colour, Zone
 
+Complain = Callable[[Run], list[str]]
+Judge = Callable[[Run], dict[str, str]]
+
 
 def _until(trigger: np.ndarray, wait: np.ndarray, go: np.ndarray, strict: bool) -> str:
     """Status of G(trigger -> (X? wait) U go): strict means that `wait` must still hold in the step in which `go` comes."""
@@ -90,12 +93,12 @@ def complaints(run: Run) -> list[str]:
 
 
 @pytest.fixture(scope="session")
-def verdicts() -> Callable[[Run], dict[str, str]]:
+def verdicts() -> Judge:
     """Judge a run by definition."""
     return judge
 
 
 @pytest.fixture(scope="session")
-def wrongs() -> Callable[[Run], list[str]]:
+def wrongs() -> Complain:
     """List what a reference vehicle must not do."""
     return complaints

@@ -1,5 +1,7 @@
 """Each mutant does what its name says: the rule about that breaks, where the reference autopilot keeps it."""
 
+from typing import Any
+
 import pytest
 
 import pytest_rvads as rvads
@@ -21,7 +23,7 @@ BREAKS = [
 """Mutant, junction, directions, distances [m], speed [m/s], the rule that forbids just this."""
 
 
-def status(autopilot, junction, directions, distance, speed, rule):
+def status(autopilot: Any, junction: str, directions: str, distance: Any, speed: float, rule: str) -> rvads.Status:
     run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find(junction), directions, distance=distance, speed=speed), autopilot))
     assert run.fault is None
     return rvads.check(run, rule).status
@@ -30,12 +32,14 @@ def status(autopilot, junction, directions, distance, speed, rule):
 @pytest.mark.parametrize(
     ("name", "junction", "directions", "distance", "speed", "rule"), BREAKS, ids=[case[0] for case in BREAKS]
 )
-def test_mutant_breaks_the_rule_about_its_fault(name, junction, directions, distance, speed, rule):
+def test_mutant_breaks_the_rule_about_its_fault(
+    name: str, junction: str, directions: str, distance: Any, speed: float, rule: str
+) -> None:
     assert status(MUTANTS[name], junction, directions, distance, speed, rule) is rvads.Status.FAIL
     assert status(rvads.Reference, junction, directions, distance, speed, rule) is not rvads.Status.FAIL
 
 
-def test_there_are_enough_and_all_are_explained():
+def test_there_are_enough_and_all_are_explained() -> None:
     assert len(MUTANTS) >= 20
     assert list(MUTANTS) == sorted(MUTANTS)
     assert all(mutant.__doc__ and issubclass(mutant, rvads.Reference) for mutant in MUTANTS.values())

@@ -4,12 +4,15 @@ import math
 from dataclasses import replace
 from functools import partial
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.junctions.builtin import LAYOUTS
@@ -25,10 +28,12 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.closed_loop import closed_vmax
 from pytest_rvads.simulators.simulator import simulate
 
+from .conftest import Complain, Judge
+
 BUILT_IN = tuple(LAYOUTS)
 
 
-def scenario(junction: str, code: tuple[int, ...], letter: str, map: str | None = None, **more) -> Scenario:
+def scenario(junction: str, code: tuple[int, ...], letter: str, map: str | None = None, **more: Any) -> Scenario:
     point = configuration(letter, len(code))
     return Scenario(find(junction, map), code, distance=point.distances, speed=point.speeds, configuration=letter, **more)
 
@@ -49,17 +54,19 @@ OF_AN_X = [*spread("stop4")[::2], *spread("paper_stop4")[1::2], *spread("light4"
 
 
 @pytest.mark.parametrize("case", OF_AN_X, ids=lambda s: s.name)
-def test_every_class_of_an_x(case: Scenario, wrongs) -> None:
+def test_every_class_of_an_x(case: Scenario, wrongs: Complain) -> None:
     assert wrongs(simulate(Case(case, Reference))) == []
 
 
 @pytest.mark.parametrize("case", [*spread("stop3"), *spread("light3")], ids=lambda s: s.name)
-def test_every_class_of_a_t(case: Scenario, wrongs) -> None:
+def test_every_class_of_a_t(case: Scenario, wrongs: Complain) -> None:
     assert wrongs(simulate(Case(case, Reference))) == []
 
 
 @pytest.mark.parametrize(("junction", "setback"), [("stop4", 2.0), ("stop4", 8.0), ("light4", 4.0)])
-def test_stop_lines_before_the_vertex_change_no_verdict(junction: str, setback: float, tmp_path, wrongs, verdicts) -> None:
+def test_stop_lines_before_the_vertex_change_no_verdict(
+    junction: str, setback: float, tmp_path: Path, wrongs: Complain, verdicts: Judge
+) -> None:
     path = tmp_path / "back.xodr"
     path.write_text(opendrive(replace(LAYOUTS[junction], setback=setback)))
     for case in spread(junction)[5:6]:
@@ -84,12 +91,12 @@ def replace_junction(case: Scenario, path: str) -> Scenario:
 
 
 @pytest.mark.parametrize(("junction", "letter", "aggression"), [("stop4", "D", 3), ("light4", "I", 2)])
-def test_stronger_brakes_change_nothing(junction: str, letter: str, aggression: int, wrongs) -> None:
+def test_stronger_brakes_change_nothing(junction: str, letter: str, aggression: int, wrongs: Complain) -> None:
     assert wrongs(simulate(Case(scenario(junction, (1, 2, 3, 3), letter, aggression=aggression), Reference))) == []
 
 
 @pytest.mark.parametrize("code", ["1000", "0330", "2020", "1302"])
-def test_with_fewer_vehicles_nobody_is_excused(code: str, verdicts) -> None:
+def test_with_fewer_vehicles_nobody_is_excused(code: str, verdicts: Judge) -> None:
     # Four arrivals at once are a cycle; two or three are not.
     for letter in "BE":
         run = simulate(Case(scenario("stop4", tuple(map(int, code)), letter), Reference))
@@ -98,7 +105,7 @@ def test_with_fewer_vehicles_nobody_is_excused(code: str, verdicts) -> None:
         assert {"FAIL", "OPEN"}.isdisjoint(verdicts(run).values())
 
 
-def test_left_turns_that_cross_take_turns(tmp_path) -> None:
+def test_left_turns_that_cross_take_turns(tmp_path: Path) -> None:
     # Far stop lines and near lanes would let them pass each other; here they meet in the middle.
     path = tmp_path / "wide.xodr"
     path.write_text(opendrive(replace(LAYOUTS["light4"], stop=8.0, lane_offset=3.6)))
@@ -129,7 +136,7 @@ def test_it_goes_on_when_yellow_comes_too_late_and_stops_otherwise() -> None:
     class Steady(Reference):
         """Arrives at 6 m/s, so that yellow, at 15 s, meets it where the test wants it."""
 
-        def target_speed(self, seen) -> float:
+        def target_speed(self, seen: Observation) -> float:
             return 6.0
 
     # 4 m before the line 6 m/s would take 4.5 m/s^2, 20 m before it 0.9 m/s^2.
@@ -144,15 +151,15 @@ def test_it_drives_into_nobody_that_stands_in_its_way() -> None:
     class Breakdown(Reference):
         """Stops for good in the middle of the junction."""
 
-        def target_speed(self, seen) -> float:
+        def target_speed(self, seen: Observation) -> float:
             return 0.0 if seen.me.station > 12.0 else 5.0
 
     class Impatient(Reference):
         """Enters whatever the sign says."""
 
-        def make_gate(self, seen):
+        def make_gate(self, seen: Observation) -> Any:
             class Open:
-                def allows(self, seen) -> bool:
+                def allows(self, seen: Observation) -> bool:
                     return True
 
             return Open()
@@ -170,7 +177,7 @@ def test_it_decides_from_its_observation_alone() -> None:
     heard = []
 
     class Recording(Reference):
-        def control(self, seen):
+        def control(self, seen: Observation) -> Control:
             answer = super().control(seen)
             if seen.me.name == "a1":
                 heard.append((seen, answer))
@@ -184,7 +191,7 @@ def test_it_decides_from_its_observation_alone() -> None:
 @pytest.mark.parametrize(
     "place", ["Town07.xodr 169", "Town07.xodr 146", "cubetown.xodr 12", "Town07.xodr 68", "cubetown.xodr 11"]
 )
-def test_real_maps(place: str, shared, wrongs) -> None:
+def test_real_maps(place: str, shared: Path, wrongs: Complain) -> None:
     file, junction = place.split()
     path = str(shared / "maps" / file)
     probe = Scenario(find(junction, path), "1231" if junction in ("169", "68") else "121")
@@ -196,14 +203,14 @@ def test_real_maps(place: str, shared, wrongs) -> None:
 
 
 @pytest.mark.parametrize("case", [spread("stop4")[8], spread("stop4")[14], spread("light4")[7], spread("light4")[12]], ids=str)
-def test_the_monitors_agree_with_the_definition(case: Scenario, verdicts) -> None:
+def test_the_monitors_agree_with_the_definition(case: Scenario, verdicts: Judge) -> None:
     run = simulate(Case(case, Reference))
     assert {rule: check(run, rule).status.value for rule in verdicts(run)} == verdicts(run)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("junction", BUILT_IN)
-def test_all_scenarios_and_configurations(junction: str, wrongs) -> None:
+def test_all_scenarios_and_configurations(junction: str, wrongs: Complain) -> None:
     layout = LAYOUTS[junction]
     phases = (0, 1) if "light" in junction else (0,)
     bad = {}
@@ -218,7 +225,7 @@ def test_all_scenarios_and_configurations(junction: str, wrongs) -> None:
 
 @given(data=st.data())
 @settings(derandomize=True, deadline=None, max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_start_inside_the_envelope(data: st.DataObject, verdicts) -> None:
+def test_any_start_inside_the_envelope(data: st.DataObject, verdicts: Judge) -> None:
     junction = data.draw(st.sampled_from(BUILT_IN))
     ways = LAYOUTS[junction].ways
     code = data.draw(st.lists(st.integers(0, ways - 1), min_size=ways, max_size=ways).filter(any))
@@ -239,15 +246,15 @@ def test_any_start_inside_the_envelope(data: st.DataObject, verdicts) -> None:
     assert {"FAIL", "OPEN"}.isdisjoint(status.values()), status
 
 
-def test_who_goes_out_of_turn_is_let_in(verdicts) -> None:
+def test_who_goes_out_of_turn_is_let_in(verdicts: Judge) -> None:
     class Pusher(Reference):
         """Stops, then goes at once."""
 
-        def make_gate(self, seen):
+        def make_gate(self, seen: Observation) -> Any:
             class Short:
                 stood = False
 
-                def allows(self, seen) -> bool:
+                def allows(self, seen: Observation) -> bool:
                     self.stood = self.stood or (seen.me.zone == Zone.ENTRANCE and seen.me.speed < 0.01)
                     return self.stood
 

@@ -3,9 +3,10 @@
 Where it does not, the game of `search.consistency`, which knows neither autopilots nor runs, says that nobody could have.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache, partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ from pytest_rvads.search.consistency import core, decide
 from pytest_rvads.simulators.simulator import simulate
 
 JUNCTIONS = ("stop4", "light4", "stop3", "light3")
-DRIVERS = {"paper": Reference, "road": partial(Reference, tie=TIE)}
+DRIVERS: dict[str, Callable[[], Any]] = {"paper": Reference, "road": partial(Reference, tie=TIE)}
 """The paper's rules count every tick, those of the road half a second."""
 TRAFFIC = (*POLICIES, "nobody")
 

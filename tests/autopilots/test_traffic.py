@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -114,7 +115,7 @@ def test_reference_among_traffic_is_not_to_blame(policy: str) -> None:
 
 
 def test_a_replay_repeats_the_run_bit_by_bit(tmp_path: Path) -> None:
-    start = {"distance": 15, "speed": 6, "duration": 12}
+    start: dict[str, Any] = {"distance": 15, "speed": 6, "duration": 12}
     run = simulate(Case(Scenario(find("stop4"), "1133", **start), Reference))
     again = simulate(Case(Scenario(find("stop4"), "1133", subject=2, **start), Reference, traffic=Replay(run)))
     assert np.array_equal(again.station, run.station)

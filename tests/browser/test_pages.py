@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,12 +19,13 @@ from pytest_rvads.simulators.simulator import simulate
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
 
-Open = Callable[[str, str], "webdriver.Chrome"]
+Chrome = Any  # of selenium.webdriver, which not everybody has
+Open = Callable[[str, str], Chrome]
 LAST = 2.0
 
 
 @pytest.fixture(scope="module")
-def browser() -> "Iterator[webdriver.Chrome]":
+def browser() -> Iterator[Chrome]:
     binary, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if not binary or not driver:
         pytest.skip("no browser: install Debian's chromium and chromium-driver")
@@ -39,10 +41,10 @@ def browser() -> "Iterator[webdriver.Chrome]":
 
 
 @pytest.fixture
-def open_page(browser: "webdriver.Chrome", tmp_path: Path) -> Iterator[Open]:
+def open_page(browser: Chrome, tmp_path: Path) -> Iterator[Open]:
     """Open a page under a name; in the end its console must be empty."""
 
-    def opened(html: str, fragment: str = "") -> "webdriver.Chrome":
+    def opened(html: str, fragment: str = "") -> Chrome:
         (tmp_path / "page.html").write_text(html, encoding="utf-8")
         browser.get("about:blank")  # a change of the fragment alone would not load the page again
         browser.get(f"file://{tmp_path / 'page.html'}{fragment}")
@@ -59,17 +61,17 @@ def replayed() -> str:
     return replay(run, "p6 at t=0.81 s", "notes", [(0.81, "p6 is violated")], tracks, {"a2"})
 
 
-def by_id(browser: "webdriver.Chrome", name: str) -> "webdriver.remote.webelement.WebElement":
+def by_id(browser: Chrome, name: str) -> Any:
     return browser.find_element("id", name)
 
 
-def wait(browser: "webdriver.Chrome", until: Callable[[], bool]) -> None:
+def wait(browser: Chrome, until: Callable[[], bool]) -> None:
     from selenium.webdriver.support.wait import WebDriverWait
 
     WebDriverWait(browser, 10, poll_frequency=0.05).until(lambda _: until())
 
 
-def clock(browser: "webdriver.Chrome") -> str:
+def clock(browser: Chrome) -> str:
     return str(by_id(browser, "clock").text)
 
 

@@ -4,6 +4,7 @@ import json
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -49,8 +50,8 @@ def test_the_picture_shows_every_vehicle_where_it_is(run: Run) -> None:
     drawn = vehicles(picture(run, 250, "title", {"a1"}))
     assert set(drawn) == {"a0", "a1", "a2", "a3"}
     for column, name in enumerate(sorted(drawn)):
-        x, y = map(float, re.match(r"translate\((\S+) (\S+)\)", drawn[name].attrib["transform"]).groups())  # type: ignore[union-attr]
-        assert (x, -y) == pytest.approx(tuple(run.pose[250, column, :2]), abs=1e-3)  # type: ignore[index]
+        x, y = map(float, re.match(r"translate\((\S+) (\S+)\)", drawn[name].attrib["transform"]).groups())
+        assert (x, -y) == pytest.approx(tuple(run.pose[250, column, :2]), abs=1e-3)
     assert [name for name, g in drawn.items() if g.find(f"{SVG}rect[@class='broken']") is not None] == ["a1"]
 
 
@@ -69,7 +70,7 @@ def test_titles_are_escaped(run: Run) -> None:
 
 
 def data(page: str) -> dict[str, object]:
-    found: dict[str, object] = json.loads(re.search(r"^const run = (.*);$", page, re.MULTILINE)[1])  # type: ignore[index]
+    found: dict[str, object] = json.loads(re.search(r"^const run = (.*);$", page, re.MULTILINE)[1])
     return found
 
 
@@ -101,7 +102,7 @@ def test_a_run_without_positions_or_states_says_so(run: Run) -> None:
     with pytest.raises(RunError, match="has no states"):
         replay(replace(run, **none), "")
     bare = replace(run, pose=None)
-    for draw in (lambda: picture(bare, 0, ""), lambda: replay(bare, "")):
+    for draw in (partial(picture, bare, 0, ""), partial(replay, bare, "")):
         with pytest.raises(RunError, match="holds no positions"):
             draw()
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from pytest_rvads import cli
@@ -16,7 +17,7 @@ from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.maps.segment import Turn, join
-from pytest_rvads.studies.prediction import answer, site_lengths
+from pytest_rvads.studies.prediction import Graph, answer, site_lengths
 from pytest_rvads.studies.site import Lengths, build_junction
 
 RULES = {"one-car-in-junction": "p1", "right-of-priority": "p2", "fifo-priority": "p3"}
@@ -143,15 +144,15 @@ def test_null_stands_for_a_draw_of_one_and_a_half_seconds() -> None:
     ("line", "words"),
     [
         ("{", "JSON object in one line"),
-        ("[]", "must be a JSON object"),
-        (json.dumps(request(control="yield")), "'stop' or 'lights'"),
+        ("[]", "must be an object, got []"),
+        (json.dumps(request(control="yield")), "the field 'control' must be 'lights' or 'stop'"),
         (json.dumps(request(autopilot="lgsv")), "did you mean 'lgsvl'"),
         (json.dumps(request(order=["in0", "in1"])), "order must name"),
         (json.dumps(request(directions="1123")), "describe 4 entrances, junction 'site' has 3"),
         (json.dumps(request(directions="11")), "11"),
         (json.dumps(request(distances=[1, 2])), "distance"),
-        (json.dumps(request(distances=["a", 1, 1])), "must hold numbers"),
-        (json.dumps(request(graph={"edges": []})), "entrances, exits and edges"),
+        (json.dumps(request(distances=["a", 1, 1])), "'distances[0]' must be a number, got 'a'"),
+        (json.dumps(request(graph={"edges": []})), "the field 'graph.entrances' is missing"),
         (json.dumps(request(graph=graph({**T, (0, 1): (Turn.RIGHT, 1e9)}))), "at most 500 m"),
         (json.dumps(request(rotation=9)), "rotation"),
         (json.dumps(request(distances=[500, 1, 1])), "does not fit"),
@@ -159,16 +160,22 @@ def test_null_stands_for_a_draw_of_one_and_a_half_seconds() -> None:
         (json.dumps(request(speeds=[float("nan")] * 3)), "speed"),
         (json.dumps(request(id=float("inf"))), "the id of a request must be a JSON value"),
         (json.dumps(request(wait=10**400)), "too large"),
-        (json.dumps(request(distances=20)), "'distances' of a request must be of type list"),
-        (json.dumps(request(rotation=1.0)), "'rotation' of a request must be of type int"),
+        (json.dumps(request(distances=20)), "'distances' must be a list, got 20"),
+        (json.dumps(request(rotation=1.0)), "'rotation' must be a whole number or null, got 1.0"),
         (json.dumps(request(order=["in1", "in0", "in2"])), "counted counter-clockwise"),
         (json.dumps(request(order=["in0", "in0", "in2"])), "order must name"),
         (json.dumps(request(graph={**graph(T), "exits": ["out0", "out1"]})), "as many exits as entrances"),
         (json.dumps(request(graph={**graph(T), "edges": EDGES[:-1]})), "must lead to every exit"),
         (json.dumps(request(graph={**graph(T), "edges": [*EDGES, {**EDGES[0], "length": 30}]})), "two different edges"),
-        (json.dumps(request(graph={**graph(T), "edges": [{**e, "length": "12"} for e in EDGES]})), "must hold numbers"),
-        (json.dumps(request(graph={**graph(T), "edges": [{**e, "turn": "back"} for e in EDGES]})), "turn"),
-        (json.dumps({"id": 7}), "'control'"),
+        (
+            json.dumps(request(graph={**graph(T), "edges": [{**e, "length": "12"} for e in EDGES]})),
+            "'graph.edges[0].length' must be a number, got '12'",
+        ),
+        (
+            json.dumps(request(graph={**graph(T), "edges": [{**e, "turn": "back"} for e in EDGES]})),
+            "turn' must be 'left' or 'right' or 'straight'",
+        ),
+        (json.dumps({"id": 7}), "the field 'graph' is missing"),
     ],
 )
 def test_what_cannot_be_simulated_is_answered_with_an_error(line: str, words: str) -> None:
@@ -242,6 +249,6 @@ def test_the_edges_of_a_recorded_graph_give_all_movements(shared: Path) -> None:
     order = [nodes[0]]
     while len(order) < 4:
         order.append(right_of[order[-1]])
-    junction = build_junction("x", JunctionControl.STOP, site_lengths(data["graph"], order), 4)
+    junction = build_junction("x", JunctionControl.STOP, site_lengths(msgspec.convert(data["graph"], Graph), order), 4)
     assert {(order[a], order[b]) for a, b in junction.right_of} == set(map(tuple, data["right_of"]))
     assert {(order[a], order[b]) for a, b in junction.opposite} == set(map(tuple, data["opposite"]))

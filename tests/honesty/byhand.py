@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ def joined(one: Run, other: Run) -> Run:
     """Return a run with the vehicles of both, those of the other one renamed from a0 to b0; bodies that touch count."""
     agents = (*one.agents, *(replace(agent, name=agent.name.replace("a", "b")) for agent in other.agents))
     names = "zone", "station", "speed", "pose"
-    arrays = {name: np.concatenate((getattr(one, name), getattr(other, name)), axis=1) for name in names}
+    arrays: dict[str, Any] = {name: np.concatenate((getattr(one, name), getattr(other, name)), axis=1) for name in names}
     return replace(one, agents=agents, collisions=None, **arrays)
 
 
@@ -33,5 +34,5 @@ def until_contact(run: Run) -> Run:
     run = replace(run, collisions=None)
     (first, *_) = contacts(run)
     end = round(first.time / run.dt) + 2
-    arrays = {name: getattr(run, name)[:end] for name in ("zone", "lights", "station", "speed", "pose")}
+    arrays: dict[str, Any] = {name: getattr(run, name)[:end] for name in ("zone", "lights", "station", "speed", "pose")}
     return replace(run, collisions=(first,), **arrays)

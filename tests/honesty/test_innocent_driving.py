@@ -43,7 +43,7 @@ class _Moment:
         return seen.time >= self.since + 0.5
 
 
-def mirror(junction: str, directions: str, **more: object) -> rvads.Scenario:
+def mirror(junction: str, directions: str, **more: Any) -> rvads.Scenario:
     """Return a scenario at a built-in junction as a mirror shows it: traffic keeps left, and left turns are the near ones."""
     return at(mirrored(rvads.find(junction)), directions, **more)
 

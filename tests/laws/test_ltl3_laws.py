@@ -23,7 +23,7 @@ from pytest_rvads.logic.ltl.parser import parse_ltl
 from pytest_rvads.logic.ltl.words import holds_on, verdicts_on
 
 P, Q = f.Atom("p"), f.Atom("q")
-LETTERS = ([], ["p"], ["q"], ["p", "q"])
+LETTERS: tuple[list[str], ...] = ([], ["p"], ["q"], ["p", "q"])
 STEM, LOOP = 3, 2
 
 LAW = settings(deadline=None, derandomize=True, max_examples=200)

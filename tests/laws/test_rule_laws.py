@@ -100,7 +100,8 @@ class _Everything(dict):  # type: ignore[type-arg]
 
     def value(self, atom: f.Atom, k: int) -> bool:
         run, place = self.run, self.run.junction
-        match atom.name, atom.terms:
+        terms: tuple[Any, ...] = atom.terms
+        match atom.name, terms:
             case "@", (thing, where):
                 if thing.sort == "light":
                     return bool(thing.index == where.index)
@@ -115,9 +116,9 @@ class _Everything(dict):  # type: ignore[type-arg]
                 inside = [run.zone[i, agent.index] == Zone.JUNCTION for i in range(k, run.steps)]
                 turned = run.agents[agent.index].turn == direction.name
                 return here[0] and any(inside[i] and turned and all(here[:i]) for i in range(len(here)))
-            case "=", (f.Attr(one, "wt"), f.Attr(two, "wt")):
+            case "=", (f.Attr(f.Element() as one, "wt"), f.Attr(f.Element() as two, "wt")):
                 return bool(run.wt[k, one.index] == run.wt[k, two.index])
-            case "=", (f.Attr(light, "cl"), word):
+            case "=", (f.Attr(f.Element() as light, "cl"), word):
                 return Colour(int(run.lights[k, light.index])).name.lower() == word.name
         raise AssertionError(atom)
 

@@ -37,9 +37,9 @@ def test_files_are_read_by_their_kind(make: Make, tmp_path: Path) -> None:
     (back,) = read_runs(tmp_path / "run.npz")
     assert back.hash == run.hash
     (tmp_path / "runs.json").write_text("[]")
-    with pytest.raises(RunError, match="expected an object"):
+    with pytest.raises(RunError, match="must be an object"):
         read_runs(tmp_path / "runs.json")
-    with pytest.raises(RunError, match=r"expected recorded runs \(.json\) or a kept run \(.npz\), got a file ending in '.csv'"):
+    with pytest.raises(RunError, match=r"expected a file of runs \(.json, .npz\), got one ending in '.csv'"):
         read_runs(tmp_path / "runs.csv")
 
 

@@ -9,15 +9,18 @@ import pytest
 from pytest_rvads.junctions.road_map import RoadMap, read_map
 from pytest_rvads.opendrive.writer import Layout, opendrive
 
+Tree = Callable[..., ElementTree.Element]
+Read = Callable[..., RoadMap]
+
 
 @pytest.fixture
-def tree() -> Callable[..., ElementTree.Element]:
+def tree() -> Tree:
     """Make the XML tree of a layout, to be changed before it is read."""
     return lambda **layout: ElementTree.fromstring(opendrive(Layout(**layout)).encode())
 
 
 @pytest.fixture
-def read(tmp_path: Path) -> Callable[..., RoadMap]:
+def read(tmp_path: Path) -> Read:
     """Read a map from text, bytes or an XML tree."""
 
     def read(content: str | bytes | ElementTree.Element, name: str = "map.xodr") -> RoadMap:

@@ -15,6 +15,8 @@ from pytest_rvads.maps.segment import Turn
 from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.runs.itineraries import Itinerary
 
+from .conftest import Read
+
 CYCLE = {(0, 3), (1, 0), (2, 1), (3, 2)}
 """Entrance i + 1 is to the right of entrance i, counter-clockwise, in an X (the paper's figure)."""
 
@@ -94,14 +96,14 @@ def test_reading_a_built_in_junction_needs_no_graph_library() -> None:
 
 @pytest.mark.parametrize("setback", [0.0, 2.0, 4.0, 8.0])
 @pytest.mark.parametrize("left_hand", [False, True])
-def test_stop_lines_before_the_junction(read, setback: float, left_hand: bool) -> None:
+def test_stop_lines_before_the_junction(read: Read, setback: float, left_hand: bool) -> None:
     report = read(opendrive(Layout(setback=setback, left_hand=left_hand))).report("1")
     assert report.setbacks == pytest.approx((setback,) * 4, abs=1e-6)
     assert report.control is JunctionControl.STOP
 
 
 @pytest.mark.parametrize("ways", range(3, 9))
-def test_any_arity(read, ways: int) -> None:
+def test_any_arity(read: Read, ways: int) -> None:
     report = read(opendrive(Layout(ways, JunctionControl.LIGHTS, stop=25.0))).report("1")
     assert report.usable, report.reason
     assert report.ways == ways
@@ -109,7 +111,7 @@ def test_any_arity(read, ways: int) -> None:
     assert sorted(e for group in report.phase_groups for e in group) == list(range(ways))
 
 
-def test_left_hand_traffic_is_the_mirror_image(read) -> None:
+def test_left_hand_traffic_is_the_mirror_image(read: Read) -> None:
     right = read(opendrive(Layout())).report("1")
     left = read(opendrive(Layout(left_hand=True))).report("1")
     # Mirrored at the north-south axis arm i becomes arm -i, and who was to the right is to the left.
@@ -124,7 +126,7 @@ def test_left_hand_traffic_is_the_mirror_image(read) -> None:
 
 
 @pytest.mark.parametrize("left_hand", [False, True])
-def test_neighbours_at_45_degrees_are_turns_on_both_sides(read, left_hand: bool) -> None:
+def test_neighbours_at_45_degrees_are_turns_on_both_sides(read: Read, left_hand: bool) -> None:
     """In a regular 8-way junction the arms beside the straight one are at 45 degrees; rounding must not decide."""
     report = read(opendrive(Layout(8, JunctionControl.STOP, stop=40, left_hand=left_hand))).report("1")
     turns = {(way.entrance, way.exit): way.turn.value for way in report.movements}

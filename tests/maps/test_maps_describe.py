@@ -9,6 +9,8 @@ from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.junctions.road_map import describe, read_map
 from pytest_rvads.opendrive.writer import Layout, opendrive
 
+from .conftest import Read, Tree
+
 
 def test_all_fields() -> None:
     path = path_of("light3")
@@ -38,7 +40,7 @@ def test_all_fields() -> None:
     }
 
 
-def test_warnings_are_records(read, tree) -> None:
+def test_warnings_are_records(read: Read, tree: Tree) -> None:
     root = tree()
     signal = root.find("road/signals/signal")
     signal.set("orientation", "+")
@@ -48,7 +50,7 @@ def test_warnings_are_records(read, tree) -> None:
     assert record["junctions"][0]["control"] == "stop"
 
 
-def test_unusable_junctions_keep_ways_and_control(read) -> None:
+def test_unusable_junctions_keep_ways_and_control(read: Read) -> None:
     # The first arm loses its way out: exits lead to a sidewalk there.
     road_map = read(opendrive(Layout()).replace('id="-1" type="driving"', 'id="-1" type="sidewalk"', 1))
     (junction,) = describe(road_map)["junctions"]
@@ -59,7 +61,7 @@ def test_unusable_junctions_keep_ways_and_control(read) -> None:
     assert {(m["entrance"], m["exit"]) for m in junction["movements"]} == {(i, k) for i in range(4) for k in (1, 2, 3) if i != k}
 
 
-def test_connecting_roads_complete_the_table(read, tree) -> None:
+def test_connecting_roads_complete_the_table(read: Read, tree: Tree) -> None:
     root = tree()
     junction = root.find("junction")
     for row in junction.findall("connection")[::2]:
@@ -68,14 +70,14 @@ def test_connecting_roads_complete_the_table(read, tree) -> None:
     assert found.usable
 
 
-def test_connecting_roads_that_do_not_name_their_junction(read) -> None:
+def test_connecting_roads_that_do_not_name_their_junction(read: Read) -> None:
     road_map = read(opendrive(Layout()).replace('junction="1" rule', 'junction="-1" rule'))
     (found,) = road_map.junctions
     assert found.usable
     assert {warning.kind for warning in road_map.warnings} == {"table"}
 
 
-def test_reversed_lanes(read, tree) -> None:
+def test_reversed_lanes(read: Read, tree: Tree) -> None:
     """A one-way road whose two lanes both lead away: the arm has no entrance left."""
     root = tree()
     lane = root.find("road/lanes/laneSection/left/lane")
@@ -85,7 +87,7 @@ def test_reversed_lanes(read, tree) -> None:
     assert "arm 0 (road '0') is one-way and has no entrance lane" in found.reason
 
 
-def test_dual_carriageways_are_one_arm(read, tree) -> None:
+def test_dual_carriageways_are_one_arm(read: Read, tree: Tree) -> None:
     """An arm of two one-way roads side by side is one arm, with entrance and exit (the paper's entex)."""
     root = tree(lane_offset=4.6)
     arm = root.find("road")
@@ -108,7 +110,7 @@ def test_dual_carriageways_are_one_arm(read, tree) -> None:
     assert found.right_of == read(tree(lane_offset=4.6)).junctions[0].right_of
 
 
-def test_table_and_links_are_compared(read, tree) -> None:
+def test_table_and_links_are_compared(read: Read, tree: Tree) -> None:
     root = tree()
     junction = root.find("junction")
     junction.remove(junction.find("connection"))
@@ -121,7 +123,7 @@ def test_table_and_links_are_compared(read, tree) -> None:
     assert "1 links into junction '1' are only in its table and 1 only in its roads" in warning.message
 
 
-def test_a_lane_without_its_last_link_is_completed(read, tree) -> None:
+def test_a_lane_without_its_last_link_is_completed(read: Read, tree: Tree) -> None:
     root = tree()
     lane = root.findall("road")[-1].find("lanes/laneSection/right/lane")
     lane.find("link").remove(lane.find("link/successor"))
@@ -130,7 +132,7 @@ def test_a_lane_without_its_last_link_is_completed(read, tree) -> None:
     assert [warning.kind for warning in road_map.warnings] == ["link"]
 
 
-def test_both_sides_at_once_are_refused(read, tree) -> None:
+def test_both_sides_at_once_are_refused(read: Read, tree: Tree) -> None:
     root = tree()
     arm, *_, movement = root.findall("road")
     assert movement.get("junction") == "1"
@@ -146,7 +148,7 @@ def test_both_sides_at_once_are_refused(read, tree) -> None:
 @pytest.mark.parametrize(
     ("change", "words"), [('type="default"', None), ('type="virtual"', 'type "virtual"'), ('type="crossing"', 'type "crossing"')]
 )
-def test_types_of_junctions(read, change: str, words: str | None) -> None:
+def test_types_of_junctions(read: Read, change: str, words: str | None) -> None:
     (found,) = read(opendrive(Layout()).replace('<junction id="1"', f'<junction {change} id="1"')).junctions
     assert found.ways == 4
     assert (found.reason or "").count(words or "x" * 99) == (words is not None)

@@ -13,6 +13,8 @@ from pytest_rvads.junctions.finder import names
 from pytest_rvads.junctions.road_map import read_map
 from pytest_rvads.opendrive.writer import Layout, opendrive
 
+from .conftest import Read
+
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -49,7 +51,7 @@ def test_the_scale_is_true() -> None:
     assert math.dist(places[:2], places[-2:]) == pytest.approx(3 * ten, abs=0.5)
 
 
-def test_unusable_junctions_are_drawn_with_their_reason(read) -> None:
+def test_unusable_junctions_are_drawn_with_their_reason(read: Read) -> None:
     road_map = read(opendrive(Layout()).replace('id="-1" type="driving"', 'id="-1" type="sidewalk"', 1))
     text = draw_map(road_map)
     ElementTree.fromstring(text)
@@ -57,7 +59,7 @@ def test_unusable_junctions_are_drawn_with_their_reason(read) -> None:
     assert "is one-way and has no exit lane" in text
 
 
-def test_strange_names_are_escaped(read) -> None:
+def test_strange_names_are_escaped(read: Read) -> None:
     content = (
         opendrive(Layout())
         .replace('junction="1" rule', 'junction="&lt;b&gt;&amp;" rule')
@@ -69,7 +71,7 @@ def test_strange_names_are_escaped(read) -> None:
     assert "junction &lt;b&gt;&amp;" in text
 
 
-def test_a_junction_without_lanes(read) -> None:
+def test_a_junction_without_lanes(read: Read) -> None:
     text = draw_map(read('<OpenDRIVE><junction id="1"/></OpenDRIVE>'))
     ElementTree.fromstring(text)
     assert "nothing to draw" in text

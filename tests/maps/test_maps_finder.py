@@ -61,7 +61,7 @@ def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
 
 def test_missing_map(tmp_path: Path) -> None:
     with pytest.raises(MapError, match="map file 3 cannot be read"):
-        find("1", 3)
+        find("1", 3)  # type: ignore[arg-type]
     with pytest.raises(MapError, match=r"the built-in ones are stop4, .* others need a map file"):
         find("nearest to 1, 2")
     with pytest.raises(MapError, match="does not exist"):

@@ -1,5 +1,6 @@
 """Whatever happens to a map, it is read or refused in one sentence; nothing else comes out."""
 
+from pathlib import Path
 from xml.etree import ElementTree
 
 from hypothesis import HealthCheck, given, settings
@@ -31,11 +32,11 @@ QUICK = settings(
 )
 
 
-def seeds(shared) -> list[bytes]:
+def seeds(shared: Path) -> list[bytes]:
     return [text.encode() for text in SEEDS] + [(shared / "maps" / f"{stem}.xodr").read_bytes() for stem in FILES]
 
 
-def survive(path, data: bytes) -> None:
+def survive(path: Path, data: bytes) -> None:
     path.write_bytes(data)
     try:
         road_map = read_map(path)
@@ -59,7 +60,7 @@ def use(road_map: RoadMap) -> None:
 
 @given(data=st.data())
 @QUICK
-def test_changed_elements(shared, tmp_path, data) -> None:
+def test_changed_elements(shared: Path, tmp_path: Path, data: st.DataObject) -> None:
     root = ElementTree.fromstring(data.draw(st.sampled_from(seeds(shared))))
     for _ in range(data.draw(st.integers(1, 5))):
         elements = list(root.iter())[1:]
@@ -83,7 +84,7 @@ def test_changed_elements(shared, tmp_path, data) -> None:
 
 @given(data=st.data())
 @QUICK
-def test_changed_bytes(shared, tmp_path, data) -> None:
+def test_changed_bytes(shared: Path, tmp_path: Path, data: st.DataObject) -> None:
     content = bytearray(data.draw(st.sampled_from(seeds(shared))))
     for _ in range(data.draw(st.integers(1, 4))):
         at = data.draw(st.integers(0, len(content) - 1))

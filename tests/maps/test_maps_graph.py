@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -162,7 +163,7 @@ def test_closed_loops_are_roads_too() -> None:
     graph = nx.MultiDiGraph()
     corners = [(0.0, 0.0), (10.0, 0.0), (5.0, 8.0)]
     for i in range(3):
-        segment = Segment(f"s{i}", [corners[i], corners[(i + 1) % 3]])
+        segment = Segment(f"s{i}", np.array([corners[i], corners[(i + 1) % 3]]))
         graph.add_edge(i, (i + 1) % 3, key=segment.id, segment=segment, weight=segment.length)
     loop = MetricGraph(graph)
     (road,) = loop.roads()

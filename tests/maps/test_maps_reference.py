@@ -1,6 +1,8 @@
 """The five geometries of OpenDRIVE, against closed forms and independent integration; lane offsets and widths."""
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,13 +21,13 @@ def shape(kind: str, *values: float, length: float = 40.0, normalized: bool = Fa
     return Shape(0.0, 3.0, -2.0, 0.7, length, kind, values, normalized)
 
 
-def local(line) -> tuple[np.ndarray, np.ndarray]:
+def local(line: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return the points in the frame of the start of the piece."""
     dx, dy = line.x - 3.0, line.y + 2.0
     return dx * math.cos(0.7) + dy * math.sin(0.7), dy * math.cos(0.7) - dx * math.sin(0.7)
 
 
-def integrate(curvature, s: float, steps: int = 200_001) -> tuple[float, float]:
+def integrate(curvature: Callable[[np.ndarray], np.ndarray], s: float, steps: int = 200_001) -> tuple[float, float]:
     """Integrate cos and sin of the heading by Simpson's rule on a fine grid."""
     grid = np.linspace(0.0, s, steps)
     heading = np.concatenate(([0.0], np.cumsum((curvature(grid[1:]) + curvature(grid[:-1])) / 2 * np.diff(grid))))
@@ -84,14 +86,14 @@ def test_param_poly3_of_a_bent_curve(normalized: bool) -> None:
     assert steps == pytest.approx(np.full(100, length / 100), abs=1e-3)
 
 
-def road(*, offsets=(), widths=(), shapes=None, sections=None, length=40.0) -> Road:
+def road(*, offsets: Any = (), widths: Any = (), shapes: Any = None, sections: Any = None, length: float = 40.0) -> Road:
     lane = Lane(-1, "driving", tuple(widths) or (Cubic(0, 4.0, 0, 0, 0),), (), (), ())
     shapes = shapes or (Shape(0.0, 0.0, 0.0, 0.0, length, "line", (), False),)
     return Road("r", length, None, None, tuple(shapes), tuple(offsets), sections or (Section(0.0, {-1: lane}),), None, None, ())
 
 
 def test_lane_centre_is_offset_plus_half_the_width() -> None:
-    warnings = []
+    warnings: list[Any] = []
     (lines,) = lane_lines(road(offsets=[Cubic(0, 1.0, 0.05, 0, 0)], widths=[Cubic(0, 3.0, 0.0, 0.001, 0)]), warnings)
     x, y = lines[-1].points.T
     assert y == pytest.approx(1.0 + 0.05 * x - (3.0 + 0.001 * x**2) / 2)
@@ -133,7 +135,7 @@ def test_folds_at_kinks_are_cut() -> None:
         Shape(0.0, 0.0, 0.0, 0.0, 20.0, "arc", (1e-9,), False),
         Shape(20.0, 20.0, 0.0, -bend, 20.0, "arc", (1e-9,), False),
     )
-    warnings = []
+    warnings: list[Any] = []
     (lines,) = lane_lines(road(shapes=shapes), warnings)
     line = lines[-1]
     steps = np.diff(line.points, axis=0)
@@ -148,6 +150,6 @@ def test_folds_at_kinks_are_cut() -> None:
 
 def test_lengths_and_gaps_are_compared() -> None:
     shapes = (Shape(0.0, 0.0, 0.0, 0.0, 20.0, "line", (), False), Shape(20.0, 20.5, 0.0, 0.0, 20.3, "line", (), False))
-    warnings = []
+    warnings: list[Any] = []
     lane_lines(road(shapes=shapes), warnings)
     assert [warning.kind for warning in warnings] == ["gap", "length"]

@@ -12,12 +12,14 @@ from pytest_rvads.opendrive import xmlfile as document
 from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.opendrive.xmlfile import MAX_BYTES
 
+from .conftest import Read
+
 BOMB = """<?xml version="1.0"?><!DOCTYPE lolz [<!ENTITY a "haha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>
 <OpenDRIVE><header name="&b;"/></OpenDRIVE>"""
 EXTERNAL = '<?xml version="1.0"?><!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]><OpenDRIVE>&e;</OpenDRIVE>'
 
 
-def refusal(read, content: str | bytes) -> str:
+def refusal(read: Read, content: str | bytes) -> str:
     with pytest.raises(MapError) as caught:
         read(content)
     message = str(caught.value)
@@ -46,13 +48,13 @@ def refusal(read, content: str | bytes) -> str:
         ('<OpenDRIVE><junction id="7"/><junction id="7"/></OpenDRIVE>', "two junctions with id '7'"),
     ],
 )
-def test_sentences(read, content: str | bytes, words: str) -> None:
+def test_sentences(read: Read, content: str | bytes, words: str) -> None:
     assert words in refusal(read, content)
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e400", "1e13", "x", "0x10"])
 @pytest.mark.parametrize("attribute", ["x", "hdg", "length"])
-def test_numbers_that_are_none(read, attribute: str, value: str) -> None:
+def test_numbers_that_are_none(read: Read, attribute: str, value: str) -> None:
     text = opendrive(Layout())
     at = text.index(f' {attribute}="', text.index("<geometry")) + len(attribute) + 3
     message = refusal(read, text[:at] + value + text[text.index('"', at) :])
@@ -91,13 +93,13 @@ def test_deep_nesting_is_left_early(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("length", ["1e6", "1e11"])
-def test_absurd_lengths(read, length: str) -> None:
+def test_absurd_lengths(read: Read, length: str) -> None:
     assert "km long, expected at most 200 km" in refusal(
         read, opendrive(Layout()).replace('length="120"', f'length="{length}"', 1)
     )
 
 
-def test_too_many_samples(read) -> None:
+def test_too_many_samples(read: Read) -> None:
     text = opendrive(Layout()).replace('length="120"', 'length="190000"').replace("<line />", '<arc curvature="0.00001" />')
     assert "samples" in refusal(
         read,
@@ -107,7 +109,7 @@ def test_too_many_samples(read) -> None:
     )
 
 
-def test_links_to_itself(read) -> None:
+def test_links_to_itself(read: Read) -> None:
     ends = [
         f'<{tag} elementType="road" elementId="0" contactPoint="{end}"/>'
         for tag, end in (("predecessor", "end"), ("successor", "start"))
@@ -120,25 +122,25 @@ def test_links_to_itself(read) -> None:
 
 
 @pytest.mark.parametrize("share", [0.01, 0.2, 0.5, 0.9, 0.999])
-def test_truncated_real_files(shared: Path, read, share: float) -> None:
+def test_truncated_real_files(shared: Path, read: Read, share: float) -> None:
     for stem in ("sumo_t3", "cubetown", "Town01"):
         data = (shared / "maps" / f"{stem}.xodr").read_bytes()
         assert "is cut off" in refusal(read, data[: int(len(data) * share)])
 
 
-def test_more_elements_than_a_town_can_have(read, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_elements_than_a_town_can_have(read: Read, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(document, "MAX_ELEMENTS", 1000)
     assert "more than 1,000 elements" in refusal(read, "<OpenDRIVE>" + "<x/>" * 1000 + "</OpenDRIVE>")
 
 
-def test_endless_tags_and_comments(read) -> None:
+def test_endless_tags_and_comments(read: Read) -> None:
     assert "tag or comment of more than 2 MB" in refusal(read, "<OpenDRIVE><!--" + "-x" * 3_000_000)
     assert "tag or comment of more than 2 MB" in refusal(
         read, "<OpenDRIVE><road " + " ".join(f'a{i}="1"' for i in range(500_000)) + "/>"
     )
 
 
-def test_work_is_bounded_before_it_is_done(read) -> None:
+def test_work_is_bounded_before_it_is_done(read: Read) -> None:
     lane = '<right><lane id="-1" type="driving"><width sOffset="0" a="3" b="0" c="0" d="0"/></lane></right>'
     sections = "".join(f'<laneSection s="{k / 1000}">{lane}</laneSection>' for k in range(8_000))
     pieces = "".join(f'<geometry s="{k / 1000}" x="0" y="0" hdg="0" length="1"><line/></geometry>' for k in range(8_000))

@@ -3,11 +3,14 @@
 import copy
 import math
 from collections import Counter
+from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
 import pytest
 
 from pytest_rvads.junctions.junction import JunctionControl
+
+from .conftest import Read, Tree
 
 
 def arms(root: Element) -> list[Element]:
@@ -58,7 +61,7 @@ def contacts_and_lane_links(root: Element) -> None:
 @pytest.mark.parametrize(
     "missing", [lane_links, contacts_of_roads, contacts, links_of_connecting_roads, links_of_roads, contacts_and_lane_links]
 )
-def test_missing_links_are_completed(read, tree, missing, left_hand: bool) -> None:
+def test_missing_links_are_completed(read: Read, tree: Tree, missing: Any, left_hand: bool) -> None:
     whole, root = read(tree(ways=5, stop=25, left_hand=left_hand)).report("1"), tree(ways=5, stop=25, left_hand=left_hand)
     missing(root)
     road_map = read(root)
@@ -69,7 +72,7 @@ def test_missing_links_are_completed(read, tree, missing, left_hand: bool) -> No
     assert {warning.kind for warning in road_map.warnings} >= {"link"}
 
 
-def test_lanes_that_do_not_meet_are_not_linked(read, tree) -> None:
+def test_lanes_that_do_not_meet_are_not_linked(read: Read, tree: Tree) -> None:
     """The first arm lies 0.2 m beside its place: nothing tells that it belongs there."""
     root = tree()
     lane_links(root)
@@ -81,7 +84,7 @@ def test_lanes_that_do_not_meet_are_not_linked(read, tree) -> None:
     assert report.ways == 3
 
 
-def test_a_junction_that_does_not_exist_is_none(read, tree) -> None:
+def test_a_junction_that_does_not_exist_is_none(read: Read, tree: Tree) -> None:
     root = tree()
     for arm in arms(root):
         arm.set("junction", "0")
@@ -92,7 +95,7 @@ def test_a_junction_that_does_not_exist_is_none(read, tree) -> None:
 
 
 @pytest.mark.parametrize("what", ["planView", "length", "connecting"])
-def test_a_road_without_a_place_makes_its_junction_unusable(read, tree, what: str) -> None:
+def test_a_road_without_a_place_makes_its_junction_unusable(read: Read, tree: Tree, what: str) -> None:
     """It is left out, and the rest of the map can be used; the junction must not become a T."""
     root = tree()
     road = (connecting if what == "connecting" else arms)(root)[0]
@@ -135,7 +138,12 @@ def split(root: Element, near: float, signal: float) -> None:
 )
 @pytest.mark.parametrize("control", [JunctionControl.STOP, JunctionControl.LIGHTS])
 def test_signals_on_the_road_before_a_short_one(
-    read, tree, near: float, signal: float, found: bool, control: JunctionControl
+    read: Read,
+    tree: Tree,
+    near: float,
+    signal: float,
+    found: bool,
+    control: JunctionControl,
 ) -> None:
     """Within 50 m of the junction."""
     root = tree(control=control)
@@ -171,7 +179,7 @@ def typed(root: Element, **attributes: str) -> None:
         ("stop", {"type": "205"}, "none"),
     ],
 )
-def test_types_of_signals(read, tree, control: str, attributes: dict[str, str], found: str) -> None:
+def test_types_of_signals(read: Read, tree: Tree, control: str, attributes: dict[str, str], found: str) -> None:
     root = tree(control=JunctionControl(control))
     typed(root, **attributes)
     assert read(root).report("1").control == found

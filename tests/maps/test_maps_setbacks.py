@@ -1,6 +1,7 @@
 """Where the stop lines of an X lie, 0 to 8 m before the junction, changes no verdict of the reference autopilot."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,7 +20,7 @@ CASES = [
 
 
 def same_verdicts(
-    folder: Path, control: JunctionControl, directions: str, distance, speed: float, setbacks: tuple[float, ...] = SETBACKS
+    folder: Path, control: JunctionControl, directions: str, distance: Any, speed: float, setbacks: tuple[float, ...] = SETBACKS
 ) -> set[rvads.Status]:
     """Check that all rules say the same for all setbacks, among them 0; return what they say."""
     rules = ("p1", "p2", "p3") if control is JunctionControl.STOP else ("p4", "p5", "p6")
@@ -56,7 +57,7 @@ def test_same_verdicts_in_every_class(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("control", [JunctionControl.STOP, JunctionControl.LIGHTS])
 @pytest.mark.parametrize(("distance", "speed"), [(0.3, 0.0), (20.0, 0.0), (20.0, 10.0), ((0.3, 20.0, 0.3, 20.0), 0.0)])
-def test_same_verdicts_in_all_classes(tmp_path: Path, control: JunctionControl, distance, speed: float) -> None:
+def test_same_verdicts_in_all_classes(tmp_path: Path, control: JunctionControl, distance: Any, speed: float) -> None:
     said = [same_verdicts(tmp_path, control, label(code), distance, speed) for code in classes(4)]
     assert len(said) == 24
     # Four that stop at once all have somebody on their right, so p2 fails there for whoever goes first.

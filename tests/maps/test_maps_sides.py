@@ -5,6 +5,8 @@ from itertools import permutations
 
 import pytest
 
+from .conftest import Read, Tree
+
 SIDES = [(0.0, 1), (90.0, 2), (180.0, 3), (270.0, 0)]
 """Direction of each arm as seen from the centre [degrees], and its number."""
 
@@ -58,7 +60,7 @@ def one_way(left_hand: bool) -> str:
 
 
 @pytest.mark.parametrize("left_hand", [False, True])
-def test_one_way_roads_tell_by_where_the_way_back_lies(read, left_hand: bool) -> None:
+def test_one_way_roads_tell_by_where_the_way_back_lies(read: Read, left_hand: bool) -> None:
     road_map = read(one_way(left_hand))
     (report,) = road_map.junctions
     assert report.usable, report.reason
@@ -73,7 +75,7 @@ def test_one_way_roads_tell_by_where_the_way_back_lies(read, left_hand: bool) ->
     assert report.right_of == {((i + (3 if left_hand else 1)) % 4, i) for i in range(4)}
 
 
-def test_tables_tell_where_no_road_does(read, tree) -> None:
+def test_tables_tell_where_no_road_does(read: Read, tree: Tree) -> None:
     """All rows come from lanes that lead into the junction only if traffic keeps left."""
     root, stated = tree(left_hand=True), read(tree(left_hand=True)).report("1")
     for element in root.iter("road"):
@@ -86,7 +88,7 @@ def test_tables_tell_where_no_road_does(read, tree) -> None:
     assert [way[:4] for way in report.movements] == [way[:4] for way in stated.movements]
 
 
-def test_connecting_roads_that_state_the_wrong_side_follow_their_arms(read, tree) -> None:
+def test_connecting_roads_that_state_the_wrong_side_follow_their_arms(read: Read, tree: Tree) -> None:
     """scenariogeneration writes RHT on the connecting roads of arms that state LHT."""
     root, stated = tree(left_hand=True), read(tree(left_hand=True)).report("1")
     for element in root.iter("road"):
@@ -100,7 +102,7 @@ def test_connecting_roads_that_state_the_wrong_side_follow_their_arms(read, tree
     assert [way[:4] for way in road_map.report("1").movements] == [way[:4] for way in stated.movements]
 
 
-def test_one_wrong_connecting_road_is_turned_alone(read, tree) -> None:
+def test_one_wrong_connecting_road_is_turned_alone(read: Read, tree: Tree) -> None:
     root = tree()
     wrong = next(element for element in root.iter("road") if element.get("junction") != "-1")
     wrong.set("rule", "LHT")

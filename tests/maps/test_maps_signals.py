@@ -8,6 +8,8 @@ from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.opendrive.records import Signal
 from pytest_rvads.opendrive.signals import ObjectKind, kind_of
 
+from .conftest import Read, Tree
+
 
 def signal(type: str, subtype: str = "-1", *, dynamic: bool = False) -> Signal:
     return Signal("1", "r", 0.0, 0.0, "+", False, type, subtype, dynamic, (), False)
@@ -60,11 +62,11 @@ def set_validity(element: Element, *lanes: tuple[int, int]) -> None:
         SubElement(element, "validity", {"fromLane": str(low), "toLane": str(high)})
 
 
-def control(read, root: Element) -> JunctionControl:
+def control(read: Read, root: Element) -> JunctionControl:
     return read(root).report("1").control
 
 
-def test_all_entrances_must_agree(read, tree) -> None:
+def test_all_entrances_must_agree(read: Read, tree: Tree) -> None:
     root = tree()
     remove_sign(root, 2)
     road_map = read(root)
@@ -73,17 +75,17 @@ def test_all_entrances_must_agree(read, tree) -> None:
     assert "entrances e2 of junction '1' have no stop sign or light" in warning.message
 
 
-def test_no_signs_no_control(read, tree) -> None:
+def test_no_signs_no_control(read: Read, tree: Tree) -> None:
     assert control(read, tree(control=JunctionControl.NONE)) is JunctionControl.NONE
 
 
-def test_validity_of_lane_0_is_only_the_pole(read, tree) -> None:
+def test_validity_of_lane_0_is_only_the_pole(read: Read, tree: Tree) -> None:
     root = tree()
     set_validity(sign(root, 1), (0, 0))
     assert control(read, root) is JunctionControl.PARTIAL
 
 
-def test_validity_of_other_lanes_is_for_others(read, tree) -> None:
+def test_validity_of_other_lanes_is_for_others(read: Read, tree: Tree) -> None:
     root = tree()
     set_validity(sign(root, 1), (-1, -1))  # the exit lane
     assert control(read, root) is JunctionControl.PARTIAL
@@ -93,7 +95,7 @@ def test_validity_of_other_lanes_is_for_others(read, tree) -> None:
     assert control(read, root) is JunctionControl.STOP
 
 
-def test_reference_on_a_connecting_road_stands_for_the_entrance(read, tree) -> None:
+def test_reference_on_a_connecting_road_stands_for_the_entrance(read: Read, tree: Tree) -> None:
     root = tree()
     element = remove_sign(root, 1)
     set_validity(element, (0, 0))
@@ -105,7 +107,7 @@ def test_reference_on_a_connecting_road_stands_for_the_entrance(read, tree) -> N
     assert report.control is JunctionControl.STOP
 
 
-def test_far_side_masts_use_their_references(read, tree) -> None:
+def test_far_side_masts_use_their_references(read: Read, tree: Tree) -> None:
     """The signal stands on arm 3, across the junction, and refers to the movements of entrance 1."""
     root = tree(control=JunctionControl.LIGHTS)
     element = remove_sign(root, 1)
@@ -121,7 +123,7 @@ def test_far_side_masts_use_their_references(read, tree) -> None:
     assert lit == {0, 1, 2}
 
 
-def test_a_reference_to_nothing_is_a_doubt(read, tree) -> None:
+def test_a_reference_to_nothing_is_a_doubt(read: Read, tree: Tree) -> None:
     root = tree()
     SubElement(road(root, "1").find("signals"), "signalReference", {"id": "99", "s": "1", "t": "0", "orientation": "+"})
     road_map = read(root)
@@ -130,13 +132,13 @@ def test_a_reference_to_nothing_is_a_doubt(read, tree) -> None:
 
 
 @pytest.mark.parametrize(("s", "found"), [("0", True), ("49.9", True), ("51", False), ("119", False)])
-def test_signs_count_near_the_junction_only(read, tree, s: str, found: bool) -> None:
+def test_signs_count_near_the_junction_only(read: Read, tree: Tree, s: str, found: bool) -> None:
     root = tree()
     sign(root, 0).set("s", s)
     assert (control(read, root) is JunctionControl.STOP) == found
 
 
-def test_lights_above_stop_signs_are_lights(read, tree) -> None:
+def test_lights_above_stop_signs_are_lights(read: Read, tree: Tree) -> None:
     root = tree(control=JunctionControl.LIGHTS)
     other = tree()
     for arm in range(4):
@@ -159,7 +161,7 @@ def lines(root: Element, s: str | None) -> None:
 @pytest.mark.parametrize(
     ("line", "sign_at", "setback"), [("4", "2", 4.0), (None, "2", 2.0), ("11", "2", 2.0), ("11", "12", 0.0), (None, "0", 0.0)]
 )
-def test_the_stopping_line(read, tree, line: str | None, sign_at: str, setback: float) -> None:
+def test_the_stopping_line(read: Read, tree: Tree, line: str | None, sign_at: str, setback: float) -> None:
     """The stop line within 10 m, else the stop sign within 10 m, else the vertex."""
     root = tree()
     lines(root, line)
@@ -168,7 +170,7 @@ def test_the_stopping_line(read, tree, line: str | None, sign_at: str, setback: 
     assert read(root).report("1").setbacks == pytest.approx((setback,) * 4, abs=1e-6)
 
 
-def test_lights_set_no_stopping_line_and_lines_set_no_control(read, tree) -> None:
+def test_lights_set_no_stopping_line_and_lines_set_no_control(read: Read, tree: Tree) -> None:
     root = tree(control=JunctionControl.LIGHTS, setback=3.0)
     lines(root, None)
     assert read(root).report("1").setbacks == (0.0,) * 4
@@ -180,7 +182,7 @@ def test_lights_set_no_stopping_line_and_lines_set_no_control(read, tree) -> Non
     assert report.setbacks == pytest.approx((3.0,) * 4, abs=1e-6)
 
 
-def test_stop_line_as_a_signal(read, tree) -> None:
+def test_stop_line_as_a_signal(read: Read, tree: Tree) -> None:
     root = tree()
     lines(root, None)
     attributes = {
@@ -197,7 +199,7 @@ def test_stop_line_as_a_signal(read, tree) -> None:
     assert read(root).report("1").setbacks == pytest.approx((0.0, 0.0, 5.0, 0.0), abs=1e-6)
 
 
-def test_controllers_count_when_their_entrances_are_opposite(read, tree) -> None:
+def test_controllers_count_when_their_entrances_are_opposite(read: Read, tree: Tree) -> None:
     def groups(*controllers: tuple[str, ...]) -> tuple[frozenset[int], ...]:
         root = tree(control=JunctionControl.LIGHTS)
         for old in root.findall("controller"):
@@ -216,7 +218,7 @@ def test_controllers_count_when_their_entrances_are_opposite(read, tree) -> None
     assert groups(("1", "3"), ("0",), ("2",)) == (frozenset({0}), frozenset({1, 3}), frozenset({2}))
 
 
-def test_sides_are_assumed_from_the_other_roads(read, tree) -> None:
+def test_sides_are_assumed_from_the_other_roads(read: Read, tree: Tree) -> None:
     root = tree(left_hand=True)
     for element in list(root.iter("road"))[4:]:
         del element.attrib["rule"]
@@ -226,7 +228,7 @@ def test_sides_are_assumed_from_the_other_roads(read, tree) -> None:
     assert [warning.kind for warning in road_map.warnings] == ["side"]
 
 
-def test_a_road_without_rule_keeps_right(read, tree) -> None:
+def test_a_road_without_rule_keeps_right(read: Read, tree: Tree) -> None:
     root = tree()
     for element in root.iter("road"):
         del element.attrib["rule"]
@@ -235,7 +237,7 @@ def test_a_road_without_rule_keeps_right(read, tree) -> None:
     assert road_map.warnings == ()
 
 
-def test_other_units_are_a_doubt(read, tree) -> None:
+def test_other_units_are_a_doubt(read: Read, tree: Tree) -> None:
     root = tree()
     SubElement(root.find("header"), "geoReference").text = "+proj=tmerc +units=us-ft"
     assert [warning.kind for warning in read(root).warnings] == ["units"]

@@ -5,7 +5,9 @@ carla samples splines too coarsely where they bend with radii below a metre.
 """
 
 import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +25,7 @@ STEMS = [
 ]
 
 
-def piecewise(rows, base: float, s: float) -> float:
+def piecewise(rows: Any, base: float, s: float) -> float:
     """Evaluate a width or laneOffset at station `s`."""
     row = next((row for row in reversed(rows) if row.s + base <= s + 1e-9), None)
     if row is None:
@@ -96,7 +98,7 @@ def deviations(road_map: RoadMap, text: str) -> tuple[np.ndarray, list[float]]:
 
 
 @pytest.mark.parametrize("stem", STEMS)
-def test_lane_centres(shared: Path, stem: str, record_property) -> None:
+def test_lane_centres(shared: Path, stem: str, record_property: Callable[[str, object], None]) -> None:
     path = shared / "maps" / f"{stem}.xodr"
     off, third = deviations(read_map(path), path.read_text(encoding="utf-8"))
     figures = f"median {np.median(off) * 1000:.2f} mm, largest {off.max() * 1000:.1f} mm, {len(third)} above 1 cm"

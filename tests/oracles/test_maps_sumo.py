@@ -4,12 +4,12 @@ import math
 import re
 import subprocess
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 
 from pytest_rvads.junctions.road_map import read_map
-from pytest_rvads.scenarios.case import Case
 
 sumo = pytest.importorskip("sumo")
 
@@ -37,7 +37,7 @@ def compare(path: Path, out: Path) -> tuple[int, list[tuple[object, ...]]]:
     """Return the number of movements at usable junctions, and those with another turn type than netconvert's."""
     road_map, theirs = read_map(path), connections(path, out)
     edges = road_map.network.edges
-    compared, other = 0, []
+    compared, other = 0, list[tuple[object, ...]]()
     for report in road_map.junctions:
         if not report.usable:
             continue
@@ -54,7 +54,7 @@ def compare(path: Path, out: Path) -> tuple[int, list[tuple[object, ...]]]:
 
 @pytest.mark.parametrize("stem", STEMS)
 def test_turn_types(shared: Path, tmp_path: Path, stem: str) -> None:
-    compared, other = compare(Case(shared / "maps" / f"{stem}.xodr", tmp_path / "net.xml"))
+    compared, other = compare(shared / "maps" / f"{stem}.xodr", tmp_path / "net.xml")
     print(f"{stem}: {compared} movements, {len(other)} with another turn type {other}")  # noqa: T201
     assert compared
     # What is "partially right" to SUMO (R), because a straighter movement shares its entrance, is straight to the paper.
@@ -77,7 +77,7 @@ SPIDER = ("--spider", "--spider.circle-number", "1", "--spider.arm-number")
     ],
     ids=["grid", "lights", "spider5", "spider8"],
 )
-def test_generated_maps(tmp_path: Path, shape: tuple[str, ...], type: str, expected: dict, left_hand: bool) -> None:
+def test_generated_maps(tmp_path: Path, shape: tuple[str, ...], type: str, expected: dict[str, Any], left_hand: bool) -> None:
     """Ways, control and side of traffic as netgenerate was told; no road of these files states on which side traffic keeps."""
     home, net, path = Path(sumo.SUMO_HOME) / "bin", tmp_path / "g.net.xml", tmp_path / "g.xodr"
     side = ("--lefthand",) if left_hand else ()
@@ -92,5 +92,5 @@ def test_generated_maps(tmp_path: Path, shape: tuple[str, ...], type: str, expec
     assert found == expected
     assert {report.left_hand for report in reports} == {left_hand}
     assert 'rule="' not in path.read_text(encoding="utf-8")
-    _, other = compare(Case(path, tmp_path / "back.net.xml"))
+    _, other = compare(path, tmp_path / "back.net.xml")
     assert all(row[4] in ({"L"}, {"R"}) and row[3] == "straight" for row in other), other

@@ -6,6 +6,7 @@ lacks, are switched off. Needs an environment of its own: `pip install commonroa
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,14 +24,14 @@ Command = Callable[[float], tuple[float, float]]
 
 
 @pytest.fixture(scope="module")
-def parameters():
+def parameters() -> Any:
     from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
 
     return parameters_vehicle2()
 
 
 @pytest.fixture(scope="module")
-def bmw(parameters) -> Vehicle:
+def bmw(parameters: Any) -> Vehicle:
     p = parameters
     weight = p.m * GRAVITY
     return Vehicle(
@@ -76,7 +77,7 @@ def drive(
     return np.array(motions), np.array(actuators)
 
 
-def multibody(parameters, speed: float, actuators: np.ndarray) -> np.ndarray:
+def multibody(parameters: Any, speed: float, actuators: np.ndarray) -> np.ndarray:
     """The multibody model under the same actuator histories: states (k, 29) at our steps."""
     from vehiclemodels.init_mb import init_mb
     from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb
@@ -85,7 +86,7 @@ def multibody(parameters, speed: float, actuators: np.ndarray) -> np.ndarray:
     rates = np.diff(actuators[:, 1], prepend=0.0) / DT
     last = len(actuators) - 1
 
-    def change(x, time):
+    def change(x: np.ndarray, time: float) -> Any:
         k = min(int(time / DT), last)
         return vehicle_dynamics_mb(x, [rates[k], -actuators[k, 0]], parameters)
 
@@ -93,7 +94,7 @@ def multibody(parameters, speed: float, actuators: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("deceleration", [4.0, 6.0, 8.0])
-def test_straight_braking_within_six_percent(parameters, bmw: Vehicle, deceleration: float) -> None:
+def test_straight_braking_within_six_percent(parameters: Any, bmw: Vehicle, deceleration: float) -> None:
     # Down to 2 m/s: the slips of the multibody model have no limit at a standstill.
     motions, actuators = drive(bmw, 10.0, lambda _: (deceleration, 0.0), lambda _, m: m.vx < 2.0)
     actuators = np.vstack([actuators, np.repeat(actuators[-1:], 20, axis=0)])
@@ -104,7 +105,7 @@ def test_straight_braking_within_six_percent(parameters, bmw: Vehicle, decelerat
 
 
 @pytest.mark.parametrize(("speed", "radius"), [(5.6, 10.0), (6.5, 13.0), (8.0, 17.0), (8.0, 20.0)])
-def test_quarter_turn_within_half_a_metre_and_three_degrees(parameters, bmw: Vehicle, speed: float, radius: float) -> None:
+def test_quarter_turn_within_half_a_metre_and_three_degrees(parameters: Any, bmw: Vehicle, speed: float, radius: float) -> None:
     steering = math.atan(bmw.wheelbase / radius)
     motions, actuators = drive(bmw, speed, lambda _: (0.0, steering), lambda _, m: m.yaw >= math.pi / 2)
     other = multibody(parameters, speed, actuators)
@@ -116,7 +117,7 @@ def test_quarter_turn_within_half_a_metre_and_three_degrees(parameters, bmw: Veh
 
 
 @pytest.mark.parametrize(("speed", "steering"), [(6.0, 0.1), (8.0, 0.1), (10.0, 0.05), (11.176, 0.1)])
-def test_yaw_rate_of_a_step_steer_within_ten_percent(parameters, bmw: Vehicle, speed: float, steering: float) -> None:
+def test_yaw_rate_of_a_step_steer_within_ten_percent(parameters: Any, bmw: Vehicle, speed: float, steering: float) -> None:
     motions, actuators = drive(bmw, speed, lambda _: (0.0, steering), lambda t, _: t >= 2.0)
     other = multibody(parameters, speed, actuators)
     for second in (0.5, 1.0, 2.0):

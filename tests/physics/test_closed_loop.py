@@ -5,7 +5,7 @@ from functools import partial
 import pytest
 
 from pytest_rvads.drivers.follower import Follower
-from pytest_rvads.drivers.interface import Control
+from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError, ScenarioError
@@ -24,7 +24,7 @@ def test_a_lazy_brake_reaches_what_its_deceleration_allows() -> None:
     class Lazy(Follower):
         """Half the service brake from the start, whatever comes."""
 
-        def control(self, seen):
+        def control(self, seen: Observation) -> Control:
             return Control(0.0, 0.5, self.steer(seen))
 
     # Full brake at aggression 1 is 4 m/s^2; half of it at aggression 2 (6 m/s^2) is 3 m/s^2, and so on.
@@ -53,7 +53,7 @@ def test_an_autopilot_that_fails_at_low_speeds_alone_is_not_called_safe() -> Non
 
 def test_faults_and_distances_off_the_road_are_told() -> None:
     class Broken(Follower):
-        def control(self, seen):
+        def control(self, seen: Observation) -> Control:
             raise ValueError("no idea")
 
     with pytest.raises(RunError, match=r"no v\(d\)max at 5 m: .*Broken driving a1 raised ValueError"):

@@ -1,6 +1,7 @@
 """Answers that are no controls: a target speed, an acceleration, a trajectory; driven by the tracking controller."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,16 +16,18 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 
 
-def answering(answer, period: float = 0.05):
+def answering(answer: Any, period: float = 0.05) -> Any:
     class Stack:
-        def control(self, seen: Observation):
+        period = 0.0
+
+        def control(self, seen: Observation) -> Any:
             return answer(seen) if callable(answer) else answer
 
     Stack.period = period
     return Stack
 
 
-def drive(answer, directions: str = "2000", period: float = 0.05, **start) -> Run:
+def drive(answer: Any, directions: str = "2000", period: float = 0.05, **start: Any) -> Run:
     start = {"distance": 40, "speed": 5, "duration": 8} | start
     run = simulate(Case(Scenario(find("stop4"), directions, **start), answering(answer, period)))
     assert run.fault is None
@@ -91,7 +94,7 @@ def test_a_trajectory_is_followed_in_space_and_time(directions: str) -> None:
 
 def test_one_long_trajectory_held_for_the_whole_run_is_kept_to_time() -> None:
     """Four seconds at 5 m/s, then an even stop at 2 m/s^2: 20 m and 6.25 m."""
-    plan = []
+    plan: list[Trajectory] = []
     times = np.arange(0.0, 6.6, 0.1)
     late = np.maximum(times - 4.0, 0.0)
     places = 5.0 * times - late**2
@@ -125,19 +128,19 @@ POINT = Waypoint(0.0, 1.0, 1.0)
     [
         (TargetSpeed(math.nan), "a target speed nan, expected a finite number"),
         (TargetSpeed(-1.0), "a target speed -1 m/s, expected 0 to 70"),
-        (TargetSpeed("fast"), "a target speed of type str, expected a number"),
+        (TargetSpeed("fast"), "a target speed of type str, expected a number"),  # type: ignore[arg-type]
         (Acceleration(40.0), "an acceleration 40 m/s^2, expected -20 to 20"),
         (Acceleration(1.0, 30.0), "a steering 30 rad, expected -1.5708 to 1.5708"),
         (Acceleration(1.0, True), "a steering of type bool, expected a number"),
         (Trajectory(()), "a trajectory of 0 points, expected at least 2"),
         (Trajectory((POINT,)), "a trajectory of 1 points, expected at least 2"),
         (Trajectory((POINT, POINT)), "a trajectory whose point 1 comes at 0 s, not after the one before it"),
-        (Trajectory((POINT, (1.0, math.inf, 0.0))), "a trajectory whose point 1 has x inf, expected a finite number"),
-        (Trajectory((POINT, 3)), "a trajectory whose point 1 is of type int, expected (time, x, y)"),
-        (Trajectory(3), "a trajectory of type int, expected a sequence of points"),
+        (Trajectory((POINT, (1.0, math.inf, 0.0))), "a trajectory whose point 1 has x inf, expected a finite number"),  # type: ignore[arg-type]
+        (Trajectory((POINT, 3)), "a trajectory whose point 1 is of type int, expected (time, x, y)"),  # type: ignore[arg-type]
+        (Trajectory(3), "a trajectory of type int, expected a sequence of points"),  # type: ignore[arg-type]
     ],
 )
-def test_commands_that_mean_nothing_are_faults(answer, says: str) -> None:
+def test_commands_that_mean_nothing_are_faults(answer: Any, says: str) -> None:
     run = simulate(Case(Scenario(find("stop4"), "2000", duration=0.1), answering(answer)))
     assert run.fault is not None
     assert run.fault.reason.endswith(f"driving a0 at 0.00 s returned {says}")

@@ -16,7 +16,9 @@ IDEAL = Vehicle(brake=(50.0, 50.0, 50.0), brake_lag=1e-6, drive_lag=1e-6, drag=1
 """No resistance, no lag, brakes that only the tyres limit."""
 
 
-def drive(vehicle: Vehicle, speed: float, seconds: float, throttle: float = 0.0, brake: float = 0.0, steering: float = 0.0):
+def drive(
+    vehicle: Vehicle, speed: float, seconds: float, throttle: float = 0.0, brake: float = 0.0, steering: float = 0.0
+) -> list[Motion]:
     """Motions of a vehicle at every step, the first at the origin heading east."""
     dynamics = Dynamics(vehicle)
     world = BulletWorld([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])

@@ -2,13 +2,15 @@
 
 import functools
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
 
 from pytest_rvads.conduct.lane import MAX_OFFSET, itinerary, off_route
-from pytest_rvads.drivers.interface import Control, Observation, TrafficSystem
+from pytest_rvads.drivers.interface import Autopilot, Control, Observation, TrafficSystem
 from pytest_rvads.errors import AutopilotError, ScenarioError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.states import Agent
@@ -19,9 +21,9 @@ from pytest_rvads.simulators.simulator import simulate
 SCENARIO = Scenario(find("stop4"), "1231", distance=20, duration=0.1)
 
 
-def answering(answer, after: float = 0.03, who: str = "a1"):
+def answering(answer: Any, after: float = 0.03, who: str = "a1") -> Any:
     class Odd:
-        def control(self, seen: Observation):
+        def control(self, seen: Observation) -> Any:
             return answer if seen.me.name == who and seen.time > after else Control(brake=1.0)
 
     return Odd
@@ -34,13 +36,13 @@ def answering(answer, after: float = 0.03, who: str = "a1"):
         ((0.0, 0.0, 0.0), "of type tuple, expected a Control"),
         (Control(math.nan), "returned throttle nan, expected a finite number"),
         (Control(0.0, math.inf), "returned brake inf, expected a finite number"),
-        (Control(0.0, 0.0, "left"), "returned a steering of type str, expected a number"),
+        (Control(0.0, 0.0, "left"), "returned a steering of type str, expected a number"),  # type: ignore[arg-type]
         (Control(1.2), "returned throttle 1.2, expected 0..1"),
         (Control(0.0, -0.1), "returned brake -0.1, expected 0..1"),
         (Control(0.0, 0.0, 30.0), "returned steering 30, expected radians"),
     ],
 )
-def test_an_answer_that_is_no_control_ends_the_run(answer, words: str) -> None:
+def test_an_answer_that_is_no_control_ends_the_run(answer: Any, words: str) -> None:
     run = simulate(Case(SCENARIO, answering(answer)))
     assert run.fault is not None
     assert run.fault.agent == "a1"
@@ -55,7 +57,7 @@ def test_an_answer_that_is_no_control_ends_the_run(answer, words: str) -> None:
     "answer",
     [
         Control(1, 0, 0),
-        Control(np.float32(0.5), np.float64(0.0), np.int64(0)),
+        Control(np.float32(0.5), np.float64(0.0), np.int64(0)),  # type: ignore[arg-type]
         Control(1.0 + 1e-9, -1e-9, 1.5),
         Control(0.0, True),
     ],
@@ -91,7 +93,7 @@ def test_interrupts_pass() -> None:
 
 
 def test_what_can_not_be_made_or_can_not_drive_is_a_fault_at_the_start() -> None:
-    def broken():
+    def broken() -> NoReturn:
         raise OSError("no such model")
 
     for factory, words in ((broken, "raised OSError: no such model"), (object, "needs a method control")):
@@ -108,7 +110,7 @@ def test_an_instance_is_refused() -> None:
 
 
 def test_autopilots_are_made_once_per_vehicle_in_creation_order() -> None:
-    made = []
+    made: list[tuple[str, Any]] = []
 
     class Counted:
         def __init__(self, label: str) -> None:
@@ -142,7 +144,7 @@ def test_a_period_holds_the_last_answer() -> None:
 
 
 @pytest.mark.parametrize("period", [0.0, 0.015, -0.01, math.nan, "0.1", True])
-def test_a_period_that_does_not_fit_is_a_fault(period) -> None:
+def test_a_period_that_does_not_fit_is_a_fault(period: Any) -> None:
     slow = type("Slow", (), {"period": period, "control": lambda self, seen: Control()})
     run = simulate(Case(SCENARIO, slow))
     assert "its period must be a whole multiple of 0.01 s" in run.fault.reason
@@ -156,7 +158,7 @@ def test_a_traffic_system_is_made_once_and_coordinates_all() -> None:
             systems.append(self)
             self.asked: list[str] = []
 
-        def autopilots(self, agents):
+        def autopilots(self, agents: Sequence[Agent]) -> list[Autopilot]:
             self.agents = [a.name for a in agents]
             convoy = self
 
@@ -176,7 +178,7 @@ def test_a_traffic_system_is_made_once_and_coordinates_all() -> None:
 
 def test_a_traffic_system_that_forgets_somebody_is_a_fault() -> None:
     class Forgetful:
-        def autopilots(self, agents: list[Agent]):
+        def autopilots(self, agents: list[Agent]) -> list[Autopilot]:
             return []
 
     run = simulate(Case(SCENARIO, Forgetful))

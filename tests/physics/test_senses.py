@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from pytest_rvads.scenarios.senses import Senses
 from pytest_rvads.simulators.perception import Perception, hidden
 from pytest_rvads.simulators.simulator import simulate
 
-START = {"distance": 20, "speed": 6, "subject": 0}
+START: dict[str, Any] = {"distance": 20, "speed": 6, "subject": 0}
 
 
 class Note:
@@ -36,7 +37,7 @@ class Note:
 NOTES: list[list[Observation]] = []
 
 
-def watch(senses: Senses, directions: str = "2202", duration: float = 3.0, **start: object) -> tuple[list[Observation], Run]:
+def watch(senses: Senses, directions: str = "2202", duration: float = 3.0, **start: Any) -> tuple[list[Observation], Run]:
     NOTES.clear()
     scenario = Scenario(find("stop4"), directions, senses=senses, duration=duration, **START | start)
     run = simulate(Case(scenario, Note, traffic=Reference))
@@ -157,7 +158,7 @@ def test_draws_come_from_the_seed_and_the_vehicle() -> None:
     place, views = find("stop4"), []
     for key in ("x a0", "x a1"):
         perception = Perception(Senses(position_noise=1.0), key)
-        seen = Observation(0.0, state("a0", 0, 0), (state("a1", 9, 0),), (), None, place, None, 11.0)  # type: ignore[arg-type]
+        seen = Observation(0.0, state("a0", 0, 0), (state("a1", 9, 0),), (), None, place, None, 11.0)
         perception.watch(seen)
         views.append(perception.view(seen).others[0].x)
     assert views[0] != views[1]

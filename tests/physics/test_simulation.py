@@ -19,8 +19,10 @@ from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 
+from .conftest import Cruiser, Stander
 
-def test_a_run_holds_states_of_all_agents(cruiser) -> None:
+
+def test_a_run_holds_states_of_all_agents(cruiser: type[Cruiser]) -> None:
     scenario = Scenario(find("stop4"), "1030", distance=[20, 0, 30, 0], speed=[5, 0, 6, 0])
     run = simulate(Case(scenario, cruiser))
     assert [a.name for a in run.agents] == ["a0", "a2"]
@@ -33,7 +35,7 @@ def test_a_run_holds_states_of_all_agents(cruiser) -> None:
     assert not run.lights.any()
 
 
-def test_zones_follow_the_station_and_none_is_skipped(cruiser) -> None:
+def test_zones_follow_the_station_and_none_is_skipped(cruiser: type[Cruiser]) -> None:
     run = simulate(Case(Scenario(find("stop4"), "1230", distance=(20, 45, 70, 20), speed=6), cruiser))
     itineraries = Scenario(find("stop4"), "1230").itineraries()
     for column, itinerary in enumerate(itineraries):
@@ -43,7 +45,7 @@ def test_zones_follow_the_station_and_none_is_skipped(cruiser) -> None:
         assert zones[-1] >= Zone.EXIT
 
 
-def test_poses_are_those_of_the_front_bumper(cruiser) -> None:
+def test_poses_are_those_of_the_front_bumper(cruiser: type[Cruiser]) -> None:
     run = simulate(Case(Scenario(find("stop4"), "0200", distance=20, speed=6), cruiser))
     (itinerary,) = Scenario(find("stop4"), "0200").itineraries()
     for k in range(0, run.steps, 50):
@@ -59,12 +61,12 @@ def test_the_last_state_repeats_the_controls_before_it() -> None:
     assert (run.controls[-1, 0] != run.controls[-1, 1]).any()
 
 
-def test_speed_is_the_change_of_place(cruiser) -> None:
+def test_speed_is_the_change_of_place(cruiser: type[Cruiser]) -> None:
     run = simulate(Case(Scenario(find("stop4"), "2000", distance=20, speed=6), cruiser))
     assert np.diff(run.station[:, 0]) == pytest.approx(run.speed[1:, 0] * DT, abs=1e-9)
 
 
-def test_the_run_ends_when_everybody_has_left(cruiser) -> None:
+def test_the_run_ends_when_everybody_has_left(cruiser: type[Cruiser]) -> None:
     scenario = Scenario(find("stop4"), "2010", distance=[20, 20, 60, 20], speed=6)
     run = simulate(Case(scenario, cruiser))
     leave = [i.leave for i in scenario.itineraries()]
@@ -73,17 +75,17 @@ def test_the_run_ends_when_everybody_has_left(cruiser) -> None:
     assert not (run.station[-2] >= leave).all()
 
 
-def test_the_run_ends_at_its_duration(stander) -> None:
+def test_the_run_ends_at_its_duration(stander: type[Stander]) -> None:
     run = simulate(Case(Scenario(find("stop4"), "1111", duration=0.5), stander))
     assert run.provenance["end"] == "duration"
     assert run.steps == 51
     assert run.duration == pytest.approx(0.5)
 
 
-def test_who_is_gone_leaves_the_world_and_nobody_sees_it_any_more(cruiser) -> None:
-    seen_by = {}
+def test_who_is_gone_leaves_the_world_and_nobody_sees_it_any_more() -> None:
+    seen_by: dict[str, list[list[str]]] = {}
 
-    class Witness(cruiser):
+    class Witness(Cruiser):
         def target_speed(self, seen: Observation) -> float:
             seen_by.setdefault(seen.me.name, []).append([o.name for o in seen.others])
             return 14.0 if seen.me.entrance == 0 else 1.0
@@ -111,10 +113,10 @@ def test_everybody_decides_on_the_same_state() -> None:
     assert [t for t, _ in states[::4]] == pytest.approx([k * DT for k in range(20)])
 
 
-def test_others_come_in_creation_order(stander) -> None:
+def test_others_come_in_creation_order() -> None:
     order = []
 
-    class Named(stander):
+    class Named(Stander):
         def control(self, seen: Observation) -> Control:
             order.append((seen.me.name, [o.name for o in seen.others]))
             return Control(brake=1.0)
@@ -128,10 +130,10 @@ def test_others_come_in_creation_order(stander) -> None:
     ]
 
 
-def test_observations_tell_what_the_scenario_fixes(stander) -> None:
+def test_observations_tell_what_the_scenario_fixes() -> None:
     views = []
 
-    class Curious(stander):
+    class Curious(Stander):
         def control(self, seen: Observation) -> Control:
             views.append(seen)
             return Control(brake=1.0)
@@ -145,7 +147,7 @@ def test_observations_tell_what_the_scenario_fixes(stander) -> None:
     assert (view.me.length, view.me.width) == (4.6, 1.86)
 
 
-def test_lights_change_on_their_tick_and_swap_for_odd_rotations(stander) -> None:
+def test_lights_change_on_their_tick_and_swap_for_odd_rotations(stander: type[Stander]) -> None:
     run = simulate(Case(Scenario(find("light4"), "1111", duration=20.5), stander))
     turned = simulate(Case(Scenario(find("light4"), "1111", rotation=1, duration=1), stander))
     changes = {int(k) + 1: list(run.lights[k + 1]) for k in np.flatnonzero(np.diff(run.lights, axis=0).any(axis=1))}
@@ -155,13 +157,13 @@ def test_lights_change_on_their_tick_and_swap_for_odd_rotations(stander) -> None
 
 
 @pytest.mark.parametrize("aggression", [1, 2, 3])
-def test_aggression_selects_the_brake(stander, aggression: int) -> None:
+def test_aggression_selects_the_brake(stander: type[Stander], aggression: int) -> None:
     run = simulate(Case(Scenario(find("stop4"), "2000", distance=60, speed=10, aggression=aggression, duration=1), stander))
     slowest = -np.diff(run.speed[:, 0]).min() / DT
     assert slowest == pytest.approx(Vehicle().brake[aggression - 1] + 0.12, abs=0.05)
 
 
-def test_a_standing_vehicle_stands_exactly(stander) -> None:
+def test_a_standing_vehicle_stands_exactly(stander: type[Stander]) -> None:
     run = simulate(Case(Scenario(find("stop4"), "1231", distance=0.01), stander))
     assert run.duration == 60.0
     assert (run.station == run.station[0]).all()
@@ -169,8 +171,8 @@ def test_a_standing_vehicle_stands_exactly(stander) -> None:
     assert not run.collisions
 
 
-def test_collisions_come_with_time_pair_and_speed(cruiser) -> None:
-    class Blind(cruiser):
+def test_collisions_come_with_time_pair_and_speed() -> None:
+    class Blind(Cruiser):
         def target_speed(self, seen: Observation) -> float:
             return 8.0
 
@@ -184,8 +186,8 @@ def test_collisions_come_with_time_pair_and_speed(cruiser) -> None:
     assert np.hypot(*(run.pose[k, one, :2] - run.pose[k, two, :2])) < 4.6 + 1.86
 
 
-def test_an_impact_ends_the_run(cruiser) -> None:
-    class Fast(cruiser):
+def test_an_impact_ends_the_run() -> None:
+    class Fast(Cruiser):
         def target_speed(self, seen: Observation) -> float:
             return 11.0
 
@@ -199,7 +201,7 @@ def test_an_impact_ends_the_run(cruiser) -> None:
     )
 
 
-def test_vehicles_that_start_inside_each_other_are_refused(stander) -> None:
+def test_vehicles_that_start_inside_each_other_are_refused(stander: type[Stander]) -> None:
     # At the vertices neighbours are 16.6 m apart in either direction.
     with pytest.raises(ScenarioError, match="a0 and a1 start inside each other in stop4-class00-as1100"):
         simulate(Case(Scenario(find("stop4"), "1100", distance=0), stander, fleet=Fleet(Vehicle(width=36.0))))
@@ -209,12 +211,12 @@ def test_vehicles_that_start_inside_each_other_are_refused(stander) -> None:
     )
 
 
-def test_a_start_beyond_the_approach_is_refused(stander) -> None:
+def test_a_start_beyond_the_approach_is_refused(stander: type[Stander]) -> None:
     with pytest.raises(ScenarioError, match=r"distance 130 m does not fit on entrance 0 .* its approach is 120\.0 m long"):
         simulate(Case(Scenario(find("stop4"), "1111", distance=130), stander))
 
 
-def test_meta_is_made_of_builtins(stander) -> None:
+def test_meta_is_made_of_builtins(stander: type[Stander]) -> None:
     scenario = Scenario(find("stop4"), "1111", duration=DT)
     meta = simulate(Case(scenario, stander)).provenance
     assert json.loads(json.dumps(meta)) == json.loads(json.dumps(dict(meta)))
@@ -241,7 +243,7 @@ for scenario in reversed([
 """
 
 
-def test_runs_are_bit_identical_in_any_order_and_any_process(cruiser) -> None:
+def test_runs_are_bit_identical_in_any_order_and_any_process(cruiser: type[Cruiser]) -> None:
     first = [simulate(Case(s, Reference)).hash for s in SCENARIOS]
     simulate(Case(Scenario(find("stop3"), "121", distance=5, duration=3), cruiser))
     again = [simulate(Case(s, Reference)).hash for s in reversed(SCENARIOS)][::-1]
@@ -250,11 +252,11 @@ def test_runs_are_bit_identical_in_any_order_and_any_process(cruiser) -> None:
     assert len(set(first)) == 3
 
 
-def test_a_run_within_a_run_changes_neither(cruiser) -> None:
+def test_a_run_within_a_run_changes_neither(cruiser: type[Cruiser]) -> None:
     inner = Scenario(find("stop4"), "1000", distance=5, speed=3, duration=1)
     hashes = []
 
-    class Planner(cruiser):
+    class Planner(Cruiser):
         def target_speed(self, seen: Observation) -> float:
             if round(seen.time / DT) == 50:
                 hashes.append(simulate(Case(inner, cruiser)).hash)
@@ -266,7 +268,7 @@ def test_a_run_within_a_run_changes_neither(cruiser) -> None:
     assert hashes == [simulate(Case(inner, cruiser)).hash]
 
 
-def test_memory_stays_flat(stander) -> None:
+def test_memory_stays_flat(stander: type[Stander]) -> None:
     resource = pytest.importorskip("resource")
     scenario = Scenario(find("stop4"), "1231", duration=0.05)
     for _ in range(300):

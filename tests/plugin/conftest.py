@@ -4,6 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
+Lines = Callable[[pytest.RunResult], list[str]]
+
 
 @pytest.fixture(autouse=True)
 def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -20,12 +22,12 @@ def reference(pytester: pytest.Pytester) -> None:
 
 
 @pytest.fixture
-def ids() -> Callable[[pytest.RunResult], list[str]]:
+def ids() -> Lines:
     """Return a function giving the ids of the items that ``--collect-only -q`` lists."""
     return lambda result: [line for line in result.outlines if "::" in line and not line.startswith(("ERROR", "E "))]
 
 
 @pytest.fixture
-def brackets(ids: Callable[[pytest.RunResult], list[str]]) -> Callable[[pytest.RunResult], list[str]]:
+def brackets(ids: Lines) -> Lines:
     """Return a function giving what stands in brackets of each collected item."""
     return lambda result: [line.partition("[")[2].rstrip("]") for line in ids(result)]

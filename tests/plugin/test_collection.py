@@ -1,10 +1,10 @@
 """Marks expand into items with stable ids, selectable by -k and -m."""
 
-from collections.abc import Callable
-
 import pytest
 
-Names = Callable[[pytest.RunResult], list[str]]
+from .conftest import Lines
+
+Names = Lines
 
 RULES = """
     import pytest_rvads as rvads

@@ -2,6 +2,8 @@
 
 import subprocess
 import sys
+import textwrap
+from pathlib import Path
 
 HEAVY = ("numpy", "networkx", "rich", "hypothesis", "lark", "pybullet", "msgspec")
 
@@ -10,6 +12,25 @@ def test_importing_the_plugin_loads_nothing_heavy() -> None:
     code = f"import sys, pytest_rvads.plugin; print([m for m in {HEAVY!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_hypothesis_is_loaded_only_by_those_who_search(tmp_path: Path) -> None:
+    tests = """
+        import sys
+        import pytest_rvads as rvads
+
+        def test_plain():
+            assert "hypothesis" not in sys.modules
+
+        @rvads.scenario("stop3", grid="B", rules=("p1",))
+        def test_rules(run, rule, monitor):
+            monitor.check(rule)
+            assert "hypothesis" not in sys.modules
+    """
+    (tmp_path / "test_own.py").write_text(textwrap.dedent(tests))
+    command = [sys.executable, "-m", "pytest", "--rvads-autopilot=reference", "--rootdir=.", "test_own.py"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
 
 
 def test_every_public_name_is_there_and_documented() -> None:

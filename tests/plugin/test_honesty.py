@@ -1,6 +1,7 @@
 """Nothing is silently green: no verdict of another run, no pass without judging, no session that judged nothing."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -154,14 +155,14 @@ def test_a_session_that_judged_nothing_is_not_green(pytester: pytest.Pytester, o
     result.stdout.fnmatch_lines(["*nothing was judged*"])
 
 
-def test_a_rulebook_with_nothing_to_say_is_refused(pytester: pytest.Pytester, shared: object) -> None:
+def test_a_rulebook_with_nothing_to_say_is_refused(pytester: pytest.Pytester, shared: Path) -> None:
     pytester.makepyfile(
         f"""
         import pytest_rvads as rvads
 
         @rvads.scenario("123", map={str(shared / "maps" / "Town07.xodr")!r})  # a junction without signs and lights
         def test_rules(run, rule, monitor): ...
-        """  # type: ignore[operator]
+        """
     )
     pytester.runpytest().stdout.fnmatch_lines(["*no rule of 'paper' is about a junction with control 'none'*"])
 

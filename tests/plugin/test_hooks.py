@@ -1,11 +1,12 @@
 """Hooks: junctions, rules and grids of users, a call per verdict; requirements and what traces to them."""
 
 import csv
-from collections.abc import Callable
 
 import pytest
 
-Names = Callable[[pytest.RunResult], list[str]]
+from .conftest import Lines
+
+Names = Lines
 
 TEST = """
     import pytest_rvads as rvads

@@ -31,7 +31,7 @@ def tests(pytester: pytest.Pytester) -> pytest.Pytester:
     return pytester
 
 
-def outcomes(path: Path) -> dict[str, tuple[str, str]]:
+def outcomes(path: Path) -> dict[str, tuple[str, str, str, str]]:
     """Read a report log: node id to outcome and message."""
     found = {}
     for line in path.read_text(encoding="utf-8").splitlines():
@@ -68,7 +68,7 @@ def test_junit_carries_the_cell_and_its_verdict(tests: pytest.Pytester) -> None:
     tests.runpytest_subprocess("--junitxml=out.xml", "-n", "1")
     cases = list(ET.parse(tests.path / "out.xml").iter("testcase"))
     assert len(cases) == 36
-    seen = Counter()
+    seen: Counter[str | None] = Counter()
     for case in cases:
         found = {p.get("name"): p.get("value") for p in case.iter("property")}
         scenario = f"{found['junction']}-class{int(found['class']):02d}-as{found['scenario']}"

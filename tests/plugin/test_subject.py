@@ -4,8 +4,10 @@ import json
 
 import pytest
 
+from .conftest import Lines
 
-def test_ids_name_the_seat_and_the_traffic(pytester: pytest.Pytester, brackets) -> None:
+
+def test_ids_name_the_seat_and_the_traffic(pytester: pytest.Pytester, brackets: Lines) -> None:
     pytester.makepyfile(
         """
         import pytest_rvads as rvads
@@ -34,7 +36,7 @@ def test_ids_name_the_seat_and_the_traffic(pytester: pytest.Pytester, brackets) 
     ]
 
 
-def test_the_road_rulebook_is_the_default_with_a_subject(pytester: pytest.Pytester, brackets) -> None:
+def test_the_road_rulebook_is_the_default_with_a_subject(pytester: pytest.Pytester, brackets: Lines) -> None:
     pytester.makepyfile(
         """
         import pytest_rvads as rvads
@@ -100,7 +102,7 @@ def test_only_what_the_subject_did_fails(pytester: pytest.Pytester, options: tup
     assert '<property name="verdict" value="PROVOKED"' in xml
 
 
-def test_seats_and_traffic_select(pytester: pytest.Pytester, ids) -> None:
+def test_seats_and_traffic_select(pytester: pytest.Pytester, ids: Lines) -> None:
     pytester.makepyfile(
         """
         import pytest_rvads as rvads
@@ -136,7 +138,7 @@ def test_marks_that_mean_nothing_are_refused(pytester: pytest.Pytester, mark: st
     result.stdout.fnmatch_lines([says])
 
 
-def test_senses_are_an_axis(pytester: pytest.Pytester, brackets) -> None:
+def test_senses_are_an_axis(pytester: pytest.Pytester, brackets: Lines) -> None:
     pytester.makepyfile(
         """
         import pytest_rvads as rvads

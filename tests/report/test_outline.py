@@ -49,7 +49,7 @@ def record(number: int, outcome: Outcome, known: str | None = None) -> Record:
     }
     start = planned_record(f"t.py::test[stop4-class{number:02d}-p{number % 2}]", 3, "test", keys, 4, ("REQ-1", "REQ-2"))
     told = {"status": outcome.value, **TELLING.get(outcome, {})}
-    verdicts = [msgspec.convert(told, VerdictRecord)] if outcome.value in (*TELLING, "PASS", "NA") else []
+    verdicts = [told] if outcome.value in (*TELLING, "PASS", "NA") else []
     ran = updated(start, run=f"run{number}", hash=f"h{number}", kpis=INDICATORS, timing={"a1": STACK})
     result = "skipped" if known or outcome is Outcome.NA else "failed" if outcome.bad else "passed"
     return updated(conclude(ran, verdicts, "call", result, known=known, text=f"{outcome} in run {number}"), status=outcome)
@@ -181,7 +181,7 @@ def test_a_csv_is_one_table_whose_last_rows_are_about_the_session() -> None:
 
 
 def test_records_hold_all_that_verdicts_and_indicators_say() -> None:
-    run = rvads.simulate(rvads.Scenario("stop4", "1133", distance=0.3, duration=3.0), rvads.Reference)
+    run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1133", distance=0.3, duration=3.0), rvads.Reference))
     for rule in ("p1", "p2", "p4"):
         told = rvads.check(run, rule).record()
         assert msgspec.json.decode(msgspec.json.encode(msgspec.convert(told, VerdictRecord))) == told

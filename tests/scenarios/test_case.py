@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -47,7 +48,7 @@ def test_a_subject_needs_traffic_and_traffic_a_subject() -> None:
         Scenario("stop4", "1133")  # type: ignore[arg-type]
 
 
-def test_every_agent_has_the_body_that_the_fleet_gives_it(tmp_path) -> None:
+def test_every_agent_has_the_body_that_the_fleet_gives_it(tmp_path: Path) -> None:
     case = Case(Scenario(find("stop4"), "2020", distance=15.0), Reference, fleet=Fleet(others={"a2": TRUCK}))
     run = simulate(case)
     assert [agent.size for agent in run.agents] == [(4.6, 1.86), (12.0, 2.5)]

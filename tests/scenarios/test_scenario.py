@@ -75,9 +75,9 @@ def test_a_subject_needs_a_vehicle() -> None:
 
 def test_junction_and_directions_have_to_agree() -> None:
     with pytest.raises(ScenarioError, match="describe 3 entrances, junction 'stop4' has 4"):
-        Scenario(find("stop4"), "112").find()
+        Scenario(find("stop4"), "112")
     with pytest.raises(MapError, match="unknown junction"):
-        Scenario(find("stop9"), "1111").find()
+        find("stop9")
 
 
 def test_a_start_beyond_the_approach_is_refused_where_a_vehicle_stands() -> None:

@@ -1,11 +1,12 @@
 """What the tests of the searches share."""
 
 from functools import lru_cache
+from typing import Any
 
 import pytest_rvads as rvads
 
 
 @lru_cache(maxsize=256)
-def simulated(scenario: rvads.Scenario, autopilot):
+def simulated(scenario: rvads.Scenario, autopilot: Any) -> rvads.Run:
     """Simulate once per process."""
     return rvads.simulate(rvads.Case(scenario, autopilot))

@@ -1,6 +1,9 @@
 """Consistency of rules, against simulation, against judged witnesses, and against what can be worked out by hand."""
 
+from collections.abc import Sequence
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,37 +22,37 @@ from pytest_rvads.search.survey import survey
 PAPER = rules_for("paper")
 
 
-def model(junction, directions, arrivals):
+def model(junction: str, directions: str | Sequence[int], arrivals: Sequence[float]) -> Model:
     scenario = rvads.Scenario(rvads.find(junction), directions)
     return Model(scenario.place, scenario.agents(), arrivals)
 
 
-def drawn(found, configurations):
+def drawn(found: Model, configurations: Sequence[int]) -> Run:
     """The run that goes through these configurations, a state each; after the first one there is one more per place."""
     zone, lights = found.run.zone[list(configurations)], found.run.lights[list(configurations)]
     return Run("witness", found.junction, found.agents, zone, lights)
 
 
-def test_orders_of_arrival_are_the_ordered_bell_numbers():
+def test_orders_of_arrival_are_the_ordered_bell_numbers() -> None:
     assert [len(list(weak_orders(n))) for n in range(1, 6)] == [1, 3, 13, 75, 541]
     assert set(weak_orders(2)) == {(0, 0), (0, 1), (1, 0)}
 
 
 @pytest.mark.parametrize("directions", ["1111", "1133", "2222", "3333"])
-def test_nobody_can_obey_p2_when_four_arrive_at_once(directions):
+def test_nobody_can_obey_p2_when_four_arrive_at_once(directions: str) -> None:
     """Right-of is a 4-cycle: whoever enters first has somebody to the right."""
     four = model("stop4", directions, (0, 0, 0, 0))
     assert not decide(four, PAPER).possible
     assert [rule.name for rule in core(four, PAPER)] == ["p2"]
 
 
-def test_three_at_once_have_a_first():
+def test_three_at_once_have_a_first() -> None:
     assert decide(model("stop4", "1133", (0, 0, 0, 60)), PAPER).possible
     assert decide(model("stop4", "1130", (0, 0, 0)), PAPER).possible
 
 
 @pytest.mark.parametrize(("junction", "rules"), [("stop4", "paper"), ("light4", "paper")])
-def test_a_witness_obeys_as_judged_by_the_monitors(junction, rules):
+def test_a_witness_obeys_as_judged_by_the_monitors(junction: str, rules: str) -> None:
     """The search and `check` share no state machine at the end of a run: the one knows when it ends, the other settles it."""
     chosen = rules_for(rules, rvads.find(junction).control)
     for code, ranks in [
@@ -67,12 +70,12 @@ def test_a_witness_obeys_as_judged_by_the_monitors(junction, rules):
         assert set(statuses.values()) <= {rvads.Status.PASS, rvads.Status.NA}, statuses
 
 
-def arrivals(run):
+def arrivals(run: Run) -> tuple[float, ...]:
     """When each vehicle of a run is first at its entrance [s]."""
     return tuple(float(np.argmax(run.zone[:, k] == rvads.Zone.ENTRANCE)) * DT for k in range(len(run.agents)))
 
 
-def agrees(run, rules):
+def agrees(run: Run, rules: Sequence[Rule]) -> bool:
     """Whether the run is no counterexample to what is said about its scenario and order of arrival."""
     obeyed = (run.zone[-1] >= rvads.Zone.EXIT).all() and all(
         rvads.check(run, rule).status in (rvads.Status.PASS, rvads.Status.NA) for rule in rules
@@ -81,7 +84,7 @@ def agrees(run, rules):
 
 
 @pytest.mark.parametrize("autopilot", [rvads.Reference, rvads.LgsvlLike], ids=["reference", "lgsvl"])
-def test_simulation_agrees_where_nobody_can_pass(autopilot):
+def test_simulation_agrees_where_nobody_can_pass(autopilot: Any) -> None:
     rules = rules_for("paper", rvads.find("stop4").control)
     for code in ((1, 1, 3, 3), (2, 2, 2, 2)):
         run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), code, distance=20), autopilot))
@@ -92,7 +95,7 @@ def test_simulation_agrees_where_nobody_can_pass(autopilot):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("autopilot", [rvads.Reference, rvads.LgsvlLike], ids=["reference", "lgsvl"])
-def test_simulation_agrees_on_every_class(autopilot):
+def test_simulation_agrees_on_every_class(autopilot: Any) -> None:
     """No run of any class, with four orders of arrival, obeys where nobody can; the impossible ones are among them."""
     impossible = 0
     for junction, code in product(("stop4", "light4"), classes(4)):
@@ -105,7 +108,7 @@ def test_simulation_agrees_on_every_class(autopilot):
 
 
 @pytest.mark.slow
-def test_all_scenarios_and_orders_of_an_x():
+def test_all_scenarios_and_orders_of_an_x() -> None:
     """The p2 cycle, and nothing else; 6075 pairs at each kind of junction."""
     found = survey(rvads.find("stop4"), PAPER)
     assert (found.scenarios, found.orders) == (81, 75)
@@ -114,14 +117,14 @@ def test_all_scenarios_and_orders_of_an_x():
     assert survey(rvads.find("light4"), PAPER).contradictions == ()
 
 
-def test_a_whole_rulebook_is_decided():
+def test_a_whole_rulebook_is_decided() -> None:
     """Many of its conditions are unknown to the abstraction; those that suit every rule in one way need not be tried."""
     road = rules_for("road", rvads.find("stop4").control)
     assert not decide(model("stop4", (1, 1, 3, 3), (0, 0, 0, 0)), road).possible
     assert decide(model("stop4", (1, 1, 3, 3), (0, 0, 0, 60)), road).possible
 
 
-def test_what_suits_every_rule_in_one_way_changes_no_answer(monkeypatch):
+def test_what_suits_every_rule_in_one_way_changes_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     suits = [get_rule(name) for name in ("full_stop", "right_first", "first_come", "keep_lane", "speed_limit")]
     never = Rule("never", "forall a. G !stopped(a)")
     cases = [
@@ -135,7 +138,7 @@ def test_what_suits_every_rule_in_one_way_changes_no_answer(monkeypatch):
     assert [decide(*case).possible for case in cases] == settled
 
 
-def test_members_of_a_class_are_alike_without_using_it():
+def test_members_of_a_class_are_alike_without_using_it() -> None:
     """The survey decides one member per rotation; deciding each anew gives the same."""
     rules = [get_rule("p2"), Rule("left", get_rule("p2").text.replace("(N a'@j.en') U a@j", "(N a@j.en) U a'@j"))]
     found = survey(rvads.find("stop4"), rules, scenarios=members((1, 1, 2, 3)))
@@ -146,7 +149,7 @@ def test_members_of_a_class_are_alike_without_using_it():
             assert decide(model("stop4", code, times), rules).possible is ((code, times) not in known)
 
 
-def test_rules_without_a_way_through_are_found_whatever_they_speak_of():
+def test_rules_without_a_way_through_are_found_whatever_they_speak_of() -> None:
     two = model("stop4", "2200", (0.0, 60.0))
     stay = Rule("stay", "forall a. G !a@j")
     assert not decide(two, [stay]).possible
@@ -157,7 +160,7 @@ def test_rules_without_a_way_through_are_found_whatever_they_speak_of():
     assert [rule.name for rule in core(two, [halt, get_rule("p1"), never])] == ["halt", "never"]
 
 
-def test_a_run_may_begin_before_or_at_the_entrance():
+def test_a_run_may_begin_before_or_at_the_entrance() -> None:
     one = model("stop4", "2000", (0.0,))
     there = "exists j.en. exists a. (a@j.en U a@j)"
     assert decide(one, [Rule("there", there)]).possible
@@ -165,13 +168,13 @@ def test_a_run_may_begin_before_or_at_the_entrance():
     assert not decide(one, [Rule("there", there), Rule("elsewhere", f"!({there})")]).possible
 
 
-def test_too_many_unknown_conditions_are_refused():
+def test_too_many_unknown_conditions_are_refused() -> None:
     text = " ^ ".join(f"a.sp > {k}" for k in range(12))
     with pytest.raises(FormulaError, match="hang together"):
         decide(model("stop4", "2000", (0.0,)), [Rule("much", f"forall a. G({text})")])
 
 
-def test_command_line(capsys, tmp_path):
+def test_command_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["rules", "check", "--scenario", "1133", "--control", "stop", "--arrivals", "0,0,0,0"]) == 1
     out, _ = capsys.readouterr()
     assert "in 1 of 1 no behaviour obeys" in out
@@ -193,7 +196,7 @@ def test_command_line(capsys, tmp_path):
         (["--rule", "p9"], "unknown rule 'p9'"),
     ],
 )
-def test_command_line_misused(arguments, says, capsys):
+def test_command_line_misused(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rules", "check", "--control", "stop", *arguments]) == 2
     out, err = capsys.readouterr()
     assert says in err

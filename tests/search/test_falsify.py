@@ -1,30 +1,34 @@
 """Falsification: what it finds is real, simple, the same every time, and printed so that it can be run again."""
 
 import re
+from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 from textwrap import dedent
+from typing import Any
 
 import pytest
 from hypothesis import settings
 from hypothesis.database import DirectoryBasedExampleDatabase
 
 import pytest_rvads as rvads
+from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.logic.rules.rule import get_rule
 from pytest_rvads.search.falsify import avoidable, look_for, pasteable
 
-NONE = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
+NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
 
 
-def lgsvl(deficiency):
+def lgsvl(deficiency: str) -> partial[rvads.LgsvlLike]:
     return partial(rvads.LgsvlLike, **(NONE | {deficiency: True}))
 
 
-def vehicles(found):
+def vehicles(found: Any) -> int:
     return sum(map(bool, found.scenario.directions))
 
 
 @pytest.mark.slow
-def test_ignored_ties_are_found_with_two_vehicles_every_time_alike():
+def test_ignored_ties_are_found_with_two_vehicles_every_time_alike() -> None:
     one, other = (look_for("paper_stop4", lgsvl("i3"), "p2", budget=60) for _ in range(2))
     assert one is not None
     assert vehicles(one) == 2
@@ -34,11 +38,11 @@ def test_ignored_ties_are_found_with_two_vehicles_every_time_alike():
     assert rvads.check(run, "p2").status is rvads.Status.FAIL
 
 
-def test_the_reference_survives():
+def test_the_reference_survives() -> None:
     assert look_for("stop4", rvads.Reference, "p2", budget=12) is None
 
 
-def test_what_nobody_could_have_avoided_is_no_counterexample():
+def test_what_nobody_could_have_avoided_is_no_counterexample() -> None:
     four = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1111"), rvads.Reference))
     assert rvads.check(four, "p2").status is rvads.Status.FAIL
     assert not avoidable(four, get_rule("p2"))
@@ -47,16 +51,16 @@ def test_what_nobody_could_have_avoided_is_no_counterexample():
     assert avoidable(two, get_rule("p2"))
 
 
-def test_faults_are_reported_with_the_scenario():
+def test_faults_are_reported_with_the_scenario() -> None:
     class Broken:
-        def control(self, seen):
+        def control(self, seen: Observation) -> Control:
             raise ValueError("no")
 
     with pytest.raises(rvads.RunError, match=r"(?s)Scenario.*can't be judged by p1: .*Broken driving"):
         look_for("stop4", Broken, "p1", budget=5)
 
 
-def test_the_pasteable_test_names_all_that_is_not_usual():
+def test_the_pasteable_test_names_all_that_is_not_usual() -> None:
     scenario = rvads.Scenario(rvads.find("light4"), "0110", distance=(20, 3.5, 5, 20), speed=(0, 0, 1.25, 0), wait=2.5)
     text = pasteable(scenario, "p5")
     assert (
@@ -85,7 +89,7 @@ def test_reference(tmp_path):
 
 
 @pytest.fixture
-def database(tmp_path):
+def database(tmp_path: Path) -> Iterator[Path]:
     """Have Hypothesis keep its examples here."""
     before = settings.get_current_profile_name()
     settings.register_profile("here", database=DirectoryBasedExampleDatabase(tmp_path / "examples"))
@@ -94,7 +98,7 @@ def database(tmp_path):
     settings.load_profile(before)
 
 
-def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytester, database):
+def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytester: pytest.Pytester, database: Path) -> None:
     pytester.makepyfile(test_faulty=FAULTY)
     result = pytester.runpytest("-p", "no:cacheprovider")
     result.assert_outcomes(passed=1, failed=1)
@@ -111,12 +115,12 @@ def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytest
 
 
 @pytest.mark.slow
-def test_falsification_works_on_two_workers(pytester):
+def test_falsification_works_on_two_workers(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_faulty=FAULTY)
     pytester.runpytest_subprocess("-p", "no:cacheprovider", "-n", "2").assert_outcomes(passed=1, failed=1)
 
 
-def test_misuse(pytester):
+def test_misuse(pytester: pytest.Pytester) -> None:
     with pytest.raises(rvads.ScenarioError, match="budget must be"):
         rvads.falsify("stop4", rule="p1", budget=0)
     with pytest.raises(rvads.FormulaError, match="unknown rule 'p9'"):

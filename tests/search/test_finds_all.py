@@ -1,14 +1,15 @@
 """Every deficiency alone is found by a search, with two vehicles at most; autopilots without it survive the same search."""
 
 from functools import partial
+from typing import Any
 
 import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.search.falsify import look_for
 
-NONE = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
-SEARCHES = {
+NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
+SEARCHES: dict[str, tuple[str, str, dict[str, Any]]] = {
     "i1": ("light4", "p4", {"near": 0.01}),
     "i2": ("paper_stop4", "p1", {}),
     "i3": ("paper_stop4", "p2", {}),
@@ -17,14 +18,14 @@ SEARCHES = {
 }
 
 
-def search(autopilot, deficiency):
+def search(autopilot: Any, deficiency: str) -> Any:
     junction, rule, space = SEARCHES[deficiency]
     return look_for(junction, autopilot, rule, budget=200, **space)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("deficiency", SEARCHES)
-def test_each_deficiency_alone_is_found_with_two_vehicles(deficiency):
+def test_each_deficiency_alone_is_found_with_two_vehicles(deficiency: str) -> None:
     found = search(partial(rvads.LgsvlLike, **(NONE | {deficiency: True})), deficiency)
     assert found is not None
     assert sum(map(bool, found.scenario.directions)) <= 2
@@ -34,5 +35,5 @@ def test_each_deficiency_alone_is_found_with_two_vehicles(deficiency):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("deficiency", SEARCHES)
-def test_the_reference_survives_the_same_search(deficiency):
+def test_the_reference_survives_the_same_search(deficiency: str) -> None:
     assert search(rvads.Reference, deficiency) is None

@@ -1,11 +1,13 @@
 """Metamorphic relations: what is equivalent by construction must be judged alike, and faults that break it are found."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
 
 import pytest_rvads as rvads
+from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.metamorphic import compare, equivalent
@@ -13,21 +15,21 @@ from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
 from pytest_rvads.search.remap import mirrored, moved
 from pytest_rvads.search.symmetry import broken_by, rotations_of
 
-NONE = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
+NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
 
 
-def lgsvl(*deficiencies):
+def lgsvl(*deficiencies: str) -> partial[rvads.LgsvlLike]:
     return partial(rvads.LgsvlLike, **(NONE | dict.fromkeys(deficiencies, True)))
 
 
 @pytest.mark.parametrize("name", ["stop4", "light4", "paper_stop4", "paper_light4"])
-def test_an_x_has_four_rotations_and_odd_ones_swap_the_phase(name):
+def test_an_x_has_four_rotations_and_odd_ones_swap_the_phase(name: str) -> None:
     lights = rvads.find(name).control is JunctionControl.LIGHTS
     assert [(s.rows, s.swaps) for s in rotations_of(rvads.find(name))] == [(r, lights and r % 2 == 1) for r in range(4)]
 
 
 @pytest.mark.parametrize("name", ["stop3", "light3"])
-def test_a_t_has_none_but_the_identity(name):
+def test_a_t_has_none_but_the_identity(name: str) -> None:
     junction = rvads.find(name)
     assert [s.rows for s in rotations_of(junction)] == [0]
     assert "opposite" in broken_by(junction, 1)  # one pair faces each other, the stem faces nobody
@@ -36,7 +38,7 @@ def test_a_t_has_none_but_the_identity(name):
     assert all(isinstance(item, Incomparable) for item in found)
 
 
-def test_rotation_finds_the_hidden_zone_without_knowing_a_verdict():
+def test_rotation_finds_the_hidden_zone_without_knowing_a_verdict() -> None:
     with pytest.raises(rvads.MetamorphicViolation, match="turns p1 from PASS into FAIL") as caught:
         equivalent(Case(rvads.Scenario(rvads.find("paper_stop4"), "1010"), lgsvl("i2")))
     (note,) = caught.value.__notes__
@@ -45,13 +47,13 @@ def test_rotation_finds_the_hidden_zone_without_knowing_a_verdict():
     assert "p1" in note
 
 
-def test_order_of_creation_finds_ignored_ties():
+def test_order_of_creation_finds_ignored_ties() -> None:
     with pytest.raises(rvads.MetamorphicViolation, match=r"p2 from (PASS into FAIL|FAIL into PASS)"):
         equivalent(Case(rvads.Scenario(rvads.find("paper_stop4"), "2200"), lgsvl("i3")), relations="creation")
     equivalent(Case(rvads.Scenario(rvads.find("paper_stop4"), "2200"), lgsvl()), relations="creation")
 
 
-def test_longer_approaches_find_the_launch():
+def test_longer_approaches_find_the_launch() -> None:
     with pytest.raises(rvads.MetamorphicViolation, match="approach longer by 20 m turns p1 from FAIL into PASS"):
         equivalent(Case(rvads.Scenario(rvads.find("stop4"), "2020", distance=0.01), lgsvl("i1")), relations="approach")
     equivalent(Case(rvads.Scenario(rvads.find("stop4"), "2020", distance=0.01), lgsvl()), relations="approach")
@@ -61,17 +63,17 @@ def test_longer_approaches_find_the_launch():
     ("junction", "directions", "compared"),
     [("stop4", "1230", 8), ("stop3", "120", 5), ("light4", "2302", 6), ("light3", "210", 3)],
 )
-def test_reference_survives_all_relations(junction, directions, compared):
+def test_reference_survives_all_relations(junction: str, directions: str, compared: int) -> None:
     found = compare(Case(rvads.Scenario(rvads.find(junction), directions), rvads.Reference), relations=tuple(RELATIONS))
     assert not found.differences
     assert len(found.compared) == compared
 
 
-def test_a_pilot_that_goes_by_names_is_found():
+def test_a_pilot_that_goes_by_names_is_found() -> None:
     class Vain(rvads.Reference):
         """Does not see who comes before it in the alphabet."""
 
-        def control(self, seen):
+        def control(self, seen: Observation) -> Control:
             others = tuple(o for o in seen.others if o.name > seen.me.name)
             return super().control(seen._replace(others=others))
 
@@ -79,11 +81,11 @@ def test_a_pilot_that_goes_by_names_is_found():
     assert {d.one.rule for d in found.differences} == {"p2"}
 
 
-def test_a_pilot_that_goes_by_coordinates_is_found():
+def test_a_pilot_that_goes_by_coordinates_is_found() -> None:
     class Homesick(rvads.Reference):
         """Stops for nobody far away from where it was tried out."""
 
-        def control(self, seen):
+        def control(self, seen: Observation) -> Control:
             far = abs(seen.me.x) + abs(seen.me.y) > 60
             return super().control(seen._replace(others=()) if far else seen)
 
@@ -91,7 +93,7 @@ def test_a_pilot_that_goes_by_coordinates_is_found():
     assert "p1" in {d.one.rule for d in found.differences}
 
 
-def test_moved_and_mirrored_maps_hold_the_same_junction():
+def test_moved_and_mirrored_maps_hold_the_same_junction() -> None:
     scenario = rvads.Scenario(rvads.find("light3"), "121")
     before = scenario.place
     after = moved(before, (10.0, 20.0, 0.5))
@@ -113,17 +115,18 @@ def test_moved_and_mirrored_maps_hold_the_same_junction():
     assert {(variant.image[a], variant.image[b]) for a, b in before.right_of} == set(mirror.right_of)
 
 
-def test_vehicles_of_a_moved_map_start_where_they_did():
+def test_vehicles_of_a_moved_map_start_where_they_did() -> None:
     scenario = rvads.Scenario(rvads.find("light4"), "1203", distance=(5, 10, 15, 20), rotation=1)
     case = Case(scenario, rvads.Reference)
     (variant,) = RELATIONS["motion"](case)
+    assert isinstance(variant, Variant)
     one, other = rvads.simulate(case), rvads.simulate(variant.case)
     columns = [[a.entrance for a in other.agents].index(variant.image[a.entrance]) for a in one.agents]
     assert np.allclose(one.station[0], other.station[0][columns])
     assert (one.lights[0] == other.lights[0][list(variant.image)]).all()
 
 
-def test_order_of_creation_is_a_permutation_and_told_in_the_name():
+def test_order_of_creation_is_a_permutation_and_told_in_the_name() -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "1230", order=(2, 0, 3, 1), rotation=1)
     assert scenario.creation == (3, 1, 2)
     assert scenario.name.endswith(".r1.o2031")
@@ -131,7 +134,7 @@ def test_order_of_creation_is_a_permutation_and_told_in_the_name():
         rvads.Scenario(rvads.find("stop4"), "1230", order=(0, 1, 1, 2))
 
 
-def test_misuse():
+def test_misuse() -> None:
     scenario = rvads.Scenario(rvads.find("stop3"), "120")
     with pytest.raises(rvads.ScenarioError, match=r"unknown relation 'rotations'.*did you mean 'rotation'"):
         equivalent(Case(scenario, rvads.Reference), relations="rotations")
@@ -139,7 +142,7 @@ def test_misuse():
         equivalent(Case(scenario, rvads.Reference))
 
     class Broken:
-        def control(self, seen):
+        def control(self, seen: Observation) -> Control:
             raise ValueError("no")
 
     with pytest.raises(rvads.RunError, match="nothing follows from it"):

@@ -14,17 +14,17 @@ from pytest_rvads.studies.power_tables import plot, table_of_mutants, table_of_p
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_a_seed_determines_the_sequence(name):
+def test_a_seed_determines_the_sequence(name: str) -> None:
     one, same, other = ([s.name for s in islice(METHODS[name]("paper_light4", seed), 12)] for seed in (1, 1, 2))
     assert one == same != other
 
 
-def test_class_covering_takes_every_class_in_every_configuration_once():
+def test_class_covering_takes_every_class_in_every_configuration_once() -> None:
     seen = [(s.number, s.configuration) for s in islice(METHODS["class-covering"]("paper_stop4", 0), 120)]
     assert sorted(seen) == sorted(product(range(1, 25), "ABCDE"))
 
 
-def test_pairwise_covers_all_pairs_of_levels_soon():
+def test_pairwise_covers_all_pairs_of_levels_soon() -> None:
     """An array of strength 2 over 3, 3, 3, 3 and 5 levels has at least 15 rows; a greedy one has few more."""
     rows = [(*s.directions, s.configuration) for s in islice(METHODS["pairwise"]("paper_stop4", 3), 25)]
     levels = [(1, 2, 3)] * 4 + [tuple("ABCDE")]
@@ -32,14 +32,14 @@ def test_pairwise_covers_all_pairs_of_levels_soon():
         assert {(row[i], row[j]) for row in rows} == set(product(one, two))
 
 
-def test_random_speeds_stay_inside_the_braking_envelope():
+def test_random_speeds_stay_inside_the_braking_envelope() -> None:
     for scenario in islice(METHODS["continuous"]("paper_stop4", 0), 10):
         for entrance in scenario.creation:
             distance, speed = scenario.start(entrance)
             assert speed <= (rvads.vmax(distance) or 0.0)
 
 
-def test_ties_detect_i3_and_nothing_else():
+def test_ties_detect_i3_and_nothing_else() -> None:
     tied = rvads.Scenario(rvads.find("paper_stop4"), "2200")
     assert detects(("I3", tied, None))
     assert not detects(("I1", tied, None))
@@ -47,7 +47,7 @@ def test_ties_detect_i3_and_nothing_else():
     assert detects(("I3", among, "reference")), "the first one created ignores who is on its right"
 
 
-def test_the_race_counts_up_to_the_first_that_detects(monkeypatch):
+def test_the_race_counts_up_to_the_first_that_detects(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(power, "detects", lambda job: job[1].configuration == "E")
     monkeypatch.setattr(power, "METHODS", {name: METHODS[name] for name in ("class-covering", "pairwise")})
     found = measure(20, 10, deficiencies=["I3"], workers=1)
@@ -59,13 +59,13 @@ def test_the_race_counts_up_to_the_first_that_detects(monkeypatch):
         assert count == (first.index("E") + 1 if "E" in first else 11)
 
 
-def test_the_bootstrap_interval_holds_the_median():
+def test_the_bootstrap_interval_holds_the_median() -> None:
     assert interval((3,) * 20) == (3, 3)
     low, high = interval(tuple(range(1, 101)))
     assert 35 < low < 50.5 < high < 66  # median of 100: standard error about 1.25 * 29 / 10
 
 
-def test_tables_and_plot():
+def test_tables_and_plot() -> None:
     measured = [Power("I3", "uniform", (1, 2, 3, 4, 41), 40), Power("I3", "pairwise", (41, 41, 41), 40)]
     table = table_of_power(measured)
     assert "| I3 | 3 (" in table
@@ -75,6 +75,6 @@ def test_tables_and_plot():
     assert "**survives**" in table_of_mutants([Killing("deadlocks", "Waits.", (), ("mirror",))])
 
 
-def test_command_line_misused(capsys):
+def test_command_line_misused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["power", "--seeds", "0"]) == 2
     assert "--seeds must be at least 1" in capsys.readouterr().err

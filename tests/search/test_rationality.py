@@ -1,39 +1,41 @@
 """Rationality, determinacy, and sweeps over chance: kept by the reference, broken by autopilots made to break them."""
 
 from functools import partial
+from typing import Any
 
 import pytest
 
 import pytest_rvads as rvads
+from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.search.chance import Interval, intervals
 
-NONE = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
+NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
 
 
 class Tired(rvads.Reference):
     """After seven seconds it looks at nobody any more."""
 
-    def control(self, seen):
+    def control(self, seen: Observation) -> Control:
         return super().control(seen._replace(others=()) if seen.time > 7 else seen)
 
 
-def test_the_reference_is_rational_and_determinate():
+def test_the_reference_is_rational_and_determinate() -> None:
     rvads.rational(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2200", distance=5), rvads.Reference), farther=(5,))
     rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1300", distance=(20, 12, 20, 20)), rvads.Reference), at=2.0)
 
 
-def test_who_tires_on_the_way_is_not_rational():
+def test_who_tires_on_the_way_is_not_rational() -> None:
     with pytest.raises(rvads.MetamorphicViolation, match="20 m farther away: turns p1 from PASS into FAIL") as caught:
         rvads.rational(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2020", distance=1), Tired), "p1", farther=(20,))
     assert "20 m farther away" in caught.value.__notes__[0]
 
 
-def test_who_counts_from_the_start_is_not_determinate():
+def test_who_counts_from_the_start_is_not_determinate() -> None:
     with pytest.raises(rvads.MetamorphicViolation, match="restarted at 4 s"):
         rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2020"), Tired), "p1", at=4.0)
 
 
-def test_what_can_t_be_asked_is_refused():
+def test_what_can_t_be_asked_is_refused() -> None:
     with pytest.raises(rvads.ScenarioError, match="no rule passes in"):
         rvads.rational(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000"), rvads.Reference))
     with pytest.raises(rvads.ScenarioError, match="its lights would start anew"):
@@ -44,12 +46,14 @@ def test_what_can_t_be_asked_is_refused():
         rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2200"), rvads.Reference), at=1000)
 
 
-def test_bisection_finds_the_edges_of_an_interval():
-    def status(wait):
+def test_bisection_finds_the_edges_of_an_interval() -> None:
+    asked = []
+
+    def status(wait: float) -> rvads.Status:
+        asked.append(wait)
         return rvads.Status.FAIL if 0.37 <= wait < 1.42 else rvads.Status.PASS
 
-    asked = []
-    found = intervals(lambda wait: asked.append(wait) or status(wait), 0, 4, step=0.5)
+    found = intervals(status, 0, 4, step=0.5)
     assert found == (
         Interval(0.0, 0.36, rvads.Status.PASS),
         Interval(0.37, 1.41, rvads.Status.FAIL),
@@ -58,11 +62,11 @@ def test_bisection_finds_the_edges_of_an_interval():
     assert len(asked) == len(set(asked)) < 25
 
 
-def test_a_range_of_one_draw():
+def test_a_range_of_one_draw() -> None:
     assert intervals(lambda wait: rvads.Status.NA, 1.5, 1.5) == (Interval(1.5, 1.5, rvads.Status.NA),)
 
 
-def test_right_on_red_after_a_timer_fails_for_some_draws():
+def test_right_on_red_after_a_timer_fails_for_some_draws() -> None:
     scenario = rvads.Scenario(rvads.find("paper_light4"), "1100", distance=(2, 1, 20, 20))
     found = rvads.sweep(rvads.Case(scenario, partial(rvads.LgsvlLike, **(NONE | {"i4": True}))), "p5", 0, 1, step=0.5)
     first, second = found.intervals
@@ -78,7 +82,7 @@ def test_right_on_red_after_a_timer_fails_for_some_draws():
     assert second.low - first.high == pytest.approx(0.01)
 
 
-def test_sweeps_refuse_empty_ranges():
+def test_sweeps_refuse_empty_ranges() -> None:
     with pytest.raises(rvads.ScenarioError, match="range of a draw"):
         intervals(lambda wait: rvads.Status.NA, 2, 1)
     with pytest.raises(rvads.ScenarioError, match="at least one tick"):

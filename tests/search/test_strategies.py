@@ -1,5 +1,7 @@
 """Strategies: what they promise of every example, and what they shrink to."""
 
+from collections.abc import Callable
+
 import pytest
 from hypothesis import find, given, settings
 from hypothesis import strategies as st
@@ -13,26 +15,26 @@ LAW = settings(deadline=None, derandomize=True, max_examples=60)
 
 @LAW
 @given(strategies.junctions(control="stop"))
-def test_junctions_by_control(junction):
+def test_junctions_by_control(junction: rvads.Junction) -> None:
     assert junction.control is JunctionControl.STOP
 
 
 @LAW
 @given(st.integers(3, 8).flatmap(strategies.abstract_scenarios))
-def test_partial_scenarios_have_somebody(code):
+def test_partial_scenarios_have_somebody(code: tuple[int, ...]) -> None:
     assert any(code)
     assert all(0 <= d < len(code) for d in code)
 
 
 @LAW
 @given(strategies.abstract_scenarios(5, partial=False))
-def test_full_scenarios_have_nobody_missing(code):
+def test_full_scenarios_have_nobody_missing(code: tuple[int, ...]) -> None:
     assert 0 not in code
 
 
 @LAW
 @given(strategies.scenarios("light3", near=0.5, far=12, wait=(1, 2)))
-def test_scenarios_stay_in_range_and_inside_the_braking_envelope(scenario):
+def test_scenarios_stay_in_range_and_inside_the_braking_envelope(scenario: rvads.Scenario) -> None:
     scenario.fit()
     assert 1 <= scenario.wait <= 2
     for entrance in scenario.creation:
@@ -41,7 +43,7 @@ def test_scenarios_stay_in_range_and_inside_the_braking_envelope(scenario):
         assert speed <= rvads.vmax(distance)
 
 
-def test_they_shrink_to_few_vehicles_and_round_numbers():
+def test_they_shrink_to_few_vehicles_and_round_numbers() -> None:
     few = settings(max_examples=100, derandomize=True, deadline=None)
     simplest = find(strategies.scenarios(), lambda scenario: sum(map(bool, scenario.directions)) >= 2, settings=few)
     assert sum(map(bool, simplest.directions)) == 2
@@ -60,6 +62,6 @@ def test_they_shrink_to_few_vehicles_and_round_numbers():
         (lambda: strategies.scenarios("stop5"), "unknown junction 'stop5'"),
     ],
 )
-def test_misuse(call, says):
+def test_misuse(call: Callable[[], object], says: str) -> None:
     with pytest.raises(rvads.RvadsError, match=says):
         call()

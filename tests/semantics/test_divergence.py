@@ -73,7 +73,8 @@ def test_what_is_not_a_state(run: Run, change: dict[str, object], what: str) -> 
 
 
 def test_a_run_that_goes_on(run: Run) -> None:
-    longer = replace(run, **{f: np.concatenate([getattr(run, f), getattr(run, f)[-1:]]) for f in ("zone", "lights")})
+    zone, lights = (np.concatenate([states, states[-1:]]) for states in (run.zone, run.lights))
+    longer = replace(run, zone=zone, lights=lights)
     shorter = replace(run, station=None, speed=None, pose=None, controls=None)
     longer = replace(longer, station=None, speed=None, pose=None, controls=None)
     found = diverge(shorter, longer)

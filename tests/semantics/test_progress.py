@@ -118,7 +118,9 @@ def queue(drive: Make, gap: float, speed: float = 0.0) -> Run:
 
 
 def together(one: Run, two: Run) -> Run:
-    both = {name: np.concatenate((one.need(name), two.need(name)), axis=1) for name in ("station", "speed", "pose")}
+    both: dict[str, Any] = {
+        name: np.concatenate((one.need(name), two.need(name)), axis=1) for name in ("station", "speed", "pose")
+    }
     agents = (*one.agents, replace(two.agents[0], name="b0"))
     return replace(one, agents=agents, zone=np.concatenate((one.zone, two.zone), axis=1), **both)
 

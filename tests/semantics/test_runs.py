@@ -213,7 +213,7 @@ def test_what_breaks_the_model_is_found(run: Callable[[], Run], kind: str, messa
 
 def test_coarse_sampling_is_told() -> None:
     run = moving({(0, 2): (-90.0, [8.0] * 100)})
-    coarse = replace(run, dt=0.2, station=run.station[:1] + 1.6 * np.arange(100)[:, None])  # type: ignore[index]
+    coarse = replace(run, dt=0.2, station=run.station[:1] + 1.6 * np.arange(100)[:, None])
     (finding,) = [f for f in validate(coarse) if f.kind == "sampling"]
     assert str(finding).startswith("a0 drives 8.0 m/s at 0.00 s: in 0.2 s that is more than the entrance zone of 1 m")
     assert not [f for f in validate(run) if f.kind == "sampling"]
@@ -238,7 +238,8 @@ def test_a_damaged_run_is_not_judged_as_if_it_were_fine() -> None:
         ("station", (7, 0), np.inf, "station of a0 at 0.07 s is not a finite number"),
     ):
         assert check(changed(array, place, value), "p1").reason.startswith(says)
-    for size in ((), (4.6, 0.0), (4.6, 1.86, 1.4), (np.inf, 1.86)):
+    sizes: list[Any] = [(), (4.6, 0.0), (4.6, 1.86, 1.4), (np.inf, 1.86)]
+    for size in sizes:
         odd = replace(straight(), agents=(replace(straight().agents[0], size=size),))
         assert check(odd, "p1").reason.startswith("the size of a0 must be a positive length and width")
     for broken in (changed("zone", (7, 0), 9), replace(straight(), speed=np.zeros((5, 1))), replace(straight(), dt=np.nan)):
@@ -319,7 +320,7 @@ def test_post_encroachment_time_by_hand() -> None:
     assert kpis(run).pairs[0].pet == pytest.approx(wanted, abs=0.021)
     together = moving({near: (-10.0, [8.0] * 1600), far: (-10.0, [8.0] * 1600)})
     assert kpis(together).pairs[0].pet is not None
-    assert kpis(together).pet < 0  # type: ignore[operator]
+    assert kpis(together).pet < 0
     assert kpis(moving({(0, 2): (-10.0, [8.0] * 900), (2, 0): (-10.0, [8.0] * 900)})).pet is None, "they never meet"
 
 

@@ -1,5 +1,7 @@
 """The seam of simulators: chosen by name, by fixture and in every search; each with its own braking envelope."""
 
+from typing import Any
+
 import pytest
 
 import pytest_rvads as rvads
@@ -43,7 +45,7 @@ class Counting:
         return bullet.vmax(distance, aggression, vehicle)
 
 
-def case(junction: str, directions: str, **more: object) -> rvads.Case:
+def case(junction: str, directions: str, **more: Any) -> rvads.Case:
     """One vehicle under test among traffic."""
     scenario = rvads.Scenario(rvads.find(junction), directions, **{"subject": 0, "distance": 8.0, "duration": 25.0, **more})
     return rvads.Case(scenario, rvads.Reference, rvads.traffic("reference"))

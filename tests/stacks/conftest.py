@@ -4,12 +4,14 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from pytest_rvads.drivers.stacks.process import Process
+
+Find = Callable[[str], list[int]]
 
 ROOT = Path(__file__).parents[2]
 FAULTY = Path(__file__).with_name("faulty.py")
@@ -20,7 +22,7 @@ def faulty_command(fault: str, scenario: int = 1, decision: int = 3) -> list[str
 
 
 @pytest.fixture
-def faulty() -> Callable[..., Process]:
+def faulty() -> Iterator[Callable[..., Process]]:
     """Return a function that makes a stack which fails: which fault, in which scenario, at which decision."""
     made = []
 
@@ -55,7 +57,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def marked() -> Callable[[str], list[int]]:
+def marked() -> Find:
     """Return a function that lists the processes with a word on their command line."""
 
     def find(word: str) -> list[int]:

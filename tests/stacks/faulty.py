@@ -5,15 +5,16 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
 
 fault, scenario, decision = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
 
 
-def say(content):
+def say(content: dict[str, object]) -> None:
     os.write(1, json.dumps({"step": asked} | content).encode() + b"\n")
 
 
-FAULTS = {
+FAULTS: dict[str, Callable[[], object]] = {
     "crash": lambda: sys.exit("cannot open the map"),
     "segfault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
     "hang": lambda: time.sleep(600),
@@ -31,7 +32,7 @@ FAULTS = {
     "print": lambda: os.write(1, b"loading weights ... done\n"),
     "twice": lambda: say({"type": "command", "target_speed": 5.0}),
     "step": lambda: say({"type": "command", "target_speed": 5.0, "step": None}),
-    "close": lambda: (os.close(1), time.sleep(600)),
+    "close": lambda: [os.close(1), time.sleep(60)],  # type: ignore[func-returns-value]
 }
 
 runs, asked = 0, 0

@@ -2,8 +2,9 @@
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,6 +18,8 @@ from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+
+from .conftest import Find
 
 ROOT = Path(__file__).parents[2]
 SCENARIO = Scenario(find("stop4"), "1133", distance=20, subject=0, duration=12)
@@ -50,8 +53,8 @@ class Echo:
 
 
 @pytest.fixture
-def echo(tmp_path: Path) -> Callable[..., Process]:
-    made = []
+def echo(tmp_path: Path) -> Iterator[Callable[..., Process]]:
+    made: list[Process] = []
 
     def make(seed: int = 0, sleeps: bool = False) -> Process:
         script = tmp_path / f"echo{len(made)}.py"
@@ -64,7 +67,7 @@ def echo(tmp_path: Path) -> Callable[..., Process]:
         stack.close()
 
 
-def drive(autopilot: object, scenario: Scenario = SCENARIO) -> Run:
+def drive(autopilot: Any, scenario: Scenario = SCENARIO) -> Run:
     run = simulate(Case(scenario, autopilot, traffic=Reference))
     assert run.fault is None, run.fault
     return run
@@ -87,7 +90,7 @@ def test_random_sleeps_change_no_bit(echo: Callable[..., Process]) -> None:
     assert slow[0].provenance["timing"]["a0"]["decisions"] == -(-steps // 5), "asked at 20 Hz while it is in the run"
 
 
-def test_one_process_serves_many_scenarios(compiled: Path, marked: Callable[[str], list[int]]) -> None:
+def test_one_process_serves_many_scenarios(compiled: Path, marked: Find) -> None:
     """A run does not depend on what the process did before, and there is one process."""
     scenarios = [Scenario(find("stop4"), "1133", subject=s, duration=8) for s in range(4)] + [
         Scenario(find("light3"), "112", subject=1, duration=8)
@@ -101,7 +104,7 @@ def test_one_process_serves_many_scenarios(compiled: Path, marked: Callable[[str
             assert drive(stack, scenario).hash == found
 
 
-def test_every_vehicle_may_be_a_stack(compiled: Path, marked: Callable[[str], list[int]]) -> None:
+def test_every_vehicle_may_be_a_stack(compiled: Path, marked: Find) -> None:
     with Process([str(compiled)]) as stack:
         run = simulate(Case(Scenario(find("stop4"), "2222", duration=5), stack))
         assert run.fault is None

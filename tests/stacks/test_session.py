@@ -8,11 +8,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from .conftest import Find
+
+Session = Callable[..., subprocess.Popen[str]]
 FAULTY = Path(__file__).with_name("faulty.py")
 TESTS = """
     import pytest_rvads as rvads
@@ -111,7 +114,7 @@ def test_options_that_mean_nothing_are_refused(pytester: pytest.Pytester, option
 
 
 @pytest.fixture
-def session(pytester: pytest.Pytester, marked: Callable[[str], list[int]]) -> Callable[..., subprocess.Popen[str]]:
+def session(pytester: pytest.Pytester, marked: Find) -> Iterator[Session]:
     """Start a session whose stack hangs at its third decision, and wait until the stack runs."""
     started = []
 
@@ -143,7 +146,7 @@ def session(pytester: pytest.Pytester, marked: Callable[[str], list[int]]) -> Ca
 
 
 @pytest.mark.parametrize("shell", [False, True], ids=["program", "script"])
-def test_ctrl_c_leaves_no_process(session, marked, shell: bool) -> None:
+def test_ctrl_c_leaves_no_process(session: Session, marked: Find, shell: bool) -> None:
     tag = f"ctrl-c-{os.getpid()}-{shell}"
     process = session(tag, shell=shell)
     os.killpg(process.pid, signal.SIGINT)
@@ -153,14 +156,14 @@ def test_ctrl_c_leaves_no_process(session, marked, shell: bool) -> None:
 
 
 @pytest.mark.parametrize("shell", [False, True], ids=["program", "script"])
-def test_a_killed_session_leaves_no_process(session, marked, shell: bool) -> None:
+def test_a_killed_session_leaves_no_process(session: Session, marked: Find, shell: bool) -> None:
     tag = f"killed-{os.getpid()}-{shell}"
     process = session(tag, shell=shell)
     process.kill()
     assert wait_for(lambda: not marked(tag))
 
 
-def test_a_killed_worker_leaves_no_process(session, marked) -> None:
+def test_a_killed_worker_leaves_no_process(session: Session, marked: Find) -> None:
     tag = f"worker-{os.getpid()}"
     session(tag, "-n", "1", "--max-worker-restart=0")
     (stack,) = marked(tag)
@@ -169,7 +172,7 @@ def test_a_killed_worker_leaves_no_process(session, marked) -> None:
     assert wait_for(lambda: stack not in marked(tag))
 
 
-def test_the_first_failure_leaves_no_process(session, marked) -> None:
+def test_the_first_failure_leaves_no_process(session: Session, marked: Find) -> None:
     tag = f"exitfirst-{os.getpid()}"
     process = session(tag, "-x", fault="crash")
     output, _ = process.communicate(timeout=120)

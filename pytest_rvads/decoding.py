@@ -1,0 +1,98 @@
+"""JSON from elsewhere: msgspec holds it against a type, and what does not fit is refused in one sentence."""
+
+from __future__ import annotations
+
+import json
+import re
+import reprlib
+from typing import Any, TypeVar
+
+import msgspec
+from msgspec.inspect import DictType, EnumType, ListType, LiteralType, NoneType, StructType, TupleType, Type, UnionType, type_info
+
+from pytest_rvads.errors import RvadsError
+
+__all__ = ["decode", "typed"]
+
+T = TypeVar("T")
+_WORDS = {"int": "a whole number", "float": "a number", "str": "a text", "bool": "true or false"}
+_WORDS |= {"array": "a list", "object": "an object"}
+
+
+def decode(text: bytes, kind: type[T], where: str, error: type[RvadsError]) -> T:
+    """Return a JSON text as a value of `kind`; see `typed`.
+
+    Raises:
+        RvadsError: an `error`, also where the text is no JSON.
+    """
+    try:
+        return msgspec.json.decode(text, type=kind)
+    except (msgspec.DecodeError, RecursionError):
+        pass
+    try:
+        value = json.loads(text)  # tells the line of a mistake, and reads the NaN that JSON does not know: its field gets named
+    except (ValueError, RecursionError) as refused:
+        raise error(f"{where}: not a JSON file: {refused}") from refused
+    return typed(value, kind, where, error)
+
+
+def typed(value: object, kind: type[T], where: str, error: type[RvadsError]) -> T:
+    """Return a value that was read from JSON as a value of `kind`.
+
+    Args:
+        value: of builtins.
+        kind: what msgspec knows, with constraints.
+        where: begins the message.
+        error: what to raise.
+
+    Raises:
+        RvadsError: an `error` that names the field, what it must be, and what was got.
+    """
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as refused:
+        raise error(f"{where}: {_sentence(str(refused), value, type_info(kind))}") from refused
+
+
+def _sentence(message: str, value: Any, info: Type) -> str:
+    """Return msgspec's message in our words; what was got, and which choices there were, is looked up along its path."""
+    what, _, steps = message.partition(" - at `$")
+    path = ""
+    for step in re.findall(r"\.\.\.|[^.\[\]`]+", steps):
+        info = _inside(info, step)
+        if isinstance(value, list):
+            value, path = value[int(step)], f"{path}[{step}]"
+        else:
+            key = step if step in value else _culprit(value, info)
+            value, path = value[key], f"{path}.{key}".lstrip(".")
+    missing = re.fullmatch("Object missing required field `(.*)`", what)
+    if missing:
+        return f"the field {f'{path}.{missing[1]}'.lstrip('.')!r} is missing"
+    expected = what.removeprefix("Expected ").partition(", got ")[0]
+    expected = re.sub("`(.*?)`", lambda kinds: " or ".join(_WORDS.get(k, k) for k in kinds[1].split(" | ")), expected)
+    if isinstance(info, EnumType | LiteralType):
+        expected = " or ".join(sorted(repr(str(c)) for c in (info.values if isinstance(info, LiteralType) else info.cls)))
+    elif what == "Number out of range":
+        expected = "a number that is not too large to compute with"
+    return f"{f'the field {path!r}' if path else 'it'} must be {expected}, got {reprlib.repr(value)}"
+
+
+def _inside(info: Type, step: str) -> Type:
+    """Return the type of a field or item."""
+    if isinstance(info, UnionType):
+        info = next(t for t in info.types if not isinstance(t, NoneType))
+    if isinstance(info, StructType):
+        return next(f.type for f in info.fields if f.encode_name == step)
+    if isinstance(info, TupleType):
+        return info.item_types[int(step)]
+    return info.value_type if isinstance(info, DictType) else info.item_type if isinstance(info, ListType) else info
+
+
+def _culprit(values: dict[str, Any], info: Type) -> str:
+    """Return the key under which a value is not of its type, for msgspec names no keys."""
+    for key, value in values.items():
+        try:
+            msgspec.convert(value, info.cls if isinstance(info, StructType) else Any)
+        except msgspec.ValidationError:
+            return key
+    return next(iter(values))

@@ -1,0 +1,57 @@
+"""CONTRIBUTING.md, "Add a log format": a reader in one function and one line makes ``rvads check`` read another kind of file."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pytest_rvads.cli import main
+from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.runs.readers import READERS, read_runs
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent, Zone
+
+ZONES = {zone.name.lower(): zone for zone in Zone}
+
+
+def read_zones(path: str | Path) -> list[Run]:
+    """Read a table with a column per vehicle at stop4, called by entrance and exit (``0-2``), and a row per tick of 10 ms."""
+    path, place = Path(path), find("stop4")
+    names, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
+    ways = [tuple(map(int, name.split("-"))) for name in names]
+    agents = tuple(Agent(f"a{i}", place.movements[i, k]) for i, k in ways)
+    try:
+        zone = np.array([[ZONES[word] for word in row] for row in rows], dtype=np.int8)
+    except KeyError as error:
+        raise RunError(f"{path.name}: a zone must be one of {', '.join(ZONES)}, got {error}") from error
+    return [Run(path.stem, place, agents, zone, np.zeros((len(rows), place.ways), dtype=np.int8))]
+
+
+@pytest.fixture(autouse=True)
+def _line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(READERS, ".csv", read_zones)
+
+
+def test_check_judges_what_the_new_reader_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    together = [["approach", "approach"], ["entrance", "entrance"], ["junction", "junction"], ["exit", "exit"]]
+    file = tmp_path / "both at once.CSV"
+    file.write_text("\n".join(map(",".join, [["0-2", "1-3"], *together])), encoding="utf-8")
+    assert main(["check", str(file), "--rule", "p1"]) == 1
+    assert "FAIL  p1 at t=0.02 s: a0, a1 both in junction" in capsys.readouterr().out
+
+
+def test_what_can_not_be_read_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "odd.csv"
+    file.write_text("0-2\nasleep", encoding="utf-8")
+    with pytest.raises(RunError, match=r"odd.csv: a zone must be one of .*, got 'asleep'"):
+        read_runs(file)
+
+
+def test_the_recipe_names_files_that_are_there() -> None:
+    root = Path(__file__).parents[2]
+    recipe = (root / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("### Add a log format")[2].partition("\n#")[0]
+    for name in ("pytest_rvads/runs/readers.py", "tests/semantics/test_recorded.py", "docs/bring-recorded-runs.md"):
+        assert name in recipe
+        assert (root / name).is_file()
