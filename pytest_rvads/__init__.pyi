@@ -40,12 +40,6 @@ from pytest_rvads.search.chance import sweep as sweep
 from pytest_rvads.search.falsify import falsify as falsify
 from pytest_rvads.search.metamorphic import equivalent as equivalent
 from pytest_rvads.search.rationality import determinate as determinate, rational as rational
-from pytest_rvads.drivers.commands import (
-    Acceleration as Acceleration,
-    TargetSpeed as TargetSpeed,
-    Trajectory as Trajectory,
-    Waypoint as Waypoint,
-)
 from pytest_rvads.runs.itineraries import Itinerary as Itinerary
 from pytest_rvads.conduct.kpis import Kpis as Kpis, kpis as kpis
 from pytest_rvads.runs.recorded import read_recorded as read_recorded
@@ -53,10 +47,14 @@ from pytest_rvads.runs.run import Collision as Collision, Facts as Facts, Fault 
 from pytest_rvads.runs.runfile import load_run as load_run, save_run as save_run
 from pytest_rvads.runs.states import Agent as Agent, Colour as Colour, VehicleState as VehicleState, Zone as Zone
 from pytest_rvads.drivers.interface import (
+    Acceleration as Acceleration,
     Autopilot as Autopilot,
     Control as Control,
     Observation as Observation,
+    TargetSpeed as TargetSpeed,
     TrafficSystem as TrafficSystem,
+    Trajectory as Trajectory,
+    Waypoint as Waypoint,
 )
 from pytest_rvads.conduct.validate import Finding as Finding, validate as validate
 from pytest_rvads.runs.vehicle import Vehicle as Vehicle

@@ -18,6 +18,7 @@
 #ifndef RVADS_H
 #define RVADS_H
 
+#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -29,43 +30,69 @@
 extern "C" {
 #endif
 
-#define RVADS_VERSION 1
-#define RVADS_WAYS 8
+#define RVADS_VERSION 2
+#define RVADS_ENTRANCES 32 /* room for entrances, and for exits */
+#define RVADS_OTHERS 63
 #define RVADS_POINTS 64
 
 enum { RVADS_RIGHT, RVADS_STRAIGHT, RVADS_LEFT };                                  /* turn */
 enum { RVADS_APPROACH, RVADS_ENTRANCE, RVADS_JUNCTION, RVADS_EXIT, RVADS_GONE };   /* zone */
 enum { RVADS_NONE, RVADS_GREEN, RVADS_YELLOW, RVADS_RED };                         /* light */
-enum { RVADS_STOP_SIGNS, RVADS_LIGHTS, RVADS_UNREGULATED, RVADS_PARTIAL };         /* control */
+enum { RVADS_STOP_SIGNS, RVADS_LIGHTS, RVADS_UNREGULATED, RVADS_PARTIAL };         /* control of the whole junction */
+enum { RVADS_SIGN_NONE, RVADS_SIGN_STOP, RVADS_SIGN_YIELD, RVADS_SIGN_PRIORITY, RVADS_SIGN_LIGHTS }; /* of an entrance */
+enum { RVADS_CAR, RVADS_TRUCK, RVADS_CYCLIST, RVADS_PEDESTRIAN };                  /* kind */
 
 /* A vehicle as seen from outside; its position is that of the centre of its front bumper. */
 typedef struct {
-    uint32_t entrance; /* it came from or stands at */
-    uint32_t turn;     /* it indicates */
-    uint32_t zone, unused;
+    uint32_t id; /* the same in every observation of a run, and nobody else's; 0 is your own vehicle */
+    uint32_t kind;
+    uint32_t entrance, lane; /* it came from or stands at; lanes of an arm count from the kerb */
+    uint32_t turn;           /* it indicates */
+    uint32_t zone;
     double station; /* along its way, 0 where the junction begins, negative before [m] */
     double x, y, heading, speed, acceleration, length, width;
 } rvads_vehicle;
 
 typedef struct {
     double time; /* simulated, since the start of the run [s] */
-    uint32_t step, others_count, ways, unused;
-    rvads_vehicle me, others[RVADS_WAYS - 1];
-    uint32_t lights[RVADS_WAYS]; /* per entrance */
+    uint32_t step, others_count, entrances_count, unused;
+    rvads_vehicle me;
+    uint32_t lights[RVADS_ENTRANCES]; /* per entrance */
+    rvads_vehicle others[RVADS_OTHERS];
 } rvads_observation;
 
-/* One scenario: where to go, what regulates the junction, what the vehicle can do. */
 typedef struct {
-    uint32_t ways, control, left_hand, entrance, exit, turn, path_count, text_size;
+    uint32_t arm, lane, sign, unused;
+    double setback; /* stopping line before the junction [m] */
+} rvads_entrance;
+
+typedef struct {
+    uint32_t arm, lane;
+} rvads_exit;
+
+/* One scenario: where to go, what regulates the junction, what the vehicle can do. Arms are numbered counter-clockwise. */
+typedef struct {
+    uint32_t arms_count, entrances_count, exits_count, control, left_hand, entrance, exit, turn;
+    uint32_t movements_count, conflicts_count, yields_count, path_count, text_size, unused;
     double period;      /* between two observations [s] */
     double speed_limit; /* [m/s] */
     double line, length, end; /* stations: stopping line, end of the junction, end of the way [m] */
     double vehicle_length, vehicle_width, wheelbase, rear_axle_offset; /* the offset is from the front bumper [m] */
     double drive, brake; /* full acceleration and full service brake [m/s^2] */
     double steering_limit, steering_rate;
-    double setbacks[RVADS_WAYS]; /* per entrance, stopping line before the junction [m] */
-    uint8_t right_of[RVADS_WAYS][RVADS_WAYS], opposite[RVADS_WAYS][RVADS_WAYS];
+    rvads_entrance entrances[RVADS_ENTRANCES];
+    rvads_exit exits[RVADS_ENTRANCES];
+    uint8_t right_of[RVADS_ENTRANCES][RVADS_ENTRANCES], opposite[RVADS_ENTRANCES][RVADS_ENTRANCES]; /* of entrances */
 } rvads_scenario;
+
+typedef struct {
+    uint32_t entrance, exit, turn, unused;
+    double length; /* [m] */
+} rvads_movement;
+
+typedef struct { /* two movements, by their place in the list: they can't be made at once; or the one gives way to the other */
+    uint32_t one, other;
+} rvads_pair;
 
 typedef struct {
     double station, x, y, heading;
@@ -79,7 +106,9 @@ typedef struct {
 typedef struct {
     int fresh;               /* true with the first observation of a scenario */
     rvads_scenario scenario;
-    rvads_point *path;       /* the own way by the metre, scenario.path_count points */
+    rvads_movement *movements; /* as many as the scenario counts, and so on */
+    rvads_pair *conflicts, *yields;
+    rvads_point *path;       /* the own way by the metre */
     char *text;              /* the whole reset message as JSON, with the map; ends with a 0 */
     int output;
     uint32_t step;
@@ -129,18 +158,30 @@ static inline int rvads_open(rvads *link, const char *name, double rate) {
     return rvads_write_(link->output, line, used) || rvads_fail_("nobody listens");
 }
 
+/* Read a list that takes `size` bytes in place of the last one; a 0 follows it. Returns NULL where it can't be had. */
+static inline void *rvads_list_(void *old, size_t size, uint32_t *left) {
+    void *list = size <= *left ? calloc(size + 1, 1) : NULL;
+    free(old);
+    if (!list || !rvads_read_(list, size)) {
+        free(list);
+        return NULL;
+    }
+    *left -= (uint32_t)size;
+    return list;
+}
+
 static inline int rvads_reset_(rvads *link, uint32_t size) {
     static const uint32_t ready[2] = {2, 0};
     rvads_scenario *now = &link->scenario;
     if (size < sizeof *now || !rvads_read_(now, sizeof *now)) return rvads_fail_("the reset is cut short");
-    size_t path = now->path_count * sizeof(rvads_point);
-    if (size != sizeof *now + path + now->text_size) return rvads_fail_("the reset has another size than it says");
-    free(link->path);
-    free(link->text);
-    link->path = (rvads_point *)malloc(path + 1);
-    link->text = (char *)calloc(now->text_size + 1u, 1);
-    if (!link->path || !link->text) return rvads_fail_("out of memory");
-    if (!rvads_read_(link->path, path) || !rvads_read_(link->text, now->text_size)) return rvads_fail_("the reset is cut short");
+    size -= (uint32_t)sizeof *now;
+    link->movements = (rvads_movement *)rvads_list_(link->movements, now->movements_count * sizeof(rvads_movement), &size);
+    link->conflicts = (rvads_pair *)rvads_list_(link->conflicts, now->conflicts_count * sizeof(rvads_pair), &size);
+    link->yields = (rvads_pair *)rvads_list_(link->yields, now->yields_count * sizeof(rvads_pair), &size);
+    link->path = (rvads_point *)rvads_list_(link->path, now->path_count * sizeof(rvads_point), &size);
+    link->text = (char *)rvads_list_(link->text, now->text_size, &size);
+    if (size || !link->movements || !link->conflicts || !link->yields || !link->path || !link->text)
+        return rvads_fail_("the reset has another size than it says, or there is no memory for it");
     link->fresh = 1;
     return rvads_write_(link->output, ready, sizeof ready);
 }
@@ -153,8 +194,10 @@ static inline int rvads_next(rvads *link, rvads_observation *seen) {
         if (head[0] == 1) {
             if (!rvads_reset_(link, head[1])) return 0;
             fresh = 1;
-        } else if (head[0] == 3 && head[1] == sizeof *seen) {
-            if (!rvads_read_(seen, sizeof *seen)) return 0;
+        } else if (head[0] == 3 && head[1] <= sizeof *seen) {
+            if (!rvads_read_(seen, head[1])) return 0;
+            if (head[1] != offsetof(rvads_observation, others) + seen->others_count * sizeof seen->me)
+                return rvads_fail_("an observation has another size than it says");
             link->fresh = fresh;
             link->step = seen->step;
             clock_gettime(CLOCK_MONOTONIC, &link->since);

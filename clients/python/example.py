@@ -7,14 +7,14 @@ for seen in rvads_client.connect("example", rate=20):
     if seen.fresh:
         since, stood, first = None, None, set()
     near = [other for other in seen.others if other["zone"] in ("approach", "entrance")]
-    standing = {other["entrance"] for other in near if other["zone"] == "entrance"}
+    standing = {other["id"]: other["entrance"] for other in near if other["zone"] == "entrance"}
     if me["zone"] == "approach":
-        first = standing
+        first = set(standing)
     elif since is None:
         since = seen.time
     if since is not None and seen.time - since <= 0.5:  # at about the same time
-        first |= {entrance for entrance in standing if [entrance, me["entrance"]] in scenario["map"]["right_of"]}
-    first &= standing
+        first |= {k for k, entrance in standing.items() if [entrance, me["entrance"]] in scenario["map"]["right_of"]}
+    first &= set(standing)
     if me["zone"] == "entrance" and me["speed"] < 0.05 and stood is None:
         stood = seen.time
     if scenario["map"]["control"] == "lights":

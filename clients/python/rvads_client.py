@@ -21,14 +21,15 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-VERSION = 1
+VERSION = 2
 
 
 class Observation:
     """What the vehicle sees, to be answered once.
 
-    `time` [s]; `me` and `others`, vehicles as dicts (name, entrance, turn, zone, station, x, y, heading, speed,
-    acceleration, length, width); `lights`, a colour per entrance; `scenario`, `fresh`.
+    `time` [s]; `me` and `others`, vehicles as dicts (id, name, kind, entrance, lane, turn, zone, station, x, y, heading, speed,
+    acceleration, length, width), where the id is one vehicle's throughout a run, 0 the own one's; `lights`, a colour per
+    entrance; `scenario`, `fresh`.
     """
 
     def __init__(self, content: dict[str, Any], scenario: dict[str, Any], fresh: bool, output: Any) -> None:

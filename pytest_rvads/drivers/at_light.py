@@ -8,7 +8,7 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.spacing import can_stop, time_to
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
-from pytest_rvads.runs.states import APPROACH, ENTRANCE, Colour, VehicleState
+from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, VehicleState
 
 __all__ = ["Light"]
 
@@ -43,7 +43,9 @@ class Light:
         colour = seen.lights[me.entrance]
         if me.zone is ENTRANCE and me.speed < STANDING:
             self._stood = True
-        prior = [other for other in seen.others if self._has_priority(seen, other, colour)]
+        prior = []
+        if me.turn is not Turn.STRAIGHT:
+            prior = [other for other in seen.others if self._has_priority(seen, other, colour)]
         self._remember(seen, prior)
         if colour is Colour.YELLOW:
             return not can_stop(seen, YELLOW)
@@ -52,9 +54,9 @@ class Light:
         if self._owed or not all(_leaves_time(seen, other) for other in prior):
             return False
         mine = (seen.itinerary.entrance, seen.itinerary.exit)
-        if any(_comes_first(seen, mine, other, k < seen.created) for k, other in enumerate(seen.others)):
+        if any(other.zone is JUNCTION and occupied(seen.junction, mine, other) for other in seen.others):
             return False
-        if any(occupied(seen.junction, mine, other) for other in seen.others):
+        if any(_comes_first(seen, mine, other, k < seen.created) for k, other in enumerate(seen.others)):
             return False
         return not (exit_blocked(seen) or any(_runs_red(seen, mine, other) for other in seen.others))
 
@@ -63,7 +65,8 @@ class Light:
         if other.zone is not APPROACH and other.zone is not ENTRANCE:
             return False
         me, junction = seen.me, seen.junction
-        if me.turn is junction.far and other.turn is not junction.far and (me.entrance, other.entrance) in junction.opposite:
+        far = junction.far
+        if me.turn is far and other.turn is not far and (me.entrance, other.entrance) in junction.opposite:
             return True
         return colour is Colour.RED and me.turn is Turn.RIGHT and (me.entrance, other.entrance) in junction.right_of
 

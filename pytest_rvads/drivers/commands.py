@@ -1,68 +1,32 @@
-"""What an autopilot may answer instead of a `Control`; the tracking controller then drives at every step.
-
-Each is held, as a `Control` is, until the autopilot is asked again.
-"""
+"""The check of what autopilots answer: numbers of the right kind, finite, in range."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
 from numbers import Real
-from typing import Any, NamedTuple
+from typing import Any
 
-from pytest_rvads.drivers.interface import Control
+from pytest_rvads.drivers.interface import Acceleration, Control, TargetSpeed, Trajectory, Waypoint
 
-__all__ = ["Acceleration", "Command", "TargetSpeed", "Trajectory", "Waypoint", "trouble"]
+__all__ = ["clamped", "trouble"]
 
 MAX_ACCELERATION = 20.0
 """No vehicle accelerates or brakes harder [m/s^2]; more is a mistake of units."""
 MAX_SPEED = 70.0
 """Likewise for speeds [m/s]."""
+TOLERANCE = 1e-6
+"""How far throttle and brake may leave 0..1 by rounding; they are clamped."""
 
 
-class TargetSpeed(NamedTuple):
-    """Follow the itinerary at this speed, slower in bends."""
-
-    speed: float
-    """0 stops and holds the vehicle [m/s]."""
-
-
-class Acceleration(NamedTuple):
-    """Accelerate or brake by this much."""
-
-    acceleration: float
-    """Negative brakes [m/s^2]."""
-    steering: float | None = None
-    """Angle of the front wheels, left positive [rad]; None follows the itinerary."""
-
-
-class Waypoint(NamedTuple):
-    """Where the reference point shall be, and when."""
-
-    time: float
-    """As in `Observation.time`: since the start of the run [s]."""
-    x: float
-    """[m]."""
-    y: float
-    """[m]."""
-
-
-class Trajectory(NamedTuple):
-    """Be at these points at their times; from the last one on, stand."""
-
-    points: tuple[Waypoint, ...]
-    """At least two, in order of time; the steering follows their polyline."""
-
-
-Command = Control | TargetSpeed | Acceleration | Trajectory
-
-
-def trouble(command: Any) -> str:
-    """Return what is wrong with an answer that is no `Control`, to be read after "returned", or nothing.
+def trouble(answer: Any) -> str:
+    """Return what is wrong with what an autopilot answered, to be read after "returned", or nothing.
 
     No value is shown by its repr, which may hold an address: the text is part of a run's hash.
     """
-    match command:
+    match answer:
+        case Control():
+            return next(_wrong_control(answer), "")
         case TargetSpeed(speed):
             return _wrong("target speed", speed, 0.0, MAX_SPEED, "m/s")
         case Acceleration(acceleration, steering):
@@ -70,7 +34,26 @@ def trouble(command: Any) -> str:
             return found or ("" if steering is None else _wrong("steering", steering, -math.pi / 2, math.pi / 2, "rad"))
         case Trajectory(points):
             return next(_wrong_points(points), "")
-    return f"an object of type {type(command).__name__}, expected a Control"
+    return f"an object of type {type(answer).__name__}, expected a Control"
+
+
+def clamped(control: Control) -> Control:
+    """Return a control as floats, throttle and brake in 0..1."""
+    throttle, brake, steering = (float(value) for value in control)
+    return Control(min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0), steering)
+
+
+def _wrong_control(control: Control) -> Iterator[str]:
+    for name, value in zip(Control._fields, control, strict=True):
+        if not isinstance(value, Real):
+            yield f"a {name} of type {type(value).__name__}, expected a number"
+        elif not math.isfinite(value):
+            yield f"{name} {float(value)}, expected a finite number"
+    for name, value in (("throttle", control.throttle), ("brake", control.brake)):
+        if not -TOLERANCE <= value <= 1.0 + TOLERANCE:
+            yield f"{name} {float(value):g}, expected 0..1"
+    if abs(control.steering) > math.pi / 2:
+        yield f"steering {float(control.steering):g}, expected radians within -pi/2..pi/2 (was it in degrees?)"
 
 
 def _wrong_points(points: Any) -> Iterator[str]:

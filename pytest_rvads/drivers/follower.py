@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.pursuit import lookahead, pursue
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.runs.vehicle import Vehicle
@@ -25,7 +25,7 @@ STANDING = 0.01
 """A vehicle slower than this stands [m/s]."""
 
 
-class Follower:
+class Follower(Autopilot):
     """Follows its itinerary at the speed that `target_speed` returns, slower in bends.
 
     Example:
@@ -38,6 +38,10 @@ class Follower:
     # Defaults of the class, so that a subclass with a constructor of its own need not call this one.
     _steering = 0.0
     _track: Track | None = None
+    _wheels: tuple[float, float] | None = None
+    """Reference point to rear axle, rear axle to front axle [m]: worked out once, the vehicle stays the same."""
+    _piece = (math.inf, -math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """The piece of the path that it aims at: it stays the same for many steps."""
 
     def target_speed(self, seen: Observation) -> float:
         """Return how fast to drive where the road is straight [m/s]; 0 stops and holds the vehicle."""
@@ -64,8 +68,10 @@ class Follower:
         if target <= 0.0 and speed < 0.3:
             return -math.inf
         wanted = _GAIN * (target - speed)
-        bend = _GAIN * (self.track(seen).speed(seen.me.station) - speed)
-        return min(wanted, max(bend, -_FIRM))
+        bend = _GAIN * ((self._track or self.track(seen)).speed(seen.me.station) - speed)
+        # Comparisons instead of min and max here and below: this is asked for every vehicle in every step.
+        firm = bend if bend >= -_FIRM else -_FIRM
+        return firm if firm < wanted else wanted
 
     def track(self, seen: Observation) -> Track:
         """Return what is known of the way ahead; worked out once."""
@@ -77,22 +83,29 @@ class Follower:
         """Return the control that yields `acceleration` [m/s^2] along the itinerary; -inf holds a standing vehicle."""
         vehicle = seen.vehicle
         speed = seen.me.speed
-        full = vehicle.brake[seen.aggression - 1]
         if acceleration == -math.inf and speed < 0.3:
-            return Control(0.0, min(_HOLD / full, 1.0), self.steer(seen) if speed > STANDING else self._steering)
+            brake = _HOLD / vehicle.brake[seen.aggression - 1]
+            return Control(0.0, brake if brake < 1.0 else 1.0, self.steer(seen) if speed > STANDING else self._steering)
         needed = acceleration + resistance(vehicle, speed)
         if needed >= 0.0:
-            throttle, brake = needed / vehicle.drive, 0.0
-        else:
-            throttle, brake = 0.0, -needed / full
-        return Control(throttle if throttle < 1.0 else 1.0, brake if brake < 1.0 else 1.0, self.steer(seen))
+            throttle = needed / vehicle.drive
+            return Control(throttle if throttle < 1.0 else 1.0, 0.0, self.steer(seen))
+        brake = -needed / vehicle.brake[seen.aggression - 1]
+        return Control(0.0, brake if brake < 1.0 else 1.0, self.steer(seen))
 
     def steer(self, seen: Observation) -> float:
         """Return the angle of the front wheels [rad] that leads the rear axle back to the itinerary."""
-        me, vehicle = seen.me, seen.vehicle
-        x, y, _ = seen.itinerary.pose(me.station - vehicle.rear_axle_offset + lookahead(me.speed))
-        self._steering = pursue(me, vehicle, x, y)
-        return self._steering
+        me = seen.me
+        if self._wheels is None:
+            self._wheels = seen.vehicle.rear_axle_offset, seen.vehicle.wheelbase
+        back, wheelbase = self._wheels
+        aim = me.station - back + lookahead(me.speed) + seen.itinerary.origin
+        start, end, x, y, ux, uy, _ = self._piece
+        if not start <= aim < end:
+            self._piece = start, _, x, y, ux, uy, _ = seen.itinerary.path.piece(aim)
+        aim -= start
+        self._steering = steering = pursue(me, back, wheelbase, x + aim * ux, y + aim * uy)
+        return steering
 
 
 def resistance(vehicle: Vehicle, speed: float) -> float:

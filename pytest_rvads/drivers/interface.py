@@ -1,19 +1,35 @@
-"""What an autopilot sees and answers.
+"""What an autopilot sees, what it answers, and what it is.
 
-`Observation` and `Control` are made hundreds of times per simulated second, so they are named tuples.
+`Observation` and the commands are made hundreds of times per simulated second, so they are named tuples.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
+from pytest_rvads.drivers.abilities import OF_AUTOPILOTS, OF_SYSTEMS, refuse
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Agent, Colour, VehicleState
 from pytest_rvads.runs.vehicle import Vehicle
 
-__all__ = ["Autopilot", "Control", "Factory", "Observation", "TrafficSystem"]
+__all__ = [
+    "Acceleration",
+    "Autopilot",
+    "Command",
+    "Control",
+    "Coordinates",
+    "Drives",
+    "Factory",
+    "Observation",
+    "TargetSpeed",
+    "TrafficSystem",
+    "Trajectory",
+    "Waypoint",
+]
 
 
 class Observation(NamedTuple):
@@ -47,7 +63,7 @@ class Observation(NamedTuple):
 
 
 class Control(NamedTuple):
-    """What an autopilot answers."""
+    """Throttle, brake and steering as they are."""
 
     throttle: float = 0.0
     """Share of the drive force, 0..1."""
@@ -57,19 +73,112 @@ class Control(NamedTuple):
     """Angle of the front wheels, left positive [rad]."""
 
 
-class Autopilot(Protocol):
-    """A controller of one vehicle; a new one is made for every vehicle and run, so nothing survives a run."""
+class TargetSpeed(NamedTuple):
+    """Follow the itinerary at this speed, slower in bends."""
 
-    def control(self, seen: Observation) -> Control:
-        """Return throttle, brake and steering to hold until the next call."""
+    speed: float
+    """0 stops and holds the vehicle [m/s]."""
 
 
-class TrafficSystem(Protocol):
-    """Creates and coordinates the autopilots of one run (a scheduler is one); a new one is made for every run."""
+class Acceleration(NamedTuple):
+    """Accelerate or brake by this much."""
 
-    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Autopilot]:
+    acceleration: float
+    """Negative brakes [m/s^2]."""
+    steering: float | None = None
+    """Angle of the front wheels, left positive [rad]; None follows the itinerary."""
+
+
+class Waypoint(NamedTuple):
+    """Where the reference point shall be, and when."""
+
+    time: float
+    """As in `Observation.time`: since the start of the run [s]."""
+    x: float
+    """[m]."""
+    y: float
+    """[m]."""
+
+
+class Trajectory(NamedTuple):
+    """Be at these points at their times; from the last one on, stand."""
+
+    points: tuple[Waypoint, ...]
+    """At least two, in order of time; the steering follows their polyline."""
+
+
+Command = Control | TargetSpeed | Acceleration | Trajectory
+"""What an autopilot answers. It is held until the autopilot is asked again; what is no `Control`, the tracking controller drives
+at every step of the simulation."""
+
+
+class Drives(Protocol):
+    """An object that drives one vehicle: it need not derive from anything."""
+
+    def control(self, seen: Observation, /) -> Command:
+        """Return what to do until the next call."""
+
+
+class Coordinates(Protocol):
+    """An object that makes the autopilots of a run."""
+
+    def autopilots(self, agents: Sequence[Agent], /) -> Sequence[Drives]:
+        """Return one autopilot per agent, in the order given."""
+
+
+Factory = Callable[[], Drives | Coordinates]
+"""Makes the autopilot of one vehicle, or what coordinates those of a run: a class, or anything callable without arguments. An
+attribute ``label`` of it is the name that records and reports call it by."""
+
+
+class Autopilot(ABC):
+    """A controller of one vehicle; a new one is made for every vehicle and run, so nothing survives a run.
+
+    Only `control` is needed. The other abilities have defaults here, and an object of any class may have them.
+
+    Raises:
+        AutopilotError: a class that misspells an ability.
+    """
+
+    period: float = DT
+    """How often it is asked, a whole multiple of the step of 0.01 s; its answer is held in between [s]."""
+    label: str | None = None
+    """What records and messages call it; None stands for the name of its class."""
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        refuse(cls, OF_AUTOPILOTS)
+
+    @abstractmethod
+    def control(self, seen: Observation, /) -> Command:
+        """Return what to do until the next call."""
+
+    def timing(self) -> Mapping[str, Any] | None:
+        """Return how long it computed: ``stack``, ``decisions``, ``compute``, ``longest`` [s]; None where nobody measures.
+
+        It is told beside the run, and no part of it: no verdict depends on it.
+        """
+        return None
+
+    def abandon(self) -> str:
+        """Let go of what runs elsewhere, because an answer of this autopilot ended the run; return what else there is to know."""
+        return ""
+
+
+class TrafficSystem(ABC):
+    """Creates and coordinates the autopilots of one run (a scheduler is one); a new one is made for every run.
+
+    Raises:
+        AutopilotError: a class that misspells an ability.
+    """
+
+    label: str | None = None
+    """What records call it; None stands for the name of its class."""
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        refuse(cls, OF_SYSTEMS)
+
+    @abstractmethod
+    def autopilots(self, agents: Sequence[Agent], /) -> Sequence[Drives]:
         """Return one autopilot per agent, in the order given, which is the creation order."""
-
-
-Factory = Callable[[], Any]
-"""Makes the autopilot of one vehicle, or the `TrafficSystem` of a run: a class, or anything callable without arguments."""

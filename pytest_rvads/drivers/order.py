@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import ENTRANCE, VehicleState
@@ -36,16 +34,18 @@ class Queue:
             name = state.name
             if state.zone is not ENTRANCE:
                 outside[name] = tick
-                stood.discard(name)
+                if stood:
+                    stood.discard(name)
             else:
-                # At its entrance from the start: waiting times count from zero there.
-                outside.setdefault(name, tick)
+                if name not in outside:
+                    # At its entrance from the start: waiting times count from zero there.
+                    outside[name] = tick
                 if state.speed < _STANDING:
                     stood.add(name)
 
-    def setting_off(self, others: Iterable[VehicleState]) -> bool:
-        """Return whether one of `others` stood at its entrance and is on its way now."""
-        return any(o.zone is ENTRANCE and o.speed > _MOVING and o.name in self._stood for o in others)
+    def setting_off(self, other: VehicleState) -> bool:
+        """Return whether `other` stood at its entrance and is on its way now."""
+        return other.zone is ENTRANCE and other.speed > _MOVING and other.name in self._stood
 
     def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
         """Return who goes next among the vehicles at the entrances, and whether right before left decides it.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.drivers.follower import STANDING, Follower
-from pytest_rvads.drivers.interface import Autopilot, Control, Observation
+from pytest_rvads.drivers.interface import Control, Drives, Observation, TrafficSystem
 from pytest_rvads.drivers.tracker import PLACE_GAIN, SPEED_GAIN
 from pytest_rvads.errors import RunError, ScenarioError
 from pytest_rvads.runs.run import Run
@@ -25,7 +25,7 @@ _AHEAD = 0.2
 """How far ahead speeds are looked up [s]: about the lag of drive and brake."""
 
 
-class Replay:
+class Replay(TrafficSystem):
     """A traffic policy: every vehicle follows what the one with its movement did in a recorded run.
 
     It does not react to the subject. Started as in a run that holds controls, it repeats that run bit by bit; else it
@@ -51,20 +51,25 @@ class Replay:
         """Return the traffic system of a run; it keeps nothing from one run to the next."""
         return self
 
-    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Autopilot]:
+    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Drives]:
         """Return one autopilot per agent.
 
         Raises:
             ScenarioError: the recording has no vehicle with that movement.
         """
-        columns = {(a.entrance, a.exit): column for column, a in enumerate(self.run.agents)}
+        left = list(enumerate(self.run.agents))
+        chosen = []
         for agent in agents:
-            if (agent.entrance, agent.exit) not in columns:
+            alike = [one for one in left if (one[1].entrance, one[1].exit) == (agent.entrance, agent.exit)]
+            if not alike:
                 raise ScenarioError(
                     f"run {self.run.label!r} has no vehicle from entrance {agent.entrance} to exit {agent.exit} "
                     f"that {agent.name} could replay: choose a scenario with the same movements"
                 )
-        chosen = [columns[agent.entrance, agent.exit] for agent in agents]
+            # Of several on one movement the one of its name, else the first that nobody replays yet.
+            taken = next((one for one in alike if one[1].name == agent.name), alike[0])
+            left.remove(taken)
+            chosen.append(taken[0])
         station, speed = self._motion
         controls = self.run.controls
         return [_Playback(self.run.dt, station[:, k], speed[:, k], None if controls is None else controls[:, k]) for k in chosen]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from pytest_rvads.runs.states import VehicleState
-from pytest_rvads.runs.vehicle import Vehicle
 
 __all__ = ["lookahead", "pursue"]
 
@@ -16,11 +15,19 @@ def lookahead(speed: float) -> float:
     return ahead if ahead > 2.5 else 2.5
 
 
-def pursue(me: VehicleState, vehicle: Vehicle, x: float, y: float) -> float:
-    """Return the angle of the front wheels [rad] that leads the rear axle to a point [m] on a circle."""
-    cos, sin = math.cos(me.heading), math.sin(me.heading)
-    back = vehicle.rear_axle_offset
+def pursue(me: VehicleState, back: float, wheelbase: float, x: float, y: float) -> float:
+    """Return the angle of the front wheels [rad] that leads the rear axle to a point on a circle.
+
+    Args:
+        me: the own vehicle.
+        back: its reference point to its rear axle [m].
+        wheelbase: rear axle to front axle [m].
+        x: of the point, east [m].
+        y: likewise, north [m].
+    """
+    heading = me.heading
+    cos, sin = math.cos(heading), math.sin(heading)
     dx = x - me.x + back * cos
     dy = y - me.y + back * sin
     left = dy * cos - dx * sin
-    return math.atan2(2.0 * vehicle.wheelbase * left, dx * dx + dy * dy)
+    return math.atan2(2.0 * wheelbase * left, dx * dx + dy * dy)

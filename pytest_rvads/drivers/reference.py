@@ -69,14 +69,16 @@ class Reference(Follower):
                 self._gate = self.make_gate(seen)
             stops = not self._gate.allows(seen)
             if stops:
-                wanted = min(wanted, self._stopping.acceleration(seen))
+                stop = self._stopping.acceleration(seen)
+                wanted = stop if stop < wanted else wanted
             else:
                 self._stopping.reset()
         if seen.others and wanted > -math.inf:
             if not stops:
                 # Whoever leads is past the line; before it there is nobody to follow.
                 wanted = min(wanted, behind_leader(seen))
-            wanted = min(wanted, clear_of_bodies(seen, self.track(seen)))
+            gap = clear_of_bodies(seen, self._track or self.track(seen))
+            wanted = gap if gap < wanted else wanted
             if zone is JUNCTION:
                 wanted = min(wanted, clear_of_crossing(seen))
         return self.drive(seen, wanted)

@@ -103,7 +103,8 @@ def behind_leader(seen: Observation) -> float:
     remaining = itinerary.length - me.station
     least = math.inf
     for other in seen.others:
-        if other.zone is not JUNCTION and other.zone is not EXIT:
+        zone = other.zone
+        if zone is not JUNCTION and zone is not EXIT:
             continue
         for movement in movements(seen.junction, other.entrance, other.turn):
             left = movement.length - other.station
@@ -139,18 +140,18 @@ def clear_of_crossing(seen: Observation) -> float:
 def clear_of_bodies(seen: Observation, track: Track) -> float:
     """Return the acceleration [m/s^2] that stops before a body that is in the way on `track`; inf if none is."""
     me = seen.me
-    reach = 3.0 + me.speed * (REACTION + me.speed / (2.0 * FOLLOW))
-    cos, sin = math.cos(me.heading), math.sin(me.heading)
+    x, y, heading, speed = me.x, me.y, me.heading, me.speed
+    reach = 3.0 + speed * (REACTION + speed / (2.0 * FOLLOW))
     least = math.inf
     for other in seen.others:
-        dx, dy = other.x - me.x, other.y - me.y
+        dx, dy = other.x - x, other.y - y
         far = reach + other.length
         # Cheap first: most others are nowhere near, or behind.
-        if dx * dx + dy * dy < far * far and dx * cos + dy * sin > 0.0:
+        if dx * dx + dy * dy < far * far and dx * math.cos(heading) + dy * math.sin(heading) > 0.0:
             gap = _free(track.places(me.station, reach), other, me.width / 2.0 + SIDE)
             if gap < math.inf:
-                along = other.speed * math.cos(other.heading - me.heading)
-                least = min(least, _follow(me.speed, gap, max(along, 0.0)))
+                along = other.speed * math.cos(other.heading - heading)
+                least = min(least, _follow(speed, gap, max(along, 0.0)))
     return least
 
 

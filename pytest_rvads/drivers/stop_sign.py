@@ -40,9 +40,10 @@ class StopSign:
         if self._stood_since is None or seen.time - self._stood_since < HOLD:
             return False
         # Also when it is already on its way: whoever goes out of turn is let in, not met in the junction.
-        if any(other.zone is JUNCTION for other in seen.others) or self._queue.setting_off(seen.others):
-            self._released, self._stuck_since = False, None
-            return False
+        for other in seen.others:
+            if other.zone is JUNCTION or self._queue.setting_off(other):
+                self._released, self._stuck_since = False, None
+                return False
         self._released = self._released or self._my_turn(seen)
         return self._released
 

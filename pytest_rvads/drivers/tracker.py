@@ -6,9 +6,8 @@ import math
 from bisect import bisect_right
 from itertools import pairwise
 
-from pytest_rvads.drivers.commands import Acceleration, Command, TargetSpeed, Trajectory
 from pytest_rvads.drivers.follower import Follower
-from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory
 from pytest_rvads.drivers.pursuit import lookahead, pursue
 
 __all__ = ["PLACE_GAIN", "SPEED_GAIN", "Tracker"]
@@ -54,7 +53,7 @@ class Tracker:
         soon = line.at(seen.time + vehicle.drive_lag)[1]
         wanted = (soon - speed) / vehicle.drive_lag + PLACE_GAIN * (place - here) + SPEED_GAIN * (speed - me.speed)
         x, y = line.point(here - vehicle.rear_axle_offset + lookahead(me.speed))
-        return self._follower.drive(seen, wanted)._replace(steering=pursue(me, vehicle, x, y))
+        return self._follower.drive(seen, wanted)._replace(steering=pursue(me, vehicle.rear_axle_offset, vehicle.wheelbase, x, y))
 
 
 class _Line:

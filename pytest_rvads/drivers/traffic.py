@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
+from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.lgsvl import LgsvlLike
+from pytest_rvads.drivers.naming import in_ids
 from pytest_rvads.drivers.policies import Hesitant, LateYielder, RedLightRunner, Stopped
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.rolling import RollingStop
@@ -18,7 +17,7 @@ __all__ = ["POLICIES", "TIE", "Policy", "traffic"]
 
 TIE = 0.5
 """What road users take for arriving at once, as the road rulebook does [s]."""
-POLICIES: dict[str, Callable[[], Any]] = {
+POLICIES: dict[str, Factory] = {
     "reference": partial(Reference, tie=TIE),
     "hesitant": partial(Hesitant, tie=TIE),
     "rolling_stop": RollingStop,
@@ -36,11 +35,11 @@ class Policy:
 
     name: str
     """As in ids: letters, digits and underscores."""
-    factory: Callable[[], Any]
+    factory: Factory
     """Makes the autopilot of one vehicle, or the traffic system of a run."""
 
     @classmethod
-    def of(cls, what: Any) -> Policy:
+    def of(cls, what: str | Factory) -> Policy:
         """Return the policy of that name, or one of an autopilot or traffic system of your own.
 
         Raises:
@@ -50,12 +49,10 @@ class Policy:
             return cls(what, traffic(what))
         if not callable(what):
             raise ScenarioError(f"traffic takes names of policies or classes of autopilots, got {what!r}")
-        inner = getattr(what, "func", what)  # of a functools.partial
-        name = getattr(what, "name", None) or getattr(inner, "__name__", type(inner).__name__)
-        return cls(re.sub(r"\W+", "_", str(name), flags=re.ASCII).strip("_") or "own", what)
+        return cls(in_ids(what), what)
 
 
-def traffic(name: str, what: str = "traffic") -> Callable[[], Any]:
+def traffic(name: str, what: str = "traffic") -> Factory:
     """Return the traffic policy called `name`, for ``simulate(..., traffic=...)``.
 
     Args:

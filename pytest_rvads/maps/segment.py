@@ -98,11 +98,15 @@ class Segment:
 
     def pose(self, station: float) -> Pose:
         """Return the pose at `station` [m]; beyond either end the line goes on straight."""
+        start, _, x, y, ux, uy, heading = self.piece(station)
+        along = station - start
+        return Pose(x + along * ux, y + along * uy, heading)
+
+    def piece(self, station: float) -> tuple[float, float, float, float, float, float, float]:
+        """Return the straight piece at `station` [m]: its two stations, where it starts, its unit vector, its heading."""
         stations, pieces = self._table or self._fill()
         i = min(max(bisect_right(stations, station) - 1, 0), len(pieces) - 1)
-        x, y, ux, uy, heading = pieces[i]
-        along = station - stations[i]
-        return Pose(x + along * ux, y + along * uy, heading)
+        return stations[i], stations[i + 1], *pieces[i]
 
     def project(self, x: float, y: float, near: float, window: float = 5.0) -> tuple[float, float]:
         """Project a point on the line, looking only around a known station.

@@ -1,11 +1,10 @@
-"""What drives: what an option names, what stands in where nobody names anything, and what it is called."""
+"""What drives, as an option names it, and where a fixture for it was defined in vain."""
 
 from __future__ import annotations
 
 import difflib
 import importlib
 import sys
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,23 +12,12 @@ import pytest
 
 from pytest_rvads.errors import AutopilotError
 
-__all__ = ["called", "chosen", "stand_in", "where_else"]
+__all__ = ["chosen", "where_else"]
 
 _NAME = "rvads_autopilot"
 _ALIKE = 0.8
 """How alike a misspelt name is to the right one, see `difflib`."""
-_STAND_IN: Any = None
 _ELSEWHERE: pytest.StashKey[str] = pytest.StashKey()
-
-
-def stand_in() -> Any:
-    """Return the reference autopilot, as what drives where no fixture, option or command names anything."""
-    global _STAND_IN
-    if _STAND_IN is None:
-        from pytest_rvads.drivers.reference import Reference
-
-        _STAND_IN = partial(Reference)  # an object of its own, so that a fixture that returns Reference is told apart
-    return _STAND_IN
 
 
 def chosen(name: str, here: Path) -> Any:
@@ -62,18 +50,6 @@ def chosen(name: str, here: Path) -> Any:
     if not callable(found):
         raise AutopilotError(f"rvads_autopilot must name a class or something callable, {name!r} is {found!r:.60}")
     return found
-
-
-def called(tested: Any) -> str:
-    """Return what drives, by a name that tells where it is from."""
-    from pytest_rvads.simulators.seat import name_of
-
-    name = name_of(tested) or ""
-    if tested is stand_in():
-        return f"{name} (nobody said what drives)"
-    inner = getattr(tested, "func", tested)  # of a functools.partial
-    module = "" if isinstance(getattr(tested, "label", None), str) else str(getattr(inner, "__module__", None) or "")
-    return ".".join(filter(None, (module, name)))
 
 
 def where_else(session: pytest.Session) -> str:

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from pytest_rvads.drivers.naming import stand_in
 from pytest_rvads.options import Options
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.session.artefacts import look, show
-from pytest_rvads.session.chosen_driver import stand_in, where_else
+from pytest_rvads.session.chosen_driver import where_else
 from pytest_rvads.session.plan import start
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ import math
 from dataclasses import asdict
 
 from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.physics.body import Body, start
 from pytest_rvads.physics.braking import vmax
@@ -19,7 +20,7 @@ from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 from pytest_rvads.simulators.recorder import Recorder
-from pytest_rvads.simulators.seat import Seat, crew, name_of
+from pytest_rvads.simulators.seat import Seat, crew
 from pytest_rvads.versions import versions
 
 __all__ = ["Bullet", "bullet"]
@@ -93,7 +94,7 @@ class _Loop:
             self._sample()
             order = [self._agents[column] for column in self._active]
             key = f"{self.junction.name} {scenario.placed} {scenario.configuration}"
-            crewed = crew(order, case.driver, scenario.under_test, case.traffic, scenario.senses, key)
+            crewed = crew(order, case.driver, case.traffic, scenario.under_test, scenario.senses, key)
             seats = dict(zip(self._active, crewed, strict=True))
             self.seats = tuple(seats.values())
             while self._step < last and not self._over():
@@ -111,7 +112,7 @@ class _Loop:
             "scenario": case.scenario.record(),
             "simulator": Bullet.name,
             "autopilot": name_of(case.driver),
-            "traffic": name_of(case.traffic),
+            "traffic": None if case.traffic is None else name_of(case.traffic),
             "vehicle": asdict(case.fleet.vehicle),
             "end": self.end,
             "versions": versions(),

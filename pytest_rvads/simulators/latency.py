@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections import deque
 from random import Random
 
-from pytest_rvads.drivers.commands import Command
-from pytest_rvads.drivers.interface import Control
+from pytest_rvads.drivers.interface import Command, Control
 from pytest_rvads.runs.run import DT
 from pytest_rvads.scenarios.senses import Senses
 

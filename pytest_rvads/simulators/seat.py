@@ -13,8 +13,10 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-from pytest_rvads.drivers.commands import Command, trouble
-from pytest_rvads.drivers.interface import Control, Factory, Observation
+from pytest_rvads.drivers.abilities import OF_AUTOPILOTS, OF_SYSTEMS, spelling
+from pytest_rvads.drivers.commands import clamped, trouble
+from pytest_rvads.drivers.interface import Autopilot, Command, Control, Factory, Observation, TrafficSystem
+from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.drivers.tracker import Tracker
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.runs.run import DT, Halt
@@ -23,33 +25,25 @@ from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.simulators.latency import Latency
 from pytest_rvads.simulators.perception import Perception
 
-__all__ = ["Seat", "crew", "name_of"]
-
-_TOLERANCE = 1e-6
-"""How far throttle and brake may leave 0..1 by rounding; they are clamped."""
+__all__ = ["Seat", "crew"]
 
 
 class Seat:
-    """One vehicle's place for an autopilot.
-
-    An autopilot may have an attribute `period` [s], a whole multiple of the step: it is then asked that often, and
-    its last answer is held in between (zero-order hold). Without one it is asked in every step. One that runs elsewhere
-    may have a ``label`` to be called by, a method ``abandon``, called when its answer ended the run, which returns what else
-    there is to know, and a method ``timing``, see `simulate`.
+    """One vehicle's place for an autopilot: any object with a method ``control``; `Autopilot` says what else it may have.
 
     Raises:
-        Halt: no method ``control``, or a period that is not a multiple of the step.
+        Halt: no method ``control``, an ability that is misspelt, or a period that is not a multiple of the step.
     """
 
     def __init__(self, agent: Agent, autopilot: Any, senses: Senses = IDEAL, key: str = "") -> None:
         self.agent = agent
-        self.name = getattr(autopilot, "label", type(autopilot).__qualname__)
+        self.name = name_of(autopilot)
         self.autopilot = autopilot
+        misspelt = spelling(autopilot, OF_AUTOPILOTS, Autopilot)
         if not callable(getattr(autopilot, "control", None)):
-            raise Halt(
-                agent.name,
-                f"{self.name} can't drive {agent.name}: an autopilot needs a method control(seen: Observation) -> Control",
-            )
+            raise self._unfit(misspelt or "an autopilot needs a method control(seen: Observation) -> Control")
+        if misspelt:
+            raise self._unfit(misspelt)
         self._ask = autopilot.control
         self._every = self._steps(getattr(autopilot, "period", DT))
         self._held: Command = Control()
@@ -71,7 +65,7 @@ class Seat:
             if self._latency is not None:
                 self._latency.send(step, self._held)
         command = self._held if self._latency is None else self._latency.held(step)
-        if isinstance(command, Control):
+        if type(command) is Control:
             return command
         if self._tracker is None:
             self._tracker = Tracker()
@@ -79,7 +73,7 @@ class Seat:
         return self._tracker.control(command, seen)
 
     def timing(self) -> dict[str, Any] | None:
-        """Return how long a stack that runs elsewhere computed, see `simulate`; None for others, whatever they answer."""
+        """Return how long a stack that runs elsewhere computed, see `Autopilot`; None for others, whatever they answer."""
         try:
             told = self.autopilot.timing()
             numbers = {key: float(told[key]) for key in ("compute", "longest")}
@@ -93,8 +87,7 @@ class Seat:
         try:
             answer = self._ask(seen)
         except AutopilotError as error:
-            where = f"{self.name} driving {self.agent.name} at {seen.time:.2f} s"
-            raise Halt(self.agent.name, f"{where}: {error}", getattr(error, "detail", "")) from error
+            raise Halt(self.agent.name, f"{self._where(seen)}: {error}", getattr(error, "detail", "")) from error
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # whatever it raises, a skip of pytest's included, ends its run and no more
@@ -108,53 +101,32 @@ class Seat:
                 0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0 and -1.5 < steering < 1.5
             ):
                 return answer
-        try:
-            return self._checked(answer, seen.time)
-        except Halt as halt:
-            if callable(getattr(self.autopilot, "abandon", None)):
-                halt.detail = self.autopilot.abandon()
-            raise
+        wrong = trouble(answer)
+        if wrong:
+            abandon = getattr(self.autopilot, "abandon", None)
+            raise Halt(self.agent.name, f"{self._where(seen)} returned {wrong}", abandon() if callable(abandon) else "")
+        held: Command = clamped(answer) if isinstance(answer, Control) else answer
+        return held
+
+    def _where(self, seen: Observation) -> str:
+        return f"{self.name} driving {self.agent.name} at {seen.time:.2f} s"
+
+    def _unfit(self, why: str) -> Halt:
+        return Halt(self.agent.name, f"{self.name} can't drive {self.agent.name}: {why}")
 
     def _steps(self, period: Any) -> int:
         if isinstance(period, Real) and not isinstance(period, bool) and math.isfinite(period):
             steps = round(float(period) / DT)
             if steps >= 1 and math.isclose(steps * DT, float(period), rel_tol=1e-9):
                 return steps
-        raise Halt(
-            self.agent.name,
-            f"{self.name} can't drive {self.agent.name}: its period must be a whole multiple of {DT:g} s, got {period!r}",
-        )
-
-    def _checked(self, answer: Any, time: float) -> Command:
-        where = f"{self.name} driving {self.agent.name} at {time:.2f} s"
-        if not isinstance(answer, Control):
-            wrong = trouble(answer)
-            if wrong:
-                raise Halt(self.agent.name, f"{where} returned {wrong}")
-            held: Command = answer
-            return held
-        for name, value in zip(Control._fields, answer, strict=True):
-            if not isinstance(value, Real):
-                raise Halt(self.agent.name, f"{where} returned a {name} of type {type(value).__name__}, expected a number")
-            if not math.isfinite(value):
-                raise Halt(self.agent.name, f"{where} returned {name} {float(value)}, expected a finite number")
-        throttle, brake, steering = (float(value) for value in answer)
-        for name, value in (("throttle", throttle), ("brake", brake)):
-            if not -_TOLERANCE <= value <= 1.0 + _TOLERANCE:
-                raise Halt(self.agent.name, f"{where} returned {name} {value:g}, expected 0..1")
-        if abs(steering) > math.pi / 2:
-            raise Halt(
-                self.agent.name,
-                f"{where} returned steering {steering:g}, expected radians within -pi/2..pi/2 (was it in degrees?)",
-            )
-        return Control(min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0), steering)
+        raise self._unfit(f"its period must be a whole multiple of {DT:g} s, got {period!r}")
 
 
 def crew(
     agents: Sequence[Agent],
-    autopilot: Factory,
-    subject: str | None = None,
+    driver: Factory,
     traffic: Factory | None = None,
+    subject: str | None = None,
     senses: Senses = IDEAL,
     key: str = "",
 ) -> list[Seat]:
@@ -162,33 +134,23 @@ def crew(
 
     Args:
         agents: in creation order.
-        autopilot: drives every vehicle, or the subject alone.
-        subject: name of the subject, or None.
+        driver: drives every vehicle, or the subject alone.
         traffic: drives the other vehicles where there is a subject.
-        senses: of what `autopilot` drives; traffic sees everything.
+        subject: name of the vehicle under test, or None.
+        senses: of what `driver` drives; traffic sees everything.
         key: what their random draws depend on, beside the seed and the vehicle.
 
     Returns:
         One seat per agent, in the same order.
 
     Raises:
-        Halt: it raised, or made something that can't drive.
+        Halt: `driver` or `traffic` raised, or made something that can't drive.
     """
     if traffic is None:
-        return _hire(autopilot, agents, senses, key)
-    seats = {seat.agent: seat for seat in _hire(autopilot, [a for a in agents if a.name == subject], senses, key)}
+        return _hire(driver, agents, senses, key)
+    seats = {seat.agent: seat for seat in _hire(driver, [a for a in agents if a.name == subject], senses, key)}
     seats |= {seat.agent: seat for seat in _hire(traffic, [a for a in agents if a.name != subject])}
     return [seats[agent] for agent in agents]
-
-
-def name_of(factory: Factory | None) -> str | None:
-    """Return the name of an autopilot factory, for records."""
-    if factory is None:
-        return None
-    if isinstance(label := getattr(factory, "label", None), str):
-        return label
-    inner = getattr(factory, "func", factory)  # of a functools.partial
-    return str(getattr(inner, "__qualname__", type(inner).__qualname__))
 
 
 def _hire(factory: Factory, agents: Sequence[Agent], senses: Senses = IDEAL, key: str = "") -> list[Seat]:
@@ -212,19 +174,20 @@ def _make(factory: Factory, agent: Agent) -> Any:
 
 
 def _delegate(system: Any, agents: Sequence[Agent]) -> list[Any]:
-    name = type(system).__qualname__
+    name, first = type(system).__qualname__, agents[0].name
+    misspelt = spelling(system, OF_SYSTEMS, TrafficSystem)
+    if misspelt:
+        raise Halt(first, f"{name} can't coordinate {len(agents)} agents: {misspelt}")
     try:
         made = list(system.autopilots(tuple(agents)))
     except AutopilotError as error:
-        raise Halt(agents[0].name, str(error), getattr(error, "detail", "")) from error
+        raise Halt(first, str(error), getattr(error, "detail", "")) from error
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        raise Halt(agents[0].name, f"{name}.autopilots {_describe(error)}") from error
+        raise Halt(first, f"{name}.autopilots {_describe(error)}") from error
     if len(made) != len(agents):
-        raise Halt(
-            agents[0].name, f"{name}.autopilots returned {len(made)} autopilots, expected one for each of {len(agents)} agents"
-        )
+        raise Halt(first, f"{name}.autopilots returned {len(made)} autopilots, expected one for each of {len(agents)} agents")
     return made
 
 

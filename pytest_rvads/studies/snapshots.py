@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.draw.picture import picture
-from pytest_rvads.drivers.interface import Autopilot, Observation
+from pytest_rvads.drivers.interface import Drives, Observation
 from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
 from pytest_rvads.drivers.lgsvl.pilot import Pilot
 from pytest_rvads.drivers.lgsvl.scheduler import Scheduler
@@ -54,7 +54,7 @@ class Snapshot:
 class LastFirst(LgsvlLike):
     """A mutant: its scheduler waits until everybody is in the queue, then calls the last one first."""
 
-    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Autopilot]:
+    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Drives]:
         """Return one autopilot per agent, in creation order."""
         scheduler = _LastFirst((agent.name for agent in agents), self.switches.i3)
         return [Pilot(self.switches, self.constants, scheduler) for _ in agents]

@@ -151,7 +151,7 @@ def test_policies_have_names() -> None:
     with pytest.raises(ScenarioError, match=r"unknown traffic 'hesitent', there are reference, .*did you mean 'hesitant'"):
         traffic("hesitent")
     with pytest.raises(ScenarioError, match="traffic takes names of policies or classes of autopilots, got 3"):
-        Policy.of(3)
+        Policy.of(3)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("code", ["1122", "2222", "2233"])

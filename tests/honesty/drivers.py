@@ -72,7 +72,7 @@ def beside(offset: float, speed: float = 6.0) -> type[rvads.Follower]:
             ahead = seen.itinerary.pose(me.station - vehicle.rear_axle_offset + 2.0 * lookahead(me.speed))
             x, y = ahead.x - offset * math.sin(ahead.heading), ahead.y + offset * math.cos(ahead.heading)
             if me.speed > STANDING:
-                self._steering = pursue(me, vehicle, x, y)
+                self._steering = pursue(me, vehicle.rear_axle_offset, vehicle.wheelbase, x, y)
             return self._steering
 
     return Beside

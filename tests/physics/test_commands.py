@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.drivers.commands import Acceleration, TargetSpeed, Trajectory, Waypoint
-from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.interface import Acceleration, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.vehicle import Vehicle

@@ -96,7 +96,8 @@ def test_what_can_not_be_made_or_can_not_drive_is_a_fault_at_the_start() -> None
     def broken() -> NoReturn:
         raise OSError("no such model")
 
-    for factory, words in ((broken, "raised OSError: no such model"), (object, "needs a method control")):
+    factories: list[tuple[Any, str]] = [(broken, "raised OSError: no such model"), (object, "needs a method control")]
+    for factory, words in factories:
         run = simulate(Case(SCENARIO, factory))
         assert run.fault.time == 0.0
         assert run.fault.agent == "a0"
@@ -158,7 +159,7 @@ def test_a_traffic_system_is_made_once_and_coordinates_all() -> None:
             systems.append(self)
             self.asked: list[str] = []
 
-        def autopilots(self, agents: Sequence[Agent]) -> list[Autopilot]:
+        def autopilots(self, agents: Sequence[Agent]) -> list[Any]:
             self.agents = [a.name for a in agents]
             convoy = self
 
@@ -178,7 +179,7 @@ def test_a_traffic_system_is_made_once_and_coordinates_all() -> None:
 
 def test_a_traffic_system_that_forgets_somebody_is_a_fault() -> None:
     class Forgetful:
-        def autopilots(self, agents: list[Agent]) -> list[Autopilot]:
+        def autopilots(self, agents: Sequence[Agent], /) -> list[Autopilot]:
             return []
 
     run = simulate(Case(SCENARIO, Forgetful))

@@ -40,8 +40,8 @@ for line in sys.stdin:
     content = json.loads(line)
     if content["type"] == "hello":
         if fault == "mute":
-            time.sleep(600)
-        say({"type": "hello", "version": 2 if fault == "version" else 1, "name": "faulty", "rate": 7 if fault == "rate" else 20})
+            time.sleep(60)
+        say({"type": "hello", "version": 1 if fault == "version" else 2, "name": "faulty", "rate": 7 if fault == "rate" else 20})
     elif content["type"] == "reset":
         runs, asked = runs + 1, 0
         if fault == "unready":

@@ -24,7 +24,7 @@ AT_DECISION = {
     "late": "it did not answer within 1 s",
     "nan": "returned throttle nan, expected a finite number",
     "inf": "returned a target speed inf, expected a finite number",
-    "text": "returned a brake of type str, expected a number",
+    "text": "its command is not as the protocol has it: Expected `float | null`, got `str` - at `$.brake`",
     "range": "returned throttle 1.5, expected 0..1",
     "degrees": "returned steering 30, expected radians within -pi/2..pi/2 (was it in degrees?)",
     "speed": "returned a target speed -3 m/s, expected 0 to 70",
@@ -60,7 +60,7 @@ def test_a_fault_ends_the_run_and_says_what_happened(faulty: Make, fault: str) -
 @pytest.mark.parametrize(
     ("fault", "says"),
     [
-        ("version", "it speaks version 2 of the protocol, expected 1: build it with the client of this version"),
+        ("version", "it speaks version 1 of the protocol, expected 2: build it with the client of this version"),
         ("rate", "its rate must divide 100 Hz, such as 10, 20, 25 or 50, got 7"),
         ("mute", "it did not answer within 0.3 s"),
         ("unready", "it exited with status 4 before it answered"),

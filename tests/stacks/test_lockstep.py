@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.drivers.commands import TargetSpeed
-from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.interface import Observation, TargetSpeed
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.stacks.process import Process
 from pytest_rvads.junctions.finder import find

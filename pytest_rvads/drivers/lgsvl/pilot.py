@@ -129,14 +129,16 @@ class Pilot(Follower):
             self._stood = seen.time
         if colour is Colour.GREEN and self._green is None:
             self._green = seen.time
-        if me.turn is Turn.RIGHT:
+        if self._waited(seen, colour):
+            self._release(seen)
+
+    def _waited(self, seen: Observation, colour: Colour) -> bool:
+        """Return whether one that stopped at a light may go: a right turn after a time, the others some time after green."""
+        if seen.me.turn is Turn.RIGHT:
             waited = self._stood is not None and seen.time - self._stood >= seen.wait - 1e-9
-            if colour is Colour.GREEN or (waited and (self._has.i4 or not prior_on_red(seen))):
-                self._release(seen)
-        elif self._green is not None:
-            extra = min(max(seen.wait, TURN_WAIT[0]), TURN_WAIT[1]) if me.turn is Turn.LEFT else 0.0
-            if seen.time - self._green >= extra - 1e-9:
-                self._release(seen)
+            return colour is Colour.GREEN or (waited and (self._has.i4 or not prior_on_red(seen)))
+        extra = min(max(seen.wait, TURN_WAIT[0]), TURN_WAIT[1]) if seen.me.turn is Turn.LEFT else 0.0
+        return self._green is not None and seen.time - self._green >= extra - 1e-9
 
     def _release(self, seen: Observation) -> None:
         self._free = True

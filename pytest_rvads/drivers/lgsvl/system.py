@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pytest_rvads.drivers.interface import Autopilot
+from pytest_rvads.drivers.interface import Drives, TrafficSystem
 from pytest_rvads.drivers.lgsvl.constants import Constants
 from pytest_rvads.drivers.lgsvl.pilot import Pilot, Switches
 from pytest_rvads.drivers.lgsvl.scheduler import Scheduler
@@ -13,7 +13,7 @@ from pytest_rvads.runs.states import Agent
 __all__ = ["LgsvlLike"]
 
 
-class LgsvlLike:
+class LgsvlLike(TrafficSystem):
     """A calibrated surrogate of the controller that the paper examined, on vehicles with real dynamics.
 
     Args:
@@ -42,7 +42,7 @@ class LgsvlLike:
         self.switches = Switches(i1, i2, i3, i4, i5)
         self.constants = constants or Constants()
 
-    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Autopilot]:
+    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Drives]:
         """Return one autopilot per agent, in creation order."""
         scheduler = Scheduler((agent.name for agent in agents), self.switches.i3)
         return [Pilot(self.switches, self.constants, scheduler) for _ in agents]

@@ -6,14 +6,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from pytest_rvads.drivers.commands import Command
-from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.interface import Command, Observation
 from pytest_rvads.drivers.stacks import frames, messages
 from pytest_rvads.drivers.stacks.child import Child, StackError
 
 __all__ = ["Connection", "Exchange"]
-
-_FORMATS = ("json", "binary")
 
 
 class Connection:
@@ -35,9 +32,9 @@ class Connection:
         self.child = start()
         try:
             self.child.send(messages.hello(), startup)
-            answer = messages.parse(self.child.line(startup), "hello")
+            answer = messages.read(self.child.line(startup), messages.Hello)
             self._exchange = _exchange(answer, self.child)
-            self.rate: Any = answer.get("rate")
+            self.rate = answer.rate
         except StackError as error:
             raise self.failed(error) from None
 
@@ -79,31 +76,35 @@ class Connection:
 class Exchange:
     """Questions and answers in the format ``json``."""
 
-    format: messages.Json | frames.Binary
+    format: messages.Format
 
     def __init__(self, child: Child) -> None:
         self._child = child
-        self.format = self._json = messages.Json()
+        self.format = messages.Json()
         self._step = 0
 
     def begin(self, content: dict[str, Any], limit: float) -> None:
         """Send a reset and wait until the stack is ready."""
         self._step = 0
-        self._child.send(self._json.reset(content), limit)
-        messages.parse(self._child.line(limit), "ready")
+        self._child.send(self.format.begin(content), limit)
+        self._ready(limit)
 
     def decide(self, seen: Observation, limit: float) -> tuple[Command, float | None]:
-        """Send an observation and return the command, and the compute time that the stack reports."""
+        """Send an observation and return the command, and the compute time that the stack reports [s], if it does."""
         self._step += 1
         self._child.send(self.format.observe(seen, self._step), limit)
         command, compute, step = self._receive(limit)
         if step != self._step:
             # A second answer to one question would shift all that follow.
-            raise StackError(f"it answered step {str(step)[:20]}, expected step {self._step}: answer every observation once")
+            raise StackError(f"it answered step {step}, expected step {self._step}: answer every observation once")
         return command, compute
 
-    def _receive(self, limit: float) -> messages.Answer:
-        return self._json.command(self._child.line(limit))
+    def _ready(self, limit: float) -> None:
+        messages.read(self._child.line(limit), messages.Ready)
+
+    def _receive(self, limit: float) -> tuple[Command, float | None, int | None]:
+        answer = messages.read(self._child.line(limit), messages.Answer)
+        return answer.command(), answer.compute, answer.step
 
 
 class _Frames(Exchange):
@@ -113,12 +114,10 @@ class _Frames(Exchange):
         super().__init__(child)
         self.format = self._binary = frames.Binary()
 
-    def begin(self, content: dict[str, Any], limit: float) -> None:
-        self._step = 0
-        self._child.send(self._binary.reset(content), limit)
+    def _ready(self, limit: float) -> None:
         self._frame(frames.READY, 0, limit)
 
-    def _receive(self, limit: float) -> messages.Answer:
+    def _receive(self, limit: float) -> tuple[Command, float | None, int | None]:
         return self._binary.command(self._frame(frames.COMMAND, self._binary.command_size, limit))
 
     def _frame(self, kind: int, size: int, limit: float) -> bytes:
@@ -131,13 +130,15 @@ class _Frames(Exchange):
         return self._child.exactly(size, limit)
 
 
-def _exchange(answer: dict[str, Any], child: Child) -> Exchange:
-    version, format = answer.get("version"), answer.get("format", "json")
-    if version != messages.VERSION:
+_FORMATS = {"json": Exchange, "binary": _Frames}
+
+
+def _exchange(answer: messages.Hello, child: Child) -> Exchange:
+    if answer.version != messages.VERSION:
         raise StackError(
-            f"it speaks version {str(version)[:20]} of the protocol, expected {messages.VERSION}: "
+            f"it speaks version {answer.version} of the protocol, expected {messages.VERSION}: "
             "build it with the client of this version"
         )
-    if format not in _FORMATS:
-        raise StackError(f"it wants the format {str(format)[:20]!r}, expected {' or '.join(_FORMATS)}")
-    return _Frames(child) if format == "binary" else Exchange(child)
+    if answer.format not in _FORMATS:
+        raise StackError(f"it wants the format {answer.format[:20]!r}, expected {' or '.join(_FORMATS)}")
+    return _FORMATS[answer.format](child)

@@ -1,123 +1,168 @@
 """The messages of the protocol as binary frames, little-endian, for speed; ``clients/c/rvads.h`` has the same as structs.
 
-A frame is a header of two unsigned 32-bit integers, kind and size, then `size` bytes. Observations and commands have a
-fixed size. The sizes of the structs leave no padding.
+A frame is a header of two unsigned 32-bit integers, kind and size, then `size` bytes. Commands have a fixed size; an
+observation ends with as many vehicles as there are. The sizes of the structs leave no padding.
 """
 
 from __future__ import annotations
 
-import json
 import struct
+from collections.abc import Iterable
+from itertools import chain
 from typing import Any
 
-from pytest_rvads.drivers.commands import Acceleration, Command, TargetSpeed, Trajectory, Waypoint
-from pytest_rvads.drivers.interface import Control, Observation
+from msgspec import json
+
+from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.drivers.stacks.child import StackError
-from pytest_rvads.drivers.stacks.messages import Answer
+from pytest_rvads.drivers.stacks.messages import Format
 from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.runs.states import VehicleState
-from pytest_rvads.scenarios.classes import WAYS
+from pytest_rvads.runs.states import Kind, VehicleState
 
-__all__ = ["COMMAND", "HEADER", "MOST_POINTS", "READY", "Binary"]
+__all__ = ["COMMAND", "ENTRANCES", "HEADER", "OTHERS", "POINTS", "READY", "Binary"]
 
 RESET, READY, OBSERVE, COMMAND, BYE = 1, 2, 3, 4, 5
 """Kinds of frames."""
-MOST = WAYS[-1]
-"""Entrances a frame has room for."""
-MOST_POINTS = 64
-"""Points of a trajectory a frame has room for."""
+ENTRANCES, OTHERS, POINTS = 32, 63, 64
+"""Entrances, exits, other vehicles, and points of a trajectory that a frame has room for."""
+_TRAJECTORY = 4
+"""The last kind of commands."""
 HEADER = struct.Struct("<2I")
-_RESET = struct.Struct(f"<8I5d8d{MOST}d{2 * MOST * MOST}B")
+_RESET = struct.Struct("<14I5d8d")
+_ENTRANCE, _EXIT = struct.Struct("<4Id"), struct.Struct("<2I")
+_MOVEMENT, _PAIR, _POINT = struct.Struct("<4Id"), struct.Struct("<2I"), struct.Struct("<4d")
 _SEEN = struct.Struct("<d4I")
-_VEHICLE = struct.Struct("<4I8d")
-_LIGHTS = struct.Struct(f"<{MOST}I")
-_COMMAND = struct.Struct(f"<4I4d{3 * MOST_POINTS}d")
+_VEHICLE = struct.Struct("<6I8d")
+_LIGHTS = struct.Struct(f"<{ENTRANCES}I")
+_COMMAND = struct.Struct("<4I4d")
 _TURNS = {turn: number for number, turn in enumerate((Turn.RIGHT, Turn.STRAIGHT, Turn.LEFT))}
 _CONTROLS = {control: number for number, control in enumerate(JunctionControl)}
-_NOBODY = bytes(_VEHICLE.size)
+_SIGNS = {sign: number for number, sign in enumerate(("none", "stop", "yield", "priority", "lights"))}
+_KINDS = {kind: number for number, kind in enumerate(Kind)}
 
 
-class Binary:
+class Binary(Format):
     """The format ``binary``."""
 
     bye = HEADER.pack(BYE, 0)
-    command_size = _COMMAND.size
+    command_size = _COMMAND.size + 3 * 8 * POINTS
 
     def reset(self, content: dict[str, Any]) -> bytes:
-        """Return the reset frame: a fixed part, the path of the itinerary by the metre, and the whole content as JSON."""
+        """Return the reset frame: fixed parts, movements, conflicts, yields, the path of the itinerary, all of it as JSON.
+
+        Raises:
+            StackError: more entrances or exits than there is room for.
+        """
         way, place = content["itinerary"], content["map"]
-        points, ways = way["path"], len(place["setbacks"])
-        text = json.dumps(content, separators=(",", ":")).encode()
-        pairs = [(i, k) for i in range(MOST) for k in range(MOST)]
+        entrances, exits = place["entrances"], place["exits"]
+        if max(len(entrances), len(exits)) > ENTRANCES:
+            raise StackError(f"the junction has {len(entrances)} entrances and {len(exits)} exits, {_ROOM.format(ENTRANCES)}")
+        text = json.encode(content)
         fixed = _RESET.pack(
-            ways,
+            len(place["arms"]),
+            len(entrances),
+            len(exits),
             _CONTROLS[place["control"]],
             int(place["left_hand"]),
             way["entrance"],
             way["exit"],
-            _TURNS[Turn(way["turn"])],
-            len(points),
-            len(text),
+            _TURNS[way["turn"]],
+            *(len(part) for part in (place["movements"], place["conflicts"], place["yields"], way["path"], text)),
+            0,
             content["period"],
             content["speed_limit"],
             way["line"],
             way["length"],
             way["end"],
             *content["vehicle"].values(),
-            *place["setbacks"],
-            *[0.0] * (MOST - ways),
-            *(pair in place["right_of"] for pair in pairs),
-            *(pair in place["opposite"] for pair in pairs),
         )
-        body = fixed + b"".join(struct.pack("<4d", *point) for point in points) + text
+        body = b"".join(
+            (
+                fixed,
+                _table(_ENTRANCE, ((e["arm"], e["lane"], _SIGNS[e["sign"]], 0, e["setback"]) for e in entrances)),
+                _table(_EXIT, ((e["arm"], e["lane"]) for e in exits)),
+                _relation(place["right_of"]),
+                _relation(place["opposite"]),
+                *(_MOVEMENT.pack(m["entrance"], m["exit"], _TURNS[m["turn"]], 0, m["length"]) for m in place["movements"]),
+                *(_PAIR.pack(*pair) for pair in chain(place["conflicts"], place["yields"])),
+                *(_POINT.pack(*point) for point in way["path"]),
+                text,
+            )
+        )
         return HEADER.pack(RESET, len(body)) + body
 
     def observe(self, seen: Observation, step: int) -> bytes:
-        """Return the observe frame; steps count from 1 in every scenario."""
-        others = seen.others
-        lights = [int(colour) for colour in seen.lights]
+        """Return the observe frame; steps count from 1 in every scenario.
+
+        Raises:
+            StackError: more vehicles than there is room for.
+        """
+        others, lights = seen.others, seen.lights
+        if len(others) > OTHERS:
+            raise StackError(f"there are {len(others)} other vehicles, {_ROOM.format(OTHERS)}")
         body = b"".join(
             (
                 _SEEN.pack(seen.time, step, len(others), len(lights), 0),
-                _vehicle(seen.me),
-                *map(_vehicle, others),
-                _NOBODY * (MOST - 1 - len(others)),
-                _LIGHTS.pack(*lights, *[0] * (MOST - len(lights))),
+                self._vehicle(seen.me),
+                _LIGHTS.pack(*lights, *[0] * (ENTRANCES - len(lights))),
+                *map(self._vehicle, others),
             )
         )
         return HEADER.pack(OBSERVE, len(body)) + body
 
-    def command(self, body: bytes) -> Answer:
-        """Return the answer in the body of a frame.
+    def command(self, body: bytes) -> tuple[Command, float | None, int]:
+        """Return the command in the body of a frame, the compute time that the stack reports [s], and the step it answers.
 
         Raises:
             StackError: no such kind of command, or more points than there is room for.
         """
-        kind, count, step, _, one, two, three, compute, *points = _COMMAND.unpack(body)
+        kind, count, step, _, one, two, three, compute = _COMMAND.unpack_from(body)
         taken = compute if compute >= 0 else None
-        return _command(kind, count, (one, two, three), points), taken, step
+        if kind != _TRAJECTORY:
+            return _command(kind, one, two, three), taken, step
+        if count > POINTS:
+            raise StackError(f"its trajectory has {count} points, expected at most {POINTS}")
+        points = struct.iter_unpack("<3d", body[_COMMAND.size : _COMMAND.size + 24 * count])
+        return Trajectory(tuple(Waypoint(*point) for point in points)), taken, step
+
+    def _vehicle(self, state: VehicleState) -> bytes:
+        entrance = state.entrance
+        return _VEHICLE.pack(
+            self.number(state),
+            _KINDS[state.kind],
+            entrance,
+            self._lanes[entrance],
+            _TURNS[state.turn],
+            state.zone,
+            *state[4:12],
+        )
 
 
-def _command(kind: int, count: int, values: tuple[float, float, float], points: list[float]) -> Command:
+def _command(kind: int, one: float, two: float, three: float) -> Command:
     match kind:
         case 0:
-            return Control(*values)
+            return Control(one, two, three)
         case 1:
-            return TargetSpeed(values[0])
+            return TargetSpeed(one)
         case 2:
-            return Acceleration(values[0])
+            return Acceleration(one)
         case 3:
-            return Acceleration(values[0], values[1])
-        case 4 if count <= MOST_POINTS:
-            return Trajectory(tuple(Waypoint(*points[3 * k : 3 * k + 3]) for k in range(count)))
-        case 4:
-            raise StackError(f"its trajectory has {count} points, expected at most {MOST_POINTS}")
-    raise StackError(f"its command is of kind {kind}, expected 0 to 4")
+            return Acceleration(one, two)
+    raise StackError(f"its command is of kind {kind}, expected 0 to {_TRAJECTORY}")
 
 
-def _vehicle(state: VehicleState) -> bytes:
-    return _VEHICLE.pack(state.entrance, _TURNS[state.turn], int(state.zone), 0, *state[_FIRST:])
+def _table(row: struct.Struct, rows: Iterable[tuple[Any, ...]]) -> bytes:
+    """Return rows of numbers, filled up to the number of entrances that there is room for."""
+    return b"".join(row.pack(*values) for values in rows).ljust(row.size * ENTRANCES, b"\0")
 
 
-_FIRST = VehicleState._fields.index("station")
+def _relation(pairs: Iterable[tuple[int, int]]) -> bytes:
+    """Return a relation between entrances as a square table of bytes, 1 where it holds."""
+    table = bytearray(ENTRANCES * ENTRANCES)
+    for one, other in pairs:
+        table[one * ENTRANCES + other] = 1
+    return bytes(table)
+
+
+_ROOM = "a binary frame has room for {}: let the stack say the format json in its hello"

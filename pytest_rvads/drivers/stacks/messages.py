@@ -13,46 +13,106 @@ bye           the end; the stack exits
 from __future__ import annotations
 
 import json
-from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
-from pytest_rvads.drivers.commands import Acceleration, Command, TargetSpeed, Trajectory, Waypoint
-from pytest_rvads.drivers.interface import Control, Observation
+from msgspec import MsgspecError, Struct, ValidationError, convert
+from msgspec.json import Decoder, Encoder
+
+from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.drivers.stacks.child import StackError
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Pose, Segment
-from pytest_rvads.runs.itineraries import Itinerary
-from pytest_rvads.runs.states import VehicleState
+from pytest_rvads.runs.states import Colour, VehicleState, Zone
 
-__all__ = ["VERSION", "Answer", "Json", "hello", "parse", "reset", "stray"]
+__all__ = ["VERSION", "Answer", "Format", "Hello", "Json", "Ready", "hello", "read", "stray"]
 
-VERSION = 1
+VERSION = 2
 """Of the protocol; a stack of another version is refused."""
-Answer = tuple[Command, float | None, Any]
-"""A command, the compute time that the stack reports [s], if it does, and the step it answers."""
 _KINDS = "throttle, brake and steering; target_speed; acceleration; or trajectory"
+_ZONES = tuple(zone.name.lower() for zone in Zone)
+_COLOURS = tuple(colour.name.lower() for colour in Colour)
+
+
+class Hello(Struct, tag_field="type", tag="hello"):
+    """What a stack says first."""
+
+    version: int
+    format: str = "json"
+    rate: float | None = None
+    """Decisions per simulated second that it wants [Hz]."""
+
+
+class Ready(Struct, tag_field="type", tag="ready"):
+    """A stack has taken in the scenario."""
+
+
+class Answer(Struct, tag_field="type", tag="command"):
+    """A command; whether its values are in range is for the seat to say: it says so of every autopilot."""
+
+    step: int | None = None
+    """Of the observation that it answers."""
+    compute: float | None = None
+    """Time that the stack says it took [s]."""
+    throttle: float | None = None
+    brake: float | None = None
+    steering: float | None = None
+    target_speed: float | None = None
+    acceleration: float | None = None
+    trajectory: tuple[Waypoint, ...] | None = None
+
+    def command(self) -> Command:
+        """Return what to do.
+
+        Raises:
+            StackError: it says nothing.
+        """
+        if self.trajectory is not None:
+            return Trajectory(self.trajectory)
+        if self.target_speed is not None:
+            return TargetSpeed(self.target_speed)
+        if self.acceleration is not None:
+            return Acceleration(self.acceleration, self.steering)
+        if self.throttle is self.brake is self.steering is None:
+            raise StackError(f"its command says nothing: expected {_KINDS}")
+        return Control(self.throttle or 0.0, self.brake or 0.0, self.steering or 0.0)
+
+
+_encode = Encoder().encode
+_decode = Decoder(Hello | Ready | Answer).decode
+_Message = TypeVar("_Message", Hello, Ready, Answer)
 
 
 def hello() -> bytes:
     """Return the first message."""
-    return _line({"type": "hello", "protocol": "rvads", "version": VERSION})
+    return _encode({"type": "hello", "protocol": "rvads", "version": VERSION}) + b"\n"
 
 
-def parse(line: bytes, kind: str) -> dict[str, Any]:
+def read(line: bytes, kind: type[_Message]) -> _Message:
     """Return a message of the stack.
 
     Raises:
-        StackError: no JSON object, or another type than `kind`.
+        StackError: no JSON object, another type of message than `kind`, or a field of the wrong sort.
     """
     try:
-        found = json.loads(line)
-    except ValueError:
+        found = _decode(line)
+    except (MsgspecError, ValueError, RecursionError):
         found = None
-    if not isinstance(found, dict) or "type" not in found:
+    return found if isinstance(found, kind) else _closely(line, kind)
+
+
+def _closely(line: bytes, kind: type[_Message]) -> _Message:
+    """Return a message that is no JSON by the book, NaN is not, or say what is wrong with it."""
+    expected = str(kind.__struct_config__.tag)
+    try:
+        content = json.loads(line)
+    except (ValueError, RecursionError):
+        content = None
+    if not isinstance(content, dict) or "type" not in content:
         raise StackError(stray(line))
-    if found["type"] != kind:
-        raise StackError(f"it sent a message of type {str(found['type'])[:40]!r}, expected {kind!r}")
-    return found
+    if content["type"] != expected:
+        raise StackError(f"it sent a message of type {str(content['type'])[:40]!r}, expected {expected!r}")
+    try:
+        return convert(content, kind)
+    except ValidationError as error:
+        raise StackError(f"its {expected} is not as the protocol has it: {error}") from None
 
 
 def stray(data: bytes) -> str:
@@ -61,57 +121,62 @@ def stray(data: bytes) -> str:
     return f"it wrote {text!r} to its standard output, which carries the protocol: print to standard error instead"
 
 
-def reset(seen: Observation, period: float) -> dict[str, Any]:
-    """Return the content of the reset message for the run that begins with `seen`.
+class _Seen(Struct, gc=False):
+    """A vehicle as the message ``observe`` has it."""
 
-    Args:
-        seen: the first observation.
-        period: time between two observations [s].
-    """
-    itinerary, vehicle = seen.itinerary, seen.vehicle
-    return {
-        "type": "reset",
-        "name": seen.me.name,
-        "period": period,
-        "speed_limit": seen.speed_limit,
-        "vehicle": {
-            "length": vehicle.length,
-            "width": vehicle.width,
-            "wheelbase": vehicle.wheelbase,
-            "rear_axle_offset": vehicle.rear_axle_offset,
-            "drive": vehicle.drive,
-            "brake": vehicle.brake[seen.aggression - 1],
-            "steering_limit": vehicle.steering_limit,
-            "steering_rate": vehicle.steering_rate,
-        },
-        "itinerary": {
-            "entrance": itinerary.entrance,
-            "exit": itinerary.exit,
-            "turn": itinerary.turn.value,
-            "line": itinerary.line,
-            "length": itinerary.length,
-            "end": itinerary.end,
-            "path": _path(itinerary),
-        },
-        "map": _map(seen.junction),
-    }
+    id: int
+    name: str
+    kind: str
+    entrance: int
+    lane: int
+    turn: str
+    zone: str
+    station: float
+    x: float
+    y: float
+    heading: float
+    speed: float
+    acceleration: float
+    length: float
+    width: float
 
 
-def _path(itinerary: Itinerary) -> tuple[tuple[float, float, float, float], ...]:
-    """Return the centre line of an itinerary by the metre: station, x, y [m], heading [rad]."""
-    first = -itinerary.origin
-    stations = [first + k for k in range(int(itinerary.end - first))] + [itinerary.end]
-    return tuple((s, *itinerary.pose(s)) for s in stations)
+class Format:
+    """What the messages of one scenario go by, in any format: numbers of vehicles, lanes of entrances."""
+
+    bye: bytes
+
+    def __init__(self) -> None:
+        self._ids: dict[str, int] = {}
+        self._lanes: list[int] = []
+
+    def begin(self, content: dict[str, Any]) -> bytes:
+        """Return the reset message, from the content that `place.reset` makes; vehicles are numbered anew."""
+        self._ids.clear()
+        self._lanes = [entrance["lane"] for entrance in content["map"]["entrances"]]
+        return self.reset(content)
+
+    def reset(self, content: dict[str, Any]) -> bytes:
+        """Return the reset message in this format."""
+        raise NotImplementedError
+
+    def observe(self, seen: Observation, step: int) -> bytes:
+        """Return the observe message; steps count from 1 in every scenario."""
+        raise NotImplementedError
+
+    def number(self, state: VehicleState) -> int:
+        """Return the number of a vehicle: the own one is 0, the others count on in the order in which they are first seen."""
+        return self._ids.setdefault(state.name, len(self._ids))
 
 
-class Json:
+class Json(Format):
     """The format ``json``: every message one line."""
 
-    bye = b'{"type": "bye"}\n'
+    bye = b'{"type":"bye"}\n'
 
     def reset(self, content: dict[str, Any]) -> bytes:
         """Return the reset message."""
-        return _line(content)
+        return _encode(content) + b"\n"
 
     def observe(self, seen: Observation, step: int) -> bytes:
         """Return the observe message; steps count from 1 in every scenario."""
@@ -119,80 +184,14 @@ class Json:
             "type": "observe",
             "step": step,
             "time": seen.time,
-            "me": _vehicle(seen.me),
-            "others": [_vehicle(other) for other in seen.others],
-            "lights": [colour.name.lower() for colour in seen.lights],
+            "me": self._vehicle(seen.me),
+            "others": [self._vehicle(other) for other in seen.others],
+            "lights": [_COLOURS[colour] for colour in seen.lights],
         }
-        return _line(content)
+        return _encode(content) + b"\n"
 
-    def command(self, line: bytes) -> Answer:
-        """Return the answer in a line.
-
-        Raises:
-            StackError: the line is not a command.
-        """
-        content = parse(line, "command")
-        compute = content.get("compute")
-        if compute is not None and not isinstance(compute, int | float):
-            raise StackError(f"its command has a compute time of type {type(compute).__name__}, expected seconds")
-        return _command(content), compute, content.get("step")
-
-
-def _command(content: dict[str, Any]) -> Command:
-    # Whether the values are numbers in range is for the seat to say: it says so of every autopilot.
-    if "trajectory" in content:
-        points = content["trajectory"]
-        if not isinstance(points, list):
-            return Trajectory(points)
-        return Trajectory(tuple(Waypoint(*p) if isinstance(p, list) and len(p) == 3 else p for p in points))
-    if "target_speed" in content:
-        return TargetSpeed(content["target_speed"])
-    if "acceleration" in content:
-        return Acceleration(content["acceleration"], content.get("steering"))
-    if content.keys() & {"throttle", "brake", "steering"}:
-        return Control(*(content.get(name, 0.0) for name in Control._fields))
-    raise StackError(f"its command says nothing: expected {_KINDS}")
-
-
-def _line(content: dict[str, Any]) -> bytes:
-    return json.dumps(content, separators=(",", ":")).encode() + b"\n"
-
-
-def _vehicle(state: VehicleState) -> dict[str, Any]:
-    values = state._asdict()
-    values["turn"] = state.turn.value
-    values["zone"] = state.zone.name.lower()
-    return values
-
-
-@lru_cache(maxsize=64)
-def _map(junction: Junction) -> dict[str, Any]:
-    """Return a junction as builtins: what regulates it, who has the right of way, where its lanes are."""
-    return {
-        "junction": junction.name,
-        "control": junction.control.value,
-        "left_hand": junction.left_hand,
-        "setbacks": list(junction.setbacks),
-        "right_of": sorted(junction.right_of),
-        "opposite": sorted(junction.opposite),
-        "movements": [
-            {
-                "entrance": m.entrance,
-                "exit": m.exit,
-                "turn": m.turn.value,
-                "length": m.length,
-                "path": _points(m.path),
-            }
-            for m in junction.movements.values()
-        ],
-        "approaches": [_points(entrance.approach) for entrance in junction.entrances],
-        "exits": [_points(exit.road) for exit in junction.exits],
-    }
-
-
-def _points(segment: Segment | None) -> list[Pose]:
-    """Return x, y [m], heading [rad] along a centre line, by two metres; nothing where it is not known."""
-    if segment is None:
-        return []
-    stations = [float(s) for s in range(0, int(segment.length), 2)] + [segment.length]
-    return [segment.pose(s) for s in stations]
+    def _vehicle(self, state: VehicleState) -> _Seen:
+        name, entrance, turn, zone = state[:4]
+        lane = self._lanes[entrance]
+        # All that follows, from station to width, is told as it is.
+        return _Seen(self.number(state), name, state.kind.value, entrance, lane, turn.value, _ZONES[zone], *state[4:12])

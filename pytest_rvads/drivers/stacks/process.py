@@ -11,11 +11,10 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-from pytest_rvads.drivers.commands import Command
-from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.stacks import messages
+from pytest_rvads.drivers.interface import Autopilot, Command, Observation, TrafficSystem
 from pytest_rvads.drivers.stacks.child import Child, StackError
 from pytest_rvads.drivers.stacks.connection import Connection
+from pytest_rvads.drivers.stacks.place import reset
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Agent
@@ -26,7 +25,7 @@ RATE = 20.0
 """Decisions per second where neither the caller nor the stack says another rate [Hz]."""
 
 
-class Process:
+class Process(TrafficSystem):
     """A stack in another process, asked in lock-step: simulated time waits for it.
 
     It is a factory of autopilots, to be returned by the fixture ``rvads_autopilot`` or given to `simulate`. One process serves
@@ -67,7 +66,7 @@ class Process:
         for name, limit in (("timeout", timeout), ("startup", startup)):
             if not (isinstance(limit, Real) and math.isfinite(limit) and limit > 0):
                 raise AutopilotError(f"{name} must be a number of seconds above 0, got {limit!r}")
-        self.label = f"stack {shlex.join(self.command)}"
+        self.label: str = f"stack {shlex.join(self.command)}"
         """How reports call it."""
         self._period = None if rate is None else _period(rate, self.label)
         self._limits = startup, timeout
@@ -120,7 +119,7 @@ class Process:
             raise StackError(f"{self.label}: {error}", error.detail) from None
 
 
-class Pilot:
+class Pilot(Autopilot):
     """Drives one vehicle in one run by asking a process.
 
     Args:
@@ -145,7 +144,7 @@ class Pilot:
         """
         try:
             if not self._begun:
-                self._connection.reset(messages.reset(seen, self.period))
+                self._connection.reset(reset(seen, self.period))
                 self._connection.serves = self
                 self._begun = True
             if self._connection.serves is not self:

@@ -1,0 +1,57 @@
+"""What drives, in words: in records and messages, in ids, and where nobody said what drives."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pytest_rvads.drivers.interface import Factory
+
+__all__ = ["called", "in_ids", "name_of", "stand_in"]
+
+_STAND_IN: Factory | None = None
+
+
+def stand_in() -> Factory:
+    """Return the reference autopilot, as what drives where no fixture, option or command names anything."""
+    global _STAND_IN
+    if _STAND_IN is None:
+        from pytest_rvads.drivers.reference import Reference
+
+        _STAND_IN = partial(Reference)  # an object of its own, so that a fixture that returns Reference is told apart
+    return _STAND_IN
+
+
+def name_of(driver: Any) -> str:
+    """Return the name of a driver or of what makes it, for records: its ``label``, else that of its class or function."""
+    label, own = _names(driver)
+    return label or own
+
+
+def called(driver: Any) -> str:
+    """Return what drives, by a name that tells where it is from."""
+    label, own = _names(driver)
+    if driver is stand_in():
+        return f"{own} (nobody said what drives)"
+    module = "" if label else str(getattr(_inner(driver), "__module__", None) or "")
+    return ".".join(filter(None, (module, label or own)))
+
+
+def in_ids(driver: Any) -> str:
+    """Return the name of a traffic policy of one's own, for ids: its ``name``, else that of its class; no stack's command."""
+    inner = _inner(driver)
+    name = getattr(driver, "name", None) or getattr(inner, "__name__", type(inner).__name__)
+    return re.sub(r"\W+", "_", str(name), flags=re.ASCII).strip("_") or "own"
+
+
+def _names(driver: Any) -> tuple[str, str]:
+    inner = _inner(driver)
+    label = getattr(driver, "label", None) or getattr(inner, "label", None)
+    own = getattr(inner, "__qualname__", type(inner).__qualname__)
+    return label if isinstance(label, str) else "", str(own)
+
+
+def _inner(driver: Any) -> Any:
+    return driver.func if isinstance(driver, partial) else driver

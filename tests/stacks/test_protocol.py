@@ -1,0 +1,163 @@
+"""What a stack is told: the same in JSON and in frames, vehicles that keep their number, and room for queues."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import pytest_rvads as rvads
+from pytest_rvads.drivers.stacks import frames, messages, place
+from pytest_rvads.drivers.stacks.child import StackError
+from pytest_rvads.drivers.stacks.process import Process
+
+ROOT = Path(__file__).parents[2]
+DUMP = r"""
+#include "rvads.h"
+int main(int, char **arguments) {
+    rvads link;
+    rvads_observation seen;
+    rvads_command command;
+    FILE *out = fopen(arguments[1], "w");
+    if (!rvads_open(&link, "dump", 20.0)) return 1;
+    while (rvads_next(&link, &seen)) {
+        const rvads_scenario &now = link.scenario;
+        if (link.fresh) {
+            fprintf(out, "[%u, %u, %u, %.17g, %.17g]\n", now.arms_count, now.entrance, now.exit, now.line, now.steering_rate);
+            for (uint32_t k = 0; k < now.entrances_count; ++k)
+                fprintf(out, "[%u, %u, %u, %.17g]\n", now.entrances[k].arm, now.entrances[k].lane, now.entrances[k].sign,
+                        now.entrances[k].setback);
+            for (uint32_t k = 0; k < now.exits_count; ++k) fprintf(out, "[%u, %u]\n", now.exits[k].arm, now.exits[k].lane);
+            for (uint32_t i = 0; i < now.entrances_count; ++i)
+                for (uint32_t k = 0; k < now.entrances_count; ++k)
+                    fprintf(out, "[%d, %d]\n", now.right_of[i][k], now.opposite[i][k]);
+            for (uint32_t k = 0; k < now.movements_count; ++k)
+                fprintf(out, "[%u, %u, %u, %.17g]\n", link.movements[k].entrance, link.movements[k].exit, link.movements[k].turn,
+                        link.movements[k].length);
+            for (uint32_t k = 0; k < now.conflicts_count; ++k)
+                fprintf(out, "[%u, %u]\n", link.conflicts[k].one, link.conflicts[k].other);
+            for (uint32_t k = 0; k < now.yields_count; ++k) fprintf(out, "[%u, %u]\n", link.yields[k].one, link.yields[k].other);
+            const rvads_point &last = link.path[now.path_count - 1];
+            fprintf(out, "[%.17g, %.17g, %.17g, %.17g]\n%s\n", last.station, last.x, last.y, last.heading, link.text);
+        }
+        for (uint32_t k = 0; k <= seen.others_count; ++k) {
+            const rvads_vehicle &one = k ? seen.others[k - 1] : seen.me;
+            fprintf(out, "[%u, %u, %u, %u, %u, %u, %.17g, %.17g]\n", one.id, one.kind, one.entrance, one.lane, one.turn, one.zone,
+                    one.station, one.width);
+        }
+        fprintf(out, "[%.17g, %u, %u]\n", seen.time, seen.entrances_count, seen.lights[0]);
+        fflush(out);
+        rvads_target_speed(&command, 5.0);
+        rvads_answer(&link, &command);
+    }
+}
+"""
+TURNS, SIGNS, ZONES = ("right", "straight", "left"), ("none", "stop", "yield", "priority", "lights"), messages._ZONES
+
+
+class Spy(rvads.Reference):
+    """Keeps what it sees."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        SEEN.clear()
+
+    def control(self, seen: rvads.Observation) -> rvads.Control:
+        SEEN.append(seen)
+        return super().control(seen)
+
+
+SEEN: list[rvads.Observation] = []
+
+
+def look(junction: str = "stop4", directions: str = "1133", **more: Any) -> list[rvads.Observation]:
+    rvads.simulate(
+        rvads.Case(rvads.Scenario(rvads.find(junction), directions, distance=20, subject=0, **more), Spy, traffic=rvads.Reference)
+    )
+    return list(SEEN)
+
+
+def told(seen: list[rvads.Observation]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return the content of the reset, and the observations, as the format json has them."""
+    talk = messages.Json()
+    content = json.loads(talk.begin(place.reset(seen[0], 0.05)))
+    return content, [json.loads(talk.observe(one, step)) for step, one in enumerate(seen, 1)]
+
+
+@pytest.mark.parametrize("junction", ["stop4", "light3"])
+def test_c_reads_what_json_says(tmp_path: Path, junction: str) -> None:
+    if shutil.which("g++") is None:
+        pytest.skip("needs g++")
+    (tmp_path / "dump.cpp").write_text(DUMP, encoding="utf-8")
+    flags = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1", f"-I{ROOT / 'clients' / 'c'}"]
+    subprocess.run(["g++", *flags, "-o", str(tmp_path / "dump"), str(tmp_path / "dump.cpp")], check=True)
+    directions = "1133" if junction == "stop4" else "112"
+    with Process([str(tmp_path / "dump"), str(tmp_path / "out")]) as stack:
+        scenario = rvads.Scenario(rvads.find(junction), directions, distance=20, subject=0, duration=0.3)
+        assert rvads.simulate(rvads.Case(scenario, stack, traffic=rvads.Reference)).fault is None
+    content, observed = told(look(junction, directions, duration=0.3)[:1])
+    way, there = content["itinerary"], content["map"]
+    numbers = range(len(there["entrances"]))
+    expected: list[Any] = [[len(there["arms"]), way["entrance"], way["exit"], way["line"], content["vehicle"]["steering_rate"]]]
+    expected += [[e["arm"], e["lane"], SIGNS.index(e["sign"]), e["setback"]] for e in there["entrances"]]
+    expected += [[e["arm"], e["lane"]] for e in there["exits"]]
+    expected += [[int([i, k] in there[name]) for name in ("right_of", "opposite")] for i in numbers for k in numbers]
+    expected += [[m["entrance"], m["exit"], TURNS.index(m["turn"]), m["length"]] for m in there["movements"]]
+    expected += [*there["conflicts"], *there["yields"], way["path"][-1], content]
+    for one in [observed[0]["me"], *observed[0]["others"]]:
+        words = TURNS.index(one["turn"]), ZONES.index(one["zone"])
+        expected.append([one["id"], 0, one["entrance"], one["lane"], *words, one["station"], one["width"]])
+    expected.append([observed[0]["time"], len(numbers), messages._COLOURS.index(observed[0]["lights"][0])])
+    lines = [json.loads(line) for line in (tmp_path / "out").read_text(encoding="utf-8").splitlines()]
+    assert lines[: len(expected)] == expected
+
+
+def test_the_map_has_arms_and_says_what_conflicts() -> None:
+    content, _ = told(look(duration=0.02))
+    there = content["map"]
+    assert there["arms"] == [{"entrances": [k], "exits": [k]} for k in range(4)]
+    assert [(e["arm"], e["lane"], e["sign"]) for e in there["entrances"]] == [(k, 0, "stop") for k in range(4)]
+    ways = [(m["entrance"], m["exit"]) for m in there["movements"]]
+    pairs = {(ways[one], ways[other]) for one, other in there["conflicts"]}
+    assert ((0, 2), (1, 3)) in pairs, "two that go straight on cross"
+    assert ((0, 2), (2, 0)) not in pairs, "opposite ones pass"
+    assert {(b, a) for a, b in pairs} == pairs
+
+
+def test_a_vehicle_keeps_its_number_while_others_come_and_go() -> None:
+    seen = look()[0]
+    behind = replace_state(seen.others[0], name="a1+1")
+    talk = messages.Json()
+    talk.begin(place.reset(seen, 0.05))
+
+    def ids(others: tuple[rvads.VehicleState, ...]) -> list[int]:
+        content = json.loads(talk.observe(seen._replace(others=others), 1))
+        assert {one["kind"] for one in (content["me"], *content["others"])} == {"car"}
+        return [one["id"] for one in (content["me"], *content["others"])]
+
+    first, second, third = seen.others
+    assert ids((first, third)) == [0, 1, 2]
+    assert ids((first, behind, second, third)) == [0, 1, 3, 4, 2], "two of one entrance are told apart"
+    assert ids((behind,)) == [0, 3]
+    talk.begin(place.reset(seen, 0.05))
+    assert ids((third,)) == [0, 1], "numbers begin anew with every scenario"
+
+
+def replace_state(state: rvads.VehicleState, **values: Any) -> rvads.VehicleState:
+    return state._replace(**values)
+
+
+def test_frames_have_room_for_queues_and_say_when_they_have_not() -> None:
+    seen = look()[0]
+    talk = frames.Binary()
+    content = place.reset(seen, 0.05)
+    talk.begin(content)
+    crowd = tuple(replace_state(seen.others[0], name=f"a1+{k}") for k in range(64))
+    assert len(talk.observe(seen._replace(others=crowd[:63]), 1)) > len(talk.observe(seen, 1))
+    with pytest.raises(StackError, match="there are 64 other vehicles, a binary frame has room for 63: let the stack say"):
+        talk.observe(seen._replace(others=crowd), 1)
+    content["map"] = content["map"] | {"entrances": content["map"]["entrances"] * 9}
+    with pytest.raises(StackError, match="the junction has 36 entrances and 4 exits, a binary frame has room for 32"):
+        frames.Binary().begin(content)
