@@ -110,10 +110,9 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Refuse a mark on what can't be parametrized, so that it is not silently a plain test, and one that nothing matches."""
     for item in items:
-        if "rvads_cell" not in getattr(item, "fixturenames", ()) and item.get_closest_marker("rvads_scenario"):
-            raise pytest.UsageError(
-                f"{item.nodeid} has @rvads.scenario(...), which works on functions and classes of pytest only"
-            )
+        if "rvads_cell" not in getattr(item, "fixturenames", ()) and (mark := item.get_closest_marker("rvads_scenario")):
+            said = "has @rvads.scenario(...), which works on functions and classes of pytest only"
+            raise pytest.UsageError(f"{mark.args[0].place}: {item.nodeid} {said}")
 
     if in_part(config):
         return

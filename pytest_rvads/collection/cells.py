@@ -1,17 +1,21 @@
-"""Cells: what one item runs and judges, and what it is selected by."""
+"""Cells: what one item runs and judges, what it is selected by, and which deficiencies of it are known."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from pytest_rvads.collection.misuse import several
+from pytest_rvads.errors import ScenarioError, suggest
 
 if TYPE_CHECKING:
     from pytest_rvads.drivers.traffic import Policy
     from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.scenarios.scenario import Scenario
+    from pytest_rvads.scenarios.selection import Selection
 
-__all__ = ["DEFAULT", "KEYS", "Cell", "cells_of"]
+__all__ = ["DEFAULT", "KEYS", "Cell", "Known", "cells_of"]
 
 KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "traffic", "rule")
 """Keywords that select cells, in ``-m "rvads(cls=7)"`` and in ``@rvads.known(cls=7)``."""
@@ -40,39 +44,75 @@ class Cell:
 
 
 def cells_of(
-    scenario: Scenario,
-    policies: Sequence[Policy | None],
-    rules: Sequence[Rule | None],
-    requirements: tuple[str, ...] = (),
+    selection: Selection, policies: Sequence[Policy | None], rules: Sequence[Rule | None], requirements: tuple[str, ...]
 ) -> Iterator[Cell]:
-    """Yield the cells of a scenario, the rule innermost.
+    """Yield the cells of a selection, the rule innermost; there are thousands, so what they share is worked out once.
 
-    There are thousands of cells, so what they share is worked out once.
-
-    Args:
-        scenario: what to run.
-        policies: of the traffic.
-        rules: to judge by.
-        requirements: identifiers of the requirements that the scenario traces to.
+    Raises:
+        ScenarioError: a vehicle would start before its approach begins.
     """
     from pytest_rvads.scenarios.classes import label
 
-    shared: dict[str, str | int] = {
-        "junction": scenario.place.name,
-        "cls": scenario.number,
-        "scenario": label(scenario.placed),
-        "cfg": scenario.point,
-        "rotation": scenario.rotation,
-    }
-    if scenario.subject is not None:
-        shared["seat"] = scenario.subject
-    name = scenario.name
-    for policy in policies:
-        run = name if policy is None or policy.name == DEFAULT else f"{name}-{policy.name}"
-        keys = shared | {"traffic": policy.name} if policy else shared
-        for rule in rules:
-            if rule is None:
-                yield Cell(scenario, rule, policy, run, run, keys, requirements)
-            else:
-                traced = (*requirements, rule.requirement) if rule.requirement else requirements
-                yield Cell(scenario, rule, policy, f"{run}-{rule.name}", run, keys | {"rule": rule.name}, traced)
+    axis = [(rule, (*requirements, rule.requirement) if rule and rule.requirement else requirements) for rule in rules]
+    place = selection.place
+    longest = max(distance for configuration in selection.configurations for distance in configuration.distances)
+    fits = longest <= min(map(place.approach, range(len(place.entrances))))
+    for scenario in selection:
+        if not fits:
+            scenario.fit()
+        name = scenario.name
+        shared: dict[str, str | int] = {
+            "junction": place.name,
+            "cls": scenario.number,
+            "scenario": label(scenario.placed),
+            "cfg": scenario.point,
+            "rotation": scenario.rotation,
+        }
+        if scenario.subject is not None:
+            shared["seat"] = scenario.subject
+        for policy in policies:
+            run = name if policy is None or policy.name == DEFAULT else f"{name}-{policy.name}"
+            keys = shared | {"traffic": policy.name} if policy else shared
+            for rule, traced in axis:
+                if rule is None:
+                    yield Cell(scenario, rule, policy, run, run, keys, traced)
+                else:
+                    yield Cell(scenario, rule, policy, f"{run}-{rule.name}", run, {**keys, "rule": rule.name}, traced)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Known:
+    """Cells of a known deficiency, as ``@rvads.known`` asks for them."""
+
+    place: str
+    """File and line of the mark."""
+    name: str
+    reason: str
+    where: Mapping[str, tuple[str | int, ...]]
+    """The values that match, by key of cells."""
+
+    @classmethod
+    def of(cls, place: str, asked: Mapping[str, Any]) -> Known:
+        """Check arguments.
+
+        Raises:
+            ScenarioError: another key, or something else than words and numbers.
+        """
+        for argument in ("name", "reason"):
+            if not isinstance(asked[argument], str):
+                raise ScenarioError(f"{argument} of @rvads.known must be a text in quotes, got {asked[argument]!r}")
+        for key in asked["where"]:
+            if key not in KEYS:
+                raise ScenarioError(f"@rvads.known selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
+        where = {
+            key: several(key, (value,) if value is None else value, (str, int), "words or numbers") or ()
+            for key, value in asked["where"].items()
+        }
+        return cls(place, asked["name"], asked["reason"], where)
+
+    def __str__(self) -> str:
+        return f"@rvads.known({self.name!r}{''.join(f', {key}={values!r}' for key, values in self.where.items())})"
+
+    def matches(self, cell: Cell) -> bool:
+        """Tell whether a cell has the deficiency."""
+        return all(cell.keys.get(key) in values for key, values in self.where.items())

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Never
 
 import pytest
 
-from pytest_rvads.collection.cells import KEYS
-from pytest_rvads.errors import ScenarioError, suggest
+from pytest_rvads.collection.cells import KEYS, Known
+from pytest_rvads.collection.misuse import caller, told_at
 
 if TYPE_CHECKING:
     from pytest_rvads.logic.rules.rule import Rule
@@ -37,6 +36,7 @@ def scenario(
     aggression: int = 1,
     wait: float = 1.5,
     requirement: str | Iterable[str] | None = None,
+    **misspelt: Never,
 ) -> pytest.MarkDecorator:
     """Run a test over the scenarios of a junction.
 
@@ -67,13 +67,16 @@ def scenario(
         aggression: braking level 1, 2 or 3.
         wait: the random draw of autopilots that have one [s].
         requirement: identifier of the requirement that the scenario traces to, or several; see `--rvads-report=FILE.csv`.
+        misspelt: no other keyword is taken.
+
+    Raises:
+        ScenarioError: an argument that means nothing; pytest shows it with the line of the mark and without a traceback.
     """
-    given = locals()
-    if not isinstance(junction, str):
-        raise ScenarioError(f"write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got {junction!r}")
-    if map is not None and not isinstance(map, str | os.PathLike):
-        raise ScenarioError(f"map of @rvads.scenario must be the path of an OpenDRIVE file, got {map!r}")
-    mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(**given)
+    asked, place = locals(), caller()
+    from pytest_rvads.collection.ask import Ask  # reads rules, maps and drivers, which a session without marks does not need
+
+    with told_at(place):
+        mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(Ask.of(place, asked))
     return mark
 
 
@@ -88,11 +91,9 @@ def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | in
     Raises:
         ScenarioError: another keyword.
     """
-    for key in where:
-        if key not in KEYS:
-            raise ScenarioError(f"@rvads.known selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
-    values = {key: (value,) if isinstance(value, str | int) else tuple(value) for key, value in where.items()}
-    mark: pytest.MarkDecorator = pytest.mark.rvads_known(name, reason=reason, **values)
+    asked, place = locals(), caller()
+    with told_at(place):
+        mark: pytest.MarkDecorator = pytest.mark.rvads_known(Known.of(place, asked))
     return mark
 
 

@@ -16,7 +16,7 @@ from pytest_rvads.scenarios.classes import class_label, class_number, label, par
 from pytest_rvads.scenarios.configurations import explicit_label, per_entrance
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
-__all__ = ["SPEED_LIMIT", "Scenario"]
+__all__ = ["SPEED_LIMIT", "Scenario", "check_numbers"]
 
 SPEED_LIMIT = 11.176
 """City speed limit of the paper, 25 mph [m/s]."""
@@ -91,7 +91,7 @@ class Scenario:
         speeds = per_entrance("speed", speed, ways)
         if not 0 <= rotation < ways:
             raise ScenarioError(f"rotation must be one of 0..{ways - 1} for {ways} entrances, got {rotation!r}")
-        _check_numbers(duration, aggression, wait)
+        check_numbers(duration, aggression, wait)
         if subject is not None and not (0 <= subject < ways and code[subject - rotation]):
             raise ScenarioError(f"subject must be an occupied entrance of {label(rotate(code, rotation))}, got {subject!r}")
         made = tuple(range(ways)) if order is None else tuple(order)
@@ -204,7 +204,8 @@ class Scenario:
         return {"junction": self.place.name, "map": self.place.map, **values, "senses": self.senses.record()}
 
 
-def _check_numbers(duration: float, aggression: int, wait: float) -> None:
+def check_numbers(duration: float, aggression: int, wait: float) -> None:
+    """Check what does not depend on the junction, and raise a `ScenarioError` for what is out of range."""
     if aggression not in (1, 2, 3):
         raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")
     for name, seconds in (("duration", duration), ("wait", wait)):

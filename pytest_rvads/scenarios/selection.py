@@ -8,17 +8,7 @@ from itertools import product
 
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.scenarios.classes import (
-    Directions,
-    classes,
-    count_classes,
-    count_scenarios,
-    members,
-    parse,
-    rotate,
-    rotations,
-    seats,
-)
+from pytest_rvads.scenarios.classes import Directions, classes, count_classes, count_scenarios, members, rotate, rotations, seats
 from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import IDEAL, Senses
@@ -34,59 +24,34 @@ class Selection:
     """Abstract scenarios of one junction times configurations.
 
     Raises:
-        ScenarioError: a class number, scenario or cover that does not exist.
+        ScenarioError: a class, scenario or subject that the junction does not have.
     """
 
     place: Junction
     configurations: tuple[Configuration, ...]
     cover: str = "class"
-    numbers: tuple[int, ...] | None = None
+    """One of `COVERS`."""
+    classes: tuple[int, ...] | None = None
     """Class numbers, or None for all."""
     scenarios: tuple[Directions, ...] | None = None
     """Scenarios that stand at row 0 of their class, or None for the representatives."""
-    duration: float = 60.0
-    aggression: int = 1
-    wait: float = 1.5
     subject: int | str | None = None
     """Entrance of the vehicle under test among traffic, or ``"all"`` for every seat in turn."""
     senses: tuple[Senses, ...] = (IDEAL,)
     """One after the other, for every configuration."""
+    duration: float = 60.0
+    aggression: int = 1
+    wait: float = 1.5
+    left_out: int = 0
+    """How many more configurations were asked for, in which nobody could stop."""
 
     def __post_init__(self) -> None:
-        total = count_classes(self.ways)
-        if self.cover not in COVERS:
-            raise ScenarioError(f"cover must be one of {', '.join(COVERS)}, got {self.cover!r}")
-        if self.numbers is not None and self.scenarios is not None:
-            raise ScenarioError("give classes= or scenarios=, not both: a scenario names its class")
-        if not (self.subject in (None, "all") or (type(self.subject) is int and 0 <= self.subject < self.ways)):
-            raise ScenarioError(f"subject must be an entrance, 0 to {self.ways - 1}, or 'all', got {self.subject!r}")
-        for number in self.numbers or ():
-            if not isinstance(number, int) or not 1 <= number <= total:
-                raise ScenarioError(f"a {self.ways}-way junction has classes 1..{total}, got {number!r}")
-
-    @classmethod
-    def of(
-        cls,
-        place: Junction,
-        configurations: tuple[Configuration, ...],
-        *,
-        classes: tuple[int, ...] | None = None,
-        scenarios: tuple[str, ...] | None = None,
-        cover: str = "class",
-        duration: float = 60.0,
-        aggression: int = 1,
-        wait: float = 1.5,
-        subject: int | str | None = None,
-        senses: tuple[Senses, ...] = (IDEAL,),
-    ) -> Selection:
-        """Build a selection from class numbers or direction strings."""
-        for code in scenarios or ():
-            if len(code) != len(place.entrances):
-                raise ScenarioError(
-                    f"scenario {code!r} names {len(code)} entrances, junction {place.name!r} has {len(place.entrances)}"
-                )
-        codes = None if scenarios is None else tuple(parse(s) for s in scenarios)
-        return cls(place, configurations, cover, classes, codes, duration, aggression, wait, subject, senses)
+        ways, total = self.ways, count_classes(self.ways)
+        for number in self.classes or ():
+            if not 1 <= number <= total:
+                raise ScenarioError(f"a {ways}-way junction has classes 1..{total}, got {number!r}")
+        if self.subject not in (None, "all", *range(ways)):
+            raise ScenarioError(f"subject must be an entrance, 0 to {ways - 1}, or 'all', got {self.subject!r}")
 
     @property
     def ways(self) -> int:
@@ -95,7 +60,7 @@ class Selection:
 
     def count(self) -> int:
         """Return how many abstract scenarios (rows and seats) are selected, without listing a whole arity."""
-        if self.numbers is None and self.scenarios is None:
+        if self.classes is None and self.scenarios is None:
             seats_each = self.ways if self.subject == "all" else 1
             if self.cover == "rotation":
                 return count_classes(self.ways) * self.ways * seats_each
@@ -109,14 +74,14 @@ class Selection:
         """Yield the scenarios, class by class, row by row, configuration by configuration."""
         for first in self._firsts():
             for row, subject in self._seated(first):
-                for point, senses in product(self.configurations, self.senses):
+                for configuration, senses in product(self.configurations, self.senses):
                     yield Scenario(
                         self.place,
                         first,
-                        distance=point.distances,
-                        speed=point.speeds,
+                        distance=configuration.distances,
+                        speed=configuration.speeds,
                         rotation=row,
-                        configuration=point.label,
+                        configuration=configuration.label,
                         duration=self.duration,
                         aggression=self.aggression,
                         wait=self.wait,
@@ -129,7 +94,7 @@ class Selection:
         if self.scenarios is not None:
             yield from self.scenarios
             return
-        wanted = None if self.numbers is None else frozenset(self.numbers)
+        wanted = None if self.classes is None else frozenset(self.classes)
         for number, code in enumerate(classes(self.ways), start=1):
             if wanted is None or number in wanted:
                 yield code

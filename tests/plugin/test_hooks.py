@@ -144,7 +144,3 @@ def test_requirements_are_traced_to_verdicts(pytester: pytest.Pytester) -> None:
     assert {(r["junction"], r["class"], r["scenario"], r["configuration"]) for r in rows} == {("stop4", "1", "1111", "B")}
     assert len({r["run"] for r in rows}) == 1, "one run, whichever test it was simulated for"
     assert all("numpy " in r["versions"] and "pytest-rvads " in r["versions"] for r in rows)
-
-
-def test_a_requirement_is_a_name(pytester: pytest.Pytester) -> None:
-    collect(pytester, '"stop4", requirement=7').stdout.fnmatch_lines(["*requirement takes identifiers of requirements*got 7*"])

@@ -1,72 +1,204 @@
 """Wrong use gives one sentence that helps, and hides nothing else."""
 
+import re
+
 import pytest
 
-BODY = """
-    import pytest_rvads as rvads
+from pytest_rvads.errors import ScenarioError
 
-    @rvads.scenario({arguments})
-    def test_it(run, rule, monitor):
-        monitor.check(rule)
+BODY = """import pytest_rvads as rvads
+
+
+@rvads.scenario(
+    {arguments}
+)
+def test_it(run, rule, monitor):
+    monitor.check(rule)
 """
+LINE = 4
+"""Of the mark in BODY."""
+
+
+def refused(pytester: pytest.Pytester, code: str, line: int, says: str) -> None:
+    """Check that a file is refused in one sentence that begins with the line of the mark, and nothing of the inside shows."""
+    file = pytester.makepyfile(code)
+    result = pytester.runpytest()
+    assert result.ret == pytest.ExitCode.INTERRUPTED
+    (sentence,) = [text for text in result.outlines if text.startswith(f"{file.name}:{line}: ")]
+    assert says in sentence
+    result.stdout.no_fnmatch_line("*Traceback*")
+    result.stdout.no_fnmatch_line("*/pytest_rvads/collection/*")
+    result.assert_outcomes(errors=1)
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ('"stop5"', "*stop5*stop4*"),
-        ('"stop4", rules="p9"', "*p9*"),
-        ('"stop4", distances=-3', "*distances must be 0 or more and finite, got -3*"),
-        ('"stop4", distances=float("nan")', "*distances must be 0 or more and finite, got nan*"),
-        ('"stop4", distances=500', "*distance 500 m does not fit on entrance 0 of junction 'stop4'*"),
-        ('"stop4", distances=1, speeds=11', "*too fast to stop before the line*"),
-        ('"stop4", speeds=3', "*give either grid=, or distances= with speeds=*"),
-        ('"stop4", grid="Q"', "*unknown configuration 'Q'*"),
-        ('"stop4", cover="all"', "*cover must be one of class, scenario, rotation*"),
-        ('"stop4", classes=25', "*a 4-way junction has classes 1..24, got 25*"),
-        ('"stop4", scenarios="112"', "*scenario '112' names 3 entrances, junction 'stop4' has 4*"),
-        ('"stop4", scenarios="1144"', "*1144*"),
-        ('"1", map="nowhere.xodr"', "*nowhere.xodr*"),
-        ('"stop4", duration=0', "*duration must lie above 0*"),
+        ("3", "write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got 3"),
+        ('"stop4", map=3', "map must be the path of an OpenDRIVE file, got 3"),
+        ('"stop4", clases=3', "@rvads.scenario takes junction, map, classes, "),
+        ('"stop4", clases=3', "got 'clases'; did you mean 'classes'"),
+        ('"stop4", cover="all"', "cover must be one of class, scenario, rotation, got 'all'"),
+        ('"stop4", probe="no"', "probe must be True or False, got 'no'"),
+        ('"stop4", classes=1.0', "classes takes class numbers, one or several, got 1.0"),
+        ('"stop4", classes=True', "classes takes class numbers, one or several, got True"),
+        ('"stop4", classes="7"', "classes takes class numbers, one or several, got '7'"),
+        ('"stop4", classes=(1, None)', "classes takes class numbers, one or several, got (1, None)"),
+        ('"stop4", classes=[]', "classes is empty: name class numbers, or leave it out"),
+        ('"stop4", classes=1, scenarios="1133"', "give classes= or scenarios=, not both: a scenario names its class"),
+        ('"stop4", scenarios=1133', "scenarios takes direction strings such as '1133', one or several, got 1133"),
+        ('"stop4", grid=()', "grid is empty: name letters of configurations or names of grids, or leave it out"),
+        ('"stop4", grid=4', "grid takes letters of configurations or names of grids, one or several, got 4"),
+        ('"stop4", grid="C", distances=3', "give either grid=, or distances= with speeds="),
+        ('"stop4", speeds=3', "give either grid=, or distances= with speeds="),
+        ('"stop4", distances=-3', "distances must be 0 or more and finite, got -3"),
+        ('"stop4", distances=[1, (1, 2, 3, "4")]', "distances must be 0 or more and finite, got '4'"),
+        ('"stop4", distances=float("nan")', "distances must be 0 or more and finite, got nan"),
+        ('"stop4", distances="far"', "distances takes numbers, got 'far'"),
+        ('"stop4", distances=[]', "distances is an empty list: give at least one value"),
+        ('"stop4", distances=1, speeds={}', "speeds takes numbers, got {}"),
+        ('"stop4", rules=()', "rules is empty: name rules or names of rules or rulebooks, or leave it out"),
+        ('"stop4", rules=3', "rules takes rules or names of rules or rulebooks, one or several, got 3"),
+        ('"stop4", duration=0', "duration must lie above 0 and up to 3600 s, got 0"),
+        ('"stop4", duration="long"', "duration must be a number of seconds, got 'long'"),
+        ('"stop4", aggression=4', "aggression must be 1, 2 or 3, got 4"),
+        ('"stop4", wait=-1', "wait must be 0 s or more, got -1"),
+        ('"stop4", requirement=7', "requirement takes identifiers of requirements, one or several, got 7"),
     ],
 )
-def test_collection_says_what_is_wrong(pytester: pytest.Pytester, arguments: str, says: str) -> None:
-    pytester.makepyfile(BODY.format(arguments=arguments))
-    result = pytester.runpytest()
-    assert result.ret == pytest.ExitCode.INTERRUPTED
-    result.stdout.fnmatch_lines([f"*test_it: {says.lstrip('*')}" if not says.startswith("*") else says])
-    result.stdout.no_fnmatch_line("*Traceback*")
-    result.stdout.no_fnmatch_line("*expansion.py*")
-
-
-def test_known_with_a_wrong_keyword(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(
-        """
-        import pytest_rvads as rvads
-
-        @rvads.known("I1", klass=3)
-        @rvads.scenario("stop4")
-        def test_it(run): ...
-        """
-    )
-    result = pytester.runpytest()
-    result.stdout.fnmatch_lines(
-        ["*@rvads.known selects by junction, cls, scenario, cfg, rotation, seat, traffic, rule, got 'klass'*"]
-    )
+def test_wrong_arguments_are_told_where_they_are_written(pytester: pytest.Pytester, arguments: str, says: str) -> None:
+    code = BODY.format(arguments=arguments)
+    refused(pytester, code, LINE, says)
+    with pytest.raises(ScenarioError, match=re.escape(says)):  # where pytest does not run the file
+        exec(compile(code, "a.py", "exec"), {})
 
 
 @pytest.mark.parametrize(
-    ("signature", "mark", "says"),
+    ("arguments", "says"),
     [
-        ("run", "", "*asks for a run, but no @rvads.scenario(...) says which*"),
-        ("", '@rvads.scenario("stop4")', "*takes neither run nor monitor*"),
+        ('"stop5"', "unknown junction 'stop5': the built-in ones are stop4"),
+        ('"1", map="nowhere.xodr"', "map file /"),
+        ('"stop4", rules="p9"', "unknown rule 'p9'"),
+        ('"stop4", distances=500', "distance 500 m does not fit on entrance 0 of junction 'stop4'"),
+        ('"stop4", distances=(1, 2)', "distances needs one value, or one per entrance (4), got 2: (1, 2)"),
+        ('"stop4", distances=1, speeds=11', "every point of distances=[1], speeds=[11] is too fast to stop before the line"),
+        ('"stop4", grid="Q"', "unknown configuration 'Q'"),
+        ('"stop4", classes=25', "a 4-way junction has classes 1..24, got 25"),
+        ('"stop4", scenarios="1144"', "a direction at 4 entrances is one of 1..3, or 0 for nobody, got '1144'"),
+        ('"stop4", scenarios="113"', "scenario '113' names 3 entrances, junction 'stop4' has 4"),
+        (
+            '"stop4", cover="rotation", classes=range(1, 25), distances=list(range(40)), probe=True',
+            "would expand to 11,520 items",
+        ),
     ],
 )
-def test_half_a_use(pytester: pytest.Pytester, signature: str, mark: str, says: str) -> None:
-    pytester.makepyfile(f"import pytest_rvads as rvads\n\n{mark}\ndef test_it({signature}): ...\n")
+def test_what_only_the_session_knows_is_told_there_too(pytester: pytest.Pytester, arguments: str, says: str) -> None:
+    refused(
+        pytester,
+        BODY.format(arguments=arguments),
+        LINE,
+        f": test_what_only_the_session_knows_is_told_there_too.py::test_it: {says}",
+    )
+
+
+HEAD = """import pytest
+import unittest
+import pytest_rvads as rvads
+mine = rvads.scenario("stop3", grid="C", classes=1)
+"""
+"""The code of the next tests goes on in line 5."""
+
+
+@pytest.mark.parametrize(
+    ("code", "line", "says"),
+    [
+        ("def test_it(run): ...", 5, "test_it asks for a run, but no @rvads.scenario(...) says which: add the mark"),
+        ("@mine\ndef test_it(): ...", 4, "test_it has @rvads.scenario(...) but takes neither run nor monitor: add an argument"),
+        (
+            "@pytest.fixture\ndef run(): ...\n@rvads.scenario('stop3')\ndef test_it(run): ...",
+            7,
+            "test_it has @rvads.scenario(...) but its `run` is a fixture of yours: call that otherwise",
+        ),
+        (
+            "pytestmark = [mine,\n    rvads.scenario('stop3', classes=9)]\ndef test_it(run): ...",
+            6,
+            "test_it: a 3-way junction has classes 1..4, got 9",
+        ),
+        (
+            "far = rvads.scenario('stop5')\n@far\nclass TestIt:\n    def test_it(self, run): ...",
+            5,
+            "TestIt::test_it: unknown junction 'stop5'",
+        ),
+        (
+            "@rvads.scenario('stop3', grid='C', classes=1, duration=5)\n@mine\ndef test_it(run): ...",
+            5,
+            "two different scenarios have the id 'stop3-class01-as111-cfgC': they differ in duration,",
+        ),
+        (
+            "@rvads.known('I1', klass=3)\n@mine\ndef test_it(run): ...",
+            5,
+            "selects by junction, cls, scenario, cfg, rotation, seat,",
+        ),
+        ("@rvads.known('I1', clas=3)\n@mine\ndef test_it(run): ...", 5, "got 'clas'; did you mean 'cls'"),
+        ("@rvads.known('I1', cls=[])\n@mine\ndef test_it(run): ...", 5, "cls is empty: name words or numbers, or leave it out"),
+        (
+            "@rvads.known('I1', cls=None)\n@mine\ndef test_it(run): ...",
+            5,
+            "cls takes words or numbers, one or several, got (None,)",
+        ),
+        ("@rvads.known('I1', cls=1.5)\n@mine\ndef test_it(run): ...", 5, "cls takes words or numbers, one or several, got 1.5"),
+        ("@rvads.known(1, cls=3)\n@mine\ndef test_it(run): ...", 5, "name of @rvads.known must be a text in quotes, got 1"),
+        (
+            "@rvads.known('I1', reason=2)\n@mine\ndef test_it(run): ...",
+            5,
+            "reason of @rvads.known must be a text in quotes, got 2",
+        ),
+        (
+            "@mine\n@rvads.known('I1', cls=(1, 2), rule='p1')\ndef test_it(run): ...",
+            6,
+            "test_it: @rvads.known('I1', cls=(1, 2), rule=('p1',)) matches none of the 1 cells of this test",
+        ),
+    ],
+)
+def test_marks_are_told_by_their_own_line_wherever_they_stand(pytester: pytest.Pytester, code: str, line: int, says: str) -> None:
+    refused(pytester, HEAD + code, line, says)
+
+
+@pytest.mark.parametrize(
+    ("code", "line", "says"),
+    [
+        (
+            "@rvads.known('I1', cls=4)\n@mine\nclass TestIt:\n    def test_it(self, run): ...",
+            5,
+            "TestIt: @rvads.known('I1', cls=(4,)) matches no cell of any of its tests",
+        ),
+        (
+            "@mine\nclass TestIt(unittest.TestCase):\n    def test_it(self): ...",
+            4,
+            "TestIt::test_it has @rvads.scenario(...), which works on functions and classes of pytest only",
+        ),
+    ],
+)
+def test_marks_that_would_do_nothing_end_the_session(pytester: pytest.Pytester, code: str, line: int, says: str) -> None:
+    file = pytester.makepyfile(HEAD + code)
     result = pytester.runpytest()
-    result.stdout.fnmatch_lines([says])
-    result.stdout.no_fnmatch_line("*Traceback*")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines([f"ERROR: {file.name}:{line}: {file.name}::{says}"])
+
+
+def test_a_mark_in_another_file_is_told_by_that_file(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(marks="import pytest_rvads as rvads\n\nfar = rvads.scenario('stop3', classes=9)\n")
+    pytester.makepyfile("from marks import far\n\n@far\ndef test_far(run): ...\n")
+    pytester.syspathinsert()
+    pytester.runpytest().stdout.fnmatch_lines(["marks.py:3: *::test_far: a 3-way junction has classes 1..4, got 9"])
+
+
+@pytest.mark.parametrize("name", ["scenario", "known"])
+def test_marks_of_pytests_own_making_are_refused(pytester: pytest.Pytester, name: str) -> None:
+    pytester.makepyfile(f"{HEAD}@mine\n@pytest.mark.rvads_{name}('stop4')\ndef test_it(run): ...\n")
+    pytester.runpytest().stdout.fnmatch_lines(
+        [f"*.py:5: *::test_it: write @rvads.{name}(...) instead of pytest.mark.rvads_{name}(...)"]
+    )
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,8 @@ def failures(mutant: str, junction: str, letters: str, classes: Sequence[int]) -
     """Run a mutant over some classes and judge it by all rules."""
     place = rvads.find(junction)
     found: Runs = {}
-    points = grid(letters, place.ways, place.control)
-    for scenario in Selection.of(junction, None, place.ways, points, classes=tuple(classes), duration=40.0):
+    points = grid(letters, len(place.entrances), place.control)
+    for scenario in Selection(place, points, classes=tuple(classes), duration=40.0):
         run = rvads.simulate(rvads.Case(scenario, MUTANTS[mutant]))
         records = found[scenario.name] = []
         for rule in rules_for(("paper", "road"), place.control):
