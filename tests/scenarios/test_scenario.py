@@ -20,7 +20,7 @@ def test_the_name_is_the_one_of_the_architecture() -> None:
 
 
 @given(st.lists(st.integers(1, 3), min_size=4, max_size=4), st.integers(0, 3))
-@settings(derandomize=True)
+@settings(derandomize=True, deadline=None)
 def test_everything_rotates_together(directions: list[int], row: int) -> None:
     distances, speeds = (1.0, 2.0, 3.0, 4.0), (0.1, 0.2, 0.3, 0.4)
     still = Scenario(find("light4"), directions, distance=distances, speed=speeds)
