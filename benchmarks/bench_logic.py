@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.judging.check import check, extract
+from pytest_rvads.logic.check import check, extract
 from pytest_rvads.logic.judging.ground import ground
 from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.ltl.ltl3 import synthesize
 from pytest_rvads.logic.ltl.monitor import Monitor, encode, run_machine
 from pytest_rvads.logic.ltl.parser import parse_ltl
-from pytest_rvads.logic.rules.rule import rulebook
+from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 

@@ -20,11 +20,12 @@ from pytest_rvads.errors import (
     RvadsError as RvadsError,
     ScenarioError as ScenarioError,
 )
-from pytest_rvads.logic.judging.check import check as check
-from pytest_rvads.logic.judging.live import RuleMonitor as RuleMonitor
+from pytest_rvads.logic.check import check as check
+from pytest_rvads.logic.live import RuleMonitor as RuleMonitor
+from pytest_rvads.logic.rules.book import RuleBook as RuleBook, predicate as predicate, rule as rule
+from pytest_rvads.logic.rules.rule import Rule as Rule
 from pytest_rvads.logic.rules.rulefile import load_rules as load_rules
-from pytest_rvads.logic.rules.rule import Rule as Rule, rule as rule
-from pytest_rvads.logic.rules.vocabulary import predicate as predicate
+from pytest_rvads.logic.rules.vocabulary import Word as Word
 from pytest_rvads.logic.judging.verdicts import Status as Status, Verdict as Verdict
 from pytest_rvads.junctions.finder import find as find
 from pytest_rvads.junctions.junction import Junction as Junction, Movement as Movement

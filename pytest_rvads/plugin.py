@@ -15,6 +15,7 @@ from pytest_rvads.errors import RvadsError
 from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_run, rvads_runs
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
+from pytest_rvads.logic.rules.current import own_desk
 from pytest_rvads.options import Options, declare
 from pytest_rvads.session.bundled import offer
 from pytest_rvads.session.chosen_driver import chosen
@@ -51,12 +52,12 @@ def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
-    """Have what this session registers forgotten at its end, by whatever comes after it in the process."""
-    from pytest_rvads.logic.rules.registry import registries_kept
+    """Open the session's own book of rules: what is registered in it is forgotten at its end."""
+    from pytest_rvads.collection.extensions import BOOK
 
-    kept = ExitStack()
-    kept.enter_context(registries_kept())
-    early_config.add_cleanup(kept.close)
+    opened = ExitStack()
+    early_config.stash[BOOK] = opened.enter_context(own_desk())
+    early_config.add_cleanup(opened.close)
 
 
 def pytest_configure(config: pytest.Config) -> None:

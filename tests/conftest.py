@@ -13,7 +13,7 @@ import pytest
 import pytest_rvads
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.logic.rules.registry import registries_kept
+from pytest_rvads.logic.rules.current import own_desk
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
@@ -32,9 +32,9 @@ for _name in ("hypothesis", "pytest_rvads.draw.picture", "pytest_rvads.draw.repl
 
 
 @pytest.fixture(autouse=True)
-def _registries() -> Iterator[None]:
+def _book() -> Iterator[None]:
     """What a test registers, or a command that it runs in this process, is forgotten at its end."""
-    with registries_kept():
+    with own_desk():
         yield
 
 

@@ -8,12 +8,13 @@ from collections.abc import Sequence
 
 from pytest_rvads.conduct.validate import validate
 from pytest_rvads.errors import RunError
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.ltl.export import describe
 from pytest_rvads.logic.ltl.ltl3 import synthesize
 from pytest_rvads.logic.ltl.parser import parse_ltl
-from pytest_rvads.logic.rules.rule import Rule, rulebook, rules_for, user_rules
+from pytest_rvads.logic.rules.book import current_book, rulebook, rules_for
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulefile import load_rules
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
@@ -67,8 +68,8 @@ def list_rules() -> str:
     for book in ("paper", "variants", "road"):
         blocks.append(f"rulebook {book}")
         blocks += [_entry(r) for r in rulebook(book)]
-    if user_rules():
-        blocks += ["your own", *(_entry(r) for r in user_rules())]
+    if own := current_book().own:
+        blocks += ["your own", *map(_entry, own)]
     return "\n".join(blocks)
 
 

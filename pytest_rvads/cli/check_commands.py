@@ -6,11 +6,15 @@ import argparse
 import io
 import json
 import sys
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli import rules_command as consistency
 from pytest_rvads.cli.common import Subparsers
 from pytest_rvads.errors import RunError
+
+if TYPE_CHECKING:
+    from pytest_rvads.logic.judging.verdicts import Verdict
 
 __all__ = ["declare"]
 
@@ -68,32 +72,35 @@ def _check(options: argparse.Namespace) -> int:
         print(f"warning: {doubt}", file=sys.stderr)
     verdicts = check_runs(runs, rules)
     measured = {run.label: kpis(run) for run in runs if not damage(run)}
-    given = [v for by_rule in verdicts.values() for v in by_rule.values()]
     if options.json:
         answer: dict[str, dict[str, Any]] = {
             run: {rule: v.status.value for rule, v in by_rule.items()} for run, by_rule in verdicts.items()
         }
-        if options.kpis:
-            for run, found in measured.items():
-                answer[run]["kpis"] = found.record()
+        for run, found in measured.items() if options.kpis else ():
+            answer[run]["kpis"] = found.record()
         print(json.dumps(answer))
     else:
         for run, by_rule in verdicts.items():
-            print(run)
-            for verdict in by_rule.values():
-                told = verdict.message.removeprefix(f"{verdict.rule} {verdict.status}: ")
-                print(f"  {verdict.status.value:5} {told if told.startswith(verdict.rule) else f'{verdict.rule}: {told}'}")
-            for line in describe(measured[run]) if run in measured else ():
-                print(f"  {line}")
-    unfit = {run: v.reason for run, by_rule in verdicts.items() for v in by_rule.values() if v.status == "ERROR"}
+            print("\n  ".join((run, *map(_line, by_rule.values()), *(describe(measured[run]) if run in measured else ()))))
+    return _exit_status([(run, v) for run, by_rule in verdicts.items() for v in by_rule.values()], told=options.json)
+
+
+def _line(verdict: Verdict) -> str:
+    told = verdict.message.removeprefix(f"{verdict.rule} {verdict.status}: ")
+    return f"{verdict.status.value:5} {told if told.startswith(verdict.rule) else f'{verdict.rule}: {told}'}"
+
+
+def _exit_status(given: Sequence[tuple[str, Verdict]], *, told: bool) -> int:
+    """Return the exit status for verdicts on runs, given by their labels; 0 where all that is `told` in JSON."""
+    unfit = {run: v.reason for run, v in given if v.status == "ERROR"}
     if unfit:
         raise RunError("; ".join(f"{run} can't be judged: {reason}" for run, reason in unfit.items()))
-    if options.json:
+    if told:
         return 0
-    if all(v.status == "NA" for v in given):
+    if all(v.status == "NA" for _, v in given):
         print("rvads: nothing was judged: no rule applies to any of these runs", file=sys.stderr)
         return 5
-    return 1 if any(v.status in ("FAIL", "OPEN") for v in given) else 0
+    return 1 if any(v.status in ("FAIL", "OPEN") for _, v in given) else 0
 
 
 def _monitor(options: argparse.Namespace) -> int:

@@ -65,7 +65,7 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _chosen(options: argparse.Namespace) -> tuple[Rule, ...]:
-    from pytest_rvads.logic.rules.rule import rules_for
+    from pytest_rvads.logic.rules.book import rules_for
     from pytest_rvads.logic.rules.rulefile import load_rules
 
     own = load_rules(options.file) if options.file else ()

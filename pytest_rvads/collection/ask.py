@@ -16,7 +16,8 @@ from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.junctions.builtin import LAYOUTS
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.logic.rules.rule import Rule, rules_for
+from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.options import Options
 from pytest_rvads.scenarios.classes import parse
 from pytest_rvads.scenarios.configurations import Configuration, explicit, grid, outside, per_entrance

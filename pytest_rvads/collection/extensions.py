@@ -10,8 +10,12 @@ from typing import Any
 import pytest
 
 from pytest_rvads.errors import ScenarioError
+from pytest_rvads.logic.rules.current import Desk, desk
 
-__all__ = ["Extensions", "extensions"]
+__all__ = ["BOOK", "Extensions", "extensions", "session_desk"]
+
+BOOK: pytest.StashKey[Desk] = pytest.StashKey()
+"""Where the rules and predicates of the session are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +31,13 @@ class Extensions:
 _EXTENSIONS: pytest.StashKey[Extensions] = pytest.StashKey()
 
 
+def session_desk(config: pytest.Config) -> Desk:
+    """Return where the session's book of rules is; the process's, where a conftest loads the plugin after the session began."""
+    return config.stash.get(BOOK, desk())
+
+
 def extensions(config: pytest.Config, rules: Path | None) -> Extensions:
-    """Return what the hooks of this session give, and register its rules; once per session and process.
+    """Return what the hooks of this session give, and put its rules into the book; once per session and process.
 
     Args:
         config: of the session.
@@ -66,9 +75,10 @@ def _grids(config: pytest.Config) -> dict[str, tuple[Any, Any]]:
 
 
 def _rules(config: pytest.Config, file: Path | None) -> None:
-    from pytest_rvads.logic.rules.rule import Rule, user_rules
+    from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.logic.rules.rulefile import load_rules
 
+    mine = session_desk(config)
     if file is not None:
         load_rules(file)
     for rules in config.hook.pytest_rvads_rules(config=config):
@@ -77,7 +87,7 @@ def _rules(config: pytest.Config, file: Path | None) -> None:
         for rule in rules:
             if isinstance(rule, str | Path):
                 load_rules(config.rootpath / rule)
-            elif not isinstance(rule, Rule) or rule not in user_rules():
+            elif not isinstance(rule, Rule) or mine.book is None or rule not in mine.book.own:
                 raise ScenarioError(f"pytest_rvads_rules must give rules made by rvads.rule or files of rules, got {rule!r}")
 
 

@@ -1,21 +1,24 @@
-"""What depends on the past, followed state by state: the same as on a whole run, in constant time and memory per state."""
+"""What depends on the past, followed state by state: the same as on a whole run, in constant time and memory per state.
+
+The functions of the predicates take a run of the first state and the columns of the agents, and return what reads the next ones.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct import standing
 from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.priority import Encounter, due, may_owe, owed_before, yields
 from pytest_rvads.conduct.progress import BLOCKING_TIME, PATIENCE, blocking_time, lost_time, part
-from pytest_rvads.conduct.standing import stopped
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 
-__all__ = ["FOLLOWERS", "Follower", "Past"]
+__all__ = ["Follower", "Past", "blocks", "idles", "obstructs", "owes", "stopped"]
 
 Follower = Callable[[Run], bool]
 """Reads a run of one state, the next one, and returns whether something holds there."""
@@ -51,18 +54,20 @@ class Past:
             known["advance"], self._station = rate[None], run.station[0]
 
 
-def _stopped(_run: Run, agent: int) -> Follower:
+def stopped(_run: Run, agent: int) -> Follower:
+    """Follow `standing.stopped`."""
     held = False
 
     def follow(run: Run) -> bool:
         nonlocal held
-        held = bool(run.zone[0, agent] == Zone.ENTRANCE and (held or stopped(run, agent)[0]))
+        held = bool(run.zone[0, agent] == Zone.ENTRANCE and (held or standing.stopped(run, agent)[0]))
         return held
 
     return follow
 
 
-def _blocks(_run: Run, agent: int) -> Follower:
+def blocks(_run: Run, agent: int) -> Follower:
+    """Follow `progress.blocks`."""
     total = 0.0
 
     def follow(run: Run) -> bool:
@@ -73,7 +78,8 @@ def _blocks(_run: Run, agent: int) -> Follower:
     return follow
 
 
-def _idles(_run: Run, agent: int) -> Follower:
+def idles(_run: Run, agent: int) -> Follower:
+    """Follow `progress.idles`."""
     total, before = 0.0, -1
 
     def follow(run: Run) -> bool:
@@ -101,21 +107,13 @@ def _priority(first: Run, agent: int, other: int) -> Callable[[Run], tuple[bool,
     return follow
 
 
-def _owes(first: Run, agent: int, other: int) -> Follower:
+def owes(first: Run, agent: int, other: int) -> Follower:
+    """Follow `priority.owes`."""
     follow = _priority(first, agent, other)
     return lambda run: follow(run)[0]
 
 
-def _obstructs(first: Run, agent: int, other: int) -> Follower:
+def obstructs(first: Run, agent: int, other: int) -> Follower:
+    """Follow `priority.obstructs`."""
     follow = _priority(first, agent, other)
     return lambda run: follow(run)[1]
-
-
-FOLLOWERS: Mapping[str, Callable[..., Follower]] = {
-    "stopped": _stopped,
-    "blocks": _blocks,
-    "idles": _idles,
-    "owes": _owes,
-    "obstructs": _obstructs,
-}
-"""By the name of the predicate: what makes a follower, given a run of the first state and the columns of the agents."""

@@ -6,7 +6,9 @@ agent comes to, which light controls it) is gathered in `Static`, the paper's mo
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +18,18 @@ from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = ["Static", "at_entrance", "colour", "extract", "in_junction", "on_approach", "on_exit", "speed", "ticks"]
+__all__ = ["Static", "at_entrance", "colour", "extract", "in_junction", "on_approach", "on_exit", "once", "speed", "ticks"]
+
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True, slots=True)
 class Static:
     """What does not change during a run: the junction, its signs and lights, the itineraries (Algorithm 1, ``extract``)."""
 
-    ways: int
-    """Number of entrances."""
+    entrances: int
+    """How many there are."""
+    exits: int
     control: JunctionControl
     right_of: frozenset[tuple[int, int]]
     opposite: frozenset[tuple[int, int]]
@@ -50,27 +55,40 @@ class Static:
         facing = ", ".join(f"{a} opposite {b}" for a, b in sorted(self.opposite) if a < b)
         agents = ", ".join(f"{a.name}: {a.entrance} -> {a.exit} ({a.turn})" for a in self.agents)
         objects = f"lights at {list(self.lights)}" if self.lights else f"stop signs at {list(self.signs)}"
-        return f"{self.ways} entrances, {objects}; {pairs or 'no right-of'}; {facing or 'no opposite'}; {agents}"
+        return f"{self.entrances} entrances, {objects}; {pairs or 'no right-of'}; {facing or 'no opposite'}; {agents}"
 
 
 def extract(run: Run) -> Static:
     """Return the static model of a run (Algorithm 1 of the paper)."""
+    return once(run, _extract)
+
+
+def _extract(run: Run) -> Static:
     junction = run.junction
-    lights = tuple(int(e) for e in range(run.lights.shape[1]) if (run.lights[:, e] != Colour.NONE).any())
     entrances = len(junction.entrances)
     everywhere = tuple(range(entrances))
     return Static(
         entrances,
+        len(junction.exits),
         junction.control,
         junction.right_of,
         junction.opposite,
-        everywhere if junction.control is JunctionControl.LIGHTS else lights,
+        everywhere if junction.control is JunctionControl.LIGHTS else tuple(np.flatnonzero(run.lights.any(axis=0)).tolist()),
         everywhere if junction.control is JunctionControl.STOP else (),
         run.agents,
         junction.conflicts,
         junction.near,
         junction.far,
     )
+
+
+def once(run: Run, work: Callable[[Run], _Result]) -> _Result:
+    """Return what `work` finds out about a run, which is then known: a run is judged by many rules, and never changes."""
+    known = run.__dict__.setdefault("found", {})
+    if work not in known:
+        known[work] = work(run)
+    result: _Result = known[work]
+    return result
 
 
 def in_junction(run: Run, agent: int) -> NDArray[np.bool_]:

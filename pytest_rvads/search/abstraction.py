@@ -114,6 +114,7 @@ class Abstracted(Values):
 
     def __init__(self, model: Model, tie: float) -> None:
         super().__init__(model.run, tie)
+        self._readers["wt"] = lambda _, agent: self._wt(agent)
         self._arrivals = model.arrivals
         self._window = tie
 
@@ -130,7 +131,7 @@ class Abstracted(Values):
                 found: NDArray[np.bool_] = (zone[:, one] == Zone.ENTRANCE) != (zone[:, two] == Zone.ENTRANCE)
                 return found
             case _, (left, right) if all(
-                isinstance(t, f.Word) or (isinstance(t, f.Attr) and t.name == "cl") for t in (left, right)
+                isinstance(t, f.Value) or (isinstance(t, f.Attr) and t.name == "cl") for t in (left, right)
             ):
                 return False
         return True

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from pytest_rvads.errors import RuleViolation, RunError, ScenarioError
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.logic.rules.rule import Rule, get_rule
+from pytest_rvads.logic.rules.book import get_rule
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import DT
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario

@@ -18,9 +18,10 @@ from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.errors import OpenObligation, RuleViolation, RunError, ScenarioError
 from pytest_rvads.junctions.builtin import LAYOUTS
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.logic.rules.rule import Rule, get_rule
+from pytest_rvads.logic.rules.book import get_rule
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case, Fleet

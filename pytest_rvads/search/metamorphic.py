@@ -9,9 +9,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError, suggest
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.logic.rules.rule import Rule, rules_for
+from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant

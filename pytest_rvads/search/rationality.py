@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.logic.rules.rule import Rule, rules_for
+from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case

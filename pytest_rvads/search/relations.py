@@ -59,7 +59,7 @@ Relation = Callable[[Case], Iterator[Variant | Incomparable]]
 def names_sides(rule: Rule) -> bool:
     """Return whether a rule speaks of turns to the left or right."""
     words = (term for atom in f.atoms(rule.formula) for term in atom.terms)
-    return any(isinstance(word, f.Word) and word.name in ("left", "right") for word in words)
+    return any(isinstance(word, f.Value) and word.name in ("left", "right") for word in words)
 
 
 def rotation(case: Case) -> Iterator[Variant | Incomparable]:

@@ -97,7 +97,7 @@ def _write(target: Path, run: Run, verdict: Verdict, time: float, rule: str | Ru
 def _tracks(run: Run, rule: str | Rule) -> list[Track]:
     """Return the monitors of a rule, without those to which nothing ever happened; none of a rule that is known by no name."""
     from pytest_rvads.draw.replay import Track
-    from pytest_rvads.logic.judging.timeline import timelines
+    from pytest_rvads.logic.timeline import timelines
 
     try:
         found = [line for line in timelines(run, rule) if line.moved]

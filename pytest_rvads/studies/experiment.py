@@ -9,7 +9,7 @@ from functools import partial
 from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case

@@ -8,8 +8,8 @@ from functools import lru_cache
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.judging.check import check
-from pytest_rvads.logic.rules.rule import rules_for
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario

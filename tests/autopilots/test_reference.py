@@ -17,7 +17,7 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.junctions.builtin import LAYOUTS
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.opendrive.writer import opendrive
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.runs.states import Zone

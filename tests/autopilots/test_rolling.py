@@ -5,7 +5,7 @@ import pytest
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.rolling import RollingStop
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario

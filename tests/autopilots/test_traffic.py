@@ -16,7 +16,7 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import POLICIES, Policy, traffic
 from pytest_rvads.errors import RunError, ScenarioError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.runfile import save_run
 from pytest_rvads.runs.states import Colour, Zone

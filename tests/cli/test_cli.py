@@ -14,7 +14,7 @@ from pytest_rvads.cli import main
 from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario

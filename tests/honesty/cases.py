@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest_rvads as rvads
-from pytest_rvads.logic.rules.rule import rules_for
+from pytest_rvads.logic.rules.book import rules_for
 
 from .drivers import REFERENCE
 

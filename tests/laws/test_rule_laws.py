@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.judging.check import check, extract, ground, simplify, unfold
+from pytest_rvads.logic.check import check, extract, ground, simplify, unfold
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.finite import settle
-from pytest_rvads.logic.ltl.sorts import Sort
-from pytest_rvads.logic.rules.rule import get_rule
+from pytest_rvads.logic.rules.book import get_rule
+from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 

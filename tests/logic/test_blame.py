@@ -9,7 +9,7 @@ import pytest
 
 from pytest_rvads.conduct.blame import cause_of
 from pytest_rvads.conduct.stretches import shared
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
 

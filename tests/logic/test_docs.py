@@ -14,7 +14,7 @@ def test_the_code_in_the_documentation_runs() -> None:
 
 
 def test_the_rulebooks_of_the_documentation_are_the_shipped_ones() -> None:
-    from pytest_rvads.logic.rules.rule import rulebook
+    from pytest_rvads.logic.rules.book import rulebook
 
     text = DOCS.read_text(encoding="utf-8")
     for name in ("paper", "variants", "road"):

@@ -5,9 +5,9 @@ import pytest
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.parser import DEPTH_LIMIT, LENGTH_LIMIT, parse_ltl, parse_rule
-from pytest_rvads.logic.ltl.sorts import Sort, sort_of
-from pytest_rvads.logic.rules.rule import rulebook
-from pytest_rvads.logic.rules.vocabulary import parse
+from pytest_rvads.logic.rules.book import rulebook
+from pytest_rvads.logic.rules.reading import parse
+from pytest_rvads.logic.rules.sorts import LANGUAGE, Sort
 
 
 @pytest.mark.parametrize(
@@ -116,14 +116,14 @@ def test_shipped_rules_print_as_they_are_written() -> None:
     ],
 )
 def test_letters_tell_the_sort(name: str, sort: Sort | None) -> None:
-    assert sort_of(name) is sort
+    assert LANGUAGE.sort_of(name) is sort
 
 
 def test_definitions_do_not_capture_variables() -> None:
     text = "meets(a) := exists a'. a != a' & a'@j; forall a, a'. G meets(a')"
-    assert parse_rule(text) == parse_rule("forall a, a'. G(exists a''. a' != a'' & a''@j)")
+    assert parse_rule(text, LANGUAGE) == parse_rule("forall a, a'. G(exists a''. a' != a'' & a''@j)", LANGUAGE)
     nested = "one(a) := a@j; two(a, a') := one(a) & one(a'); forall a, a'. G !two(a, a')"
-    assert parse_rule(nested) == parse_rule("forall a, a'. G !(a@j & a'@j)")
+    assert parse_rule(nested, LANGUAGE) == parse_rule("forall a, a'. G !(a@j & a'@j)", LANGUAGE)
 
 
 ERRORS = [

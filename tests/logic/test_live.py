@@ -6,16 +6,17 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.conduct.following import FOLLOWERS
 from pytest_rvads.drivers.policies import RedLightRunner
 from pytest_rvads.drivers.rolling import RollingStop
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.judging.check import check
-from pytest_rvads.logic.judging.live import RuleMonitor
+from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.logic.live import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
-from pytest_rvads.logic.rules.rule import Rule, get_rule, rulebook
+from pytest_rvads.logic.rules.book import get_rule, rulebook
+from pytest_rvads.logic.rules.lexicon import BUILT_IN
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.scenarios.case import Case
@@ -85,7 +86,7 @@ RULES = [r for book in ("paper", "variants", "road") for r in rulebook(book)]
 def test_step_by_step_says_what_the_whole_run_says(
     traffic: dict[str, Run], waiting: list[Run], simulated: list[Run], rule: Rule
 ) -> None:
-    carried = any(f"{name}(" in rule.text for name in FOLLOWERS)
+    carried = any(f"{word.name}(" in rule.text for word in BUILT_IN.values() if word.follow)
     for run in (*traffic.values(), *((*waiting, *simulated) if carried else simulated[1:2])):
         if rule.about not in (None, run.junction.control):
             continue

@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from pytest_rvads.errors import RunError
-from pytest_rvads.logic.judging.check import check, extract
+from pytest_rvads.logic.check import check, extract
 from pytest_rvads.logic.judging.cycle import find_cycle
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.sorts import Sort
-from pytest_rvads.logic.rules.rule import get_rule
+from pytest_rvads.logic.rules.book import get_rule
+from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Fault, Run
 from pytest_rvads.runs.states import Colour
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.logic.ltl.ltl3 import synthesize
 from pytest_rvads.logic.ltl.parser import parse_ltl
 from pytest_rvads.runs.recorded import read_recorded

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.sorts import Sort
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.telling.phrase import literal, say
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
@@ -158,8 +158,8 @@ WORDS: list[tuple[f.Atom, str, str]] = [
     (f.Atom("@", (A, IN)), "a0 is in the junction", "a0 is not in the junction"),
     (f.Atom("@", (A, OUT)), "a0 is on exit 3", "a0 is not on exit 3"),
     (f.Atom("@", (A, ROAD)), "a0 is on road 5", "a0 is not on road 5"),
-    (f.Atom("=", (f.Attr(LIGHT, "cl"), f.Word("red"))), "light 2 is red", "light 2 is not red"),
-    (f.Atom("!=", (f.Attr(LIGHT, "cl"), f.Word("red"))), "light 2 is not red", "light 2 is red"),
+    (f.Atom("=", (f.Attr(LIGHT, "cl"), f.Value("red"))), "light 2 is red", "light 2 is not red"),
+    (f.Atom("!=", (f.Attr(LIGHT, "cl"), f.Value("red"))), "light 2 is not red", "light 2 is red"),
     (
         f.Atom("=", (f.Attr(A, "wt"), f.Attr(B, "wt"))),
         "a0 and a1 arrived at the same time",

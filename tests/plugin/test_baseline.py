@@ -7,7 +7,7 @@ import pytest
 from pytest_rvads.cli import main
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.session.comparing import explain

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.logic.rules.rule import rules_for
+from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, conclude, planned_record, updated
 from pytest_rvads.report.triage import causes

@@ -11,7 +11,8 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.logic.rules.rule import Rule, get_rule, rules_for
+from pytest_rvads.logic.rules.book import get_rule, rules_for
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.scenarios.classes import classes, members
 from pytest_rvads.search import consistency

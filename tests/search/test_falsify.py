@@ -13,7 +13,7 @@ from hypothesis.database import DirectoryBasedExampleDatabase
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Control, Observation
-from pytest_rvads.logic.rules.rule import get_rule
+from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.search.falsify import avoidable, look_for, pasteable
 
 NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}

@@ -13,7 +13,7 @@ from pytest_rvads.conduct.bodies import collide, contacts, overlap
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.scenarios.case import Case

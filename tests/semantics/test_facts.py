@@ -12,7 +12,7 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run
 from pytest_rvads.runs.states import Colour, Kind, Zone
 from pytest_rvads.scenarios.case import Case

@@ -13,7 +13,7 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Run

@@ -22,7 +22,7 @@ from pytest_rvads.conduct.progress import (
 )
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 

@@ -9,7 +9,7 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.stacks.process import Process
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.judging.check import check
+from pytest_rvads.logic.check import check
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario

@@ -12,9 +12,10 @@ from pytest_rvads.logic.judging.cycle import unavoidable
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Judgement, asked, judge
 from pytest_rvads.logic.judging.prepare import Template, prepare
+from pytest_rvads.logic.judging.responsibility import is_about, waits
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.logic.rules.rule import Rule, get_rule, rules_for
-from pytest_rvads.logic.telling.story import is_about, waits
+from pytest_rvads.logic.rules.book import RuleBook, rules_for
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Run
 
 __all__ = ["Attribution", "attribute", "companions"]
@@ -35,17 +36,23 @@ class Attribution:
     """Violated or open by the doing of the traffic alone."""
 
 
-def attribute(found: Sequence[Judgement], rule: Rule, values: Values) -> Attribution:
+def attribute(found: Sequence[Judgement], rule: Rule, values: Values, book: RuleBook) -> Attribution:
     """Return what a rule says about a run, given what its instances say.
 
     Without a subject: FAIL if any instance, else OPEN if any, else PASS if any was triggered, else NA. With one, what it is to
     blame for counts first; what only others broke is provoked; and it passes only where it was bound to act itself. Nobody passes
     by never moving.
+
+    Args:
+        found: what the instances say.
+        rule: the rule.
+        values: of the run.
+        book: with the companions of the rule.
     """
     run, status = values.run, _overall(found)
     subject = run.subject
     if subject is None:
-        excused = status is Status.FAIL and unavoidable(found, _with_companions(found, rule, run), values)
+        excused = status is Status.FAIL and unavoidable(found, _with_companions(found, rule, run, book), values)
         acted = status is not Status.NA and any(drives(run, column) for column in range(len(run.agents)))
         return Attribution(Status.NA if status is Status.PASS and not acted else status, acted, excused)
     me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
@@ -54,19 +61,20 @@ def attribute(found: Sequence[Judgement], rule: Rule, values: Values) -> Attribu
         return Attribution(status if bound else Status.NA, bound)
     own = [j for j in found if j.status in _BROKEN and is_about(j, run, subject)]
     failed = [j for j in own if j.status is Status.FAIL]
-    if failed and not unavoidable(failed, _with_companions(found, rule, run), values):
+    if failed and not unavoidable(failed, _with_companions(found, rule, run, book), values):
         return Attribution(Status.FAIL)
-    if len(own) > len(failed) and not _excused(found, rule, run, subject):
+    if len(own) > len(failed) and not _excused(found, rule, values, book):
         return Attribution(Status.OPEN)
-    if status is Status.FAIL and unavoidable(found, _with_companions(found, rule, run), values):
+    if status is Status.FAIL and unavoidable(found, _with_companions(found, rule, run, book), values):
         return Attribution(status, bound, unavoidable=True)
     return Attribution(status, bound, provoked=True)
 
 
-def companions(rule: Rule, run: Run) -> tuple[Template, ...]:
+def companions(rule: Rule, run: Run, book: RuleBook) -> tuple[Template, ...]:
     """Return the instances of the rules whose obligations can contradict those of `rule`."""
     static = extract(run)
-    return tuple(t for name in rule.companions for t in prepare(get_rule(name).formula, static, get_rule(name).bound).templates)
+    others = (book[name] for name in rule.companions)
+    return tuple(t for other in others for t in prepare(other.formula, static, other.bound).templates)
 
 
 def _overall(found: Iterable[Judgement]) -> Status:
@@ -74,20 +82,21 @@ def _overall(found: Iterable[Judgement]) -> Status:
     return next((s for s in (Status.FAIL, Status.OPEN, Status.PASS) if s in statuses), Status.NA)
 
 
-def _with_companions(found: Sequence[Judgement], rule: Rule, run: Run) -> list[Template]:
-    return [*(j.template for j in found), *companions(rule, run)]
+def _with_companions(found: Sequence[Judgement], rule: Rule, run: Run, book: RuleBook) -> list[Template]:
+    return [*(j.template for j in found), *companions(rule, run, book)]
 
 
-def _excused(found: Sequence[Judgement], rule: Rule, run: Run, subject: str) -> bool:
+def _excused(found: Sequence[Judgement], rule: Rule, values: Values, book: RuleBook) -> bool:
     """Return whether the subject has reason to leave something open: it has to wait itself, or others ended the run."""
+    run, subject = values.run, values.run.subject or ""
     others = set(cut_short_by(run)) - {subject}
-    return bool(others) or any(waits(j, subject) for j in found) or _held(rule, run, subject)
+    return bool(others) or any(waits(j, subject) for j in found) or _held(rule, run, subject, book)
 
 
-def _held(rule: Rule, run: Run, subject: str) -> bool:
-    """Return whether another rule of its book still makes the subject wait: then it keeps others waiting with good reason."""
+def _held(rule: Rule, run: Run, subject: str, book: RuleBook) -> bool:
+    """Return whether another rule of its rulebook still makes the subject wait: then it keeps others waiting with good reason."""
     static = extract(run)
-    books = (rules_for(book, run.junction.control) for book in ("paper", "road"))
-    rules = {*map(get_rule, rule.companions), *(r for book in books if rule in book for r in book)}
+    shelf = (rules_for(name, run.junction.control) for name in ("paper", "road"))
+    rules = {*(book[name] for name in rule.companions), *(r for rules in shelf if rule in rules for r in rules)}
     judged = (judge(prepare(r.formula, static, r.bound).templates, Values(run, r.tie)) for r in rules)
     return any(waits(j, subject) for found in judged for j in found)

@@ -4,48 +4,28 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterator, Mapping
+from copy import copy
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.bodies import collide
-from pytest_rvads.conduct.lane import off_lane, off_route
-from pytest_rvads.conduct.predicates import at_entrance, colour, in_junction, on_approach, on_exit, speed, ticks
-from pytest_rvads.conduct.priority import obstructs, owes
-from pytest_rvads.conduct.progress import blocks, idles, inside, may_go
-from pytest_rvads.conduct.standing import speeding, standing_time, stopped
-from pytest_rvads.conduct.stretches import meet
-from pytest_rvads.errors import FormulaError, RunError
+from pytest_rvads.conduct.predicates import ticks
+from pytest_rvads.conduct.standing import standing_time
+from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.sorts import Sort
-from pytest_rvads.logic.rules.vocabulary import user_predicate
+from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Colour
 
 __all__ = ["Values"]
 
-_OPERATORS: Mapping[str, Callable[[Any, Any], Any]] = {
+_OPERATORS: Mapping[str, Callable[[Any, Any], NDArray[np.bool_]]] = {
     "=": operator.eq,
     "!=": operator.ne,
     "<": operator.lt,
     "<=": operator.le,
     ">": operator.gt,
     ">=": operator.ge,
-}
-_CONDUCT: Mapping[str, Callable[..., NDArray[np.bool_]]] = {
-    "stopped": stopped,
-    "inside": inside,
-    "blocks": blocks,
-    "may_go": may_go,
-    "idles": idles,
-    "off_lane": off_lane,
-    "off_route": off_route,
-    "speeding": speeding,
-    "meet": meet,
-    "collide": collide,
-    "owes": owes,
-    "obstructs": obstructs,
 }
 
 
@@ -60,8 +40,9 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
 
     def __init__(self, run: Run, tie: float = 0.0, *, standing: bool = False) -> None:
         self.run = run
-        self._standing = standing
-        self._tie = ticks(run, tie)
+        self._readers: dict[str, Callable[[Run, int], NDArray[Any]]] = {"wt": standing_time} if standing else {}
+        self.tie = tie
+        self._ticks = ticks(run, tie)
         self._known: dict[f.Atom, NDArray[np.bool_]] = {}
 
     def __getitem__(self, atom: f.Atom) -> NDArray[np.bool_]:
@@ -70,6 +51,13 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
             found = self._known[atom] = self._evaluate(atom)
         return found
 
+    def untied(self) -> Values:
+        """Return the same without a tie window; what does not depend on it is known already."""
+        exact = copy(self)
+        exact.tie, exact._ticks = 0.0, 0
+        exact._known = {atom: values for atom, values in self._known.items() if not _tied(atom)}
+        return exact
+
     def __iter__(self) -> Iterator[f.Atom]:
         return iter(self._known)
 
@@ -77,65 +65,39 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         return len(self._known)
 
     def _evaluate(self, atom: f.Atom) -> NDArray[np.bool_]:
-        run = self.run
-        match atom.name, atom.terms:
-            case "@", (f.Element(Sort.AGENT, agent), f.Element(sort, place)):
-                if sort is Sort.JUNCTION:
-                    return in_junction(run, agent)
-                if sort is Sort.ENTRANCE:
-                    return at_entrance(run, agent)
-                leads_in = sort is Sort.ROAD and place < len(run.junction.entrances)
-                return on_approach(run, agent) if leads_in else on_exit(run, agent)
-            case (("=" | "!="), (f.Attr(f.Element(_, light), "cl"), f.Word(name))) | (
-                ("=" | "!="),
-                (f.Word(name), f.Attr(f.Element(_, light), "cl")),
-            ):
-                wanted = colour(run, light, Colour[name.upper()])
-                return wanted if atom.name == "=" else ~wanted
-            case (("=" | "!="), (f.Attr(f.Element(_, one), "cl"), f.Attr(f.Element(_, two), "cl"))):
-                alike: NDArray[np.bool_] = run.lights[:, one] == run.lights[:, two]
-                return alike if atom.name == "=" else ~alike
-            case name, (f.Attr(f.Element(_, one), "wt"), f.Attr(f.Element(_, two), "wt")) if name in _OPERATORS:
-                return self._waits(name, self._wt(one) - self._wt(two))
-            case name, (left, right) if name in _OPERATORS:
-                found: NDArray[np.bool_] = _OPERATORS[name](self._number(left), self._number(right))
-                return found
-        columns = [t.index for t in atom.terms if isinstance(t, f.Element)]
-        if atom.name in _CONDUCT:
-            return _CONDUCT[atom.name](run, *columns)
-        if atom.name == "conflict":  # decided before, wherever the geometry is known
-            raise RunError("the run holds no geometry of its junction")
-        predicate = user_predicate(atom.name)
-        if predicate is None:
+        if atom.name in _OPERATORS:
+            return self._compare(atom.name, *atom.terms)
+        word = word_of(atom)
+        if word is None or word.holds is None:
             raise FormulaError(f"nothing tells the value of {atom} on a run: register the predicate {atom.name!r}")
-        return predicate(run, *columns)
+        return word.on(self.run, *word.arguments(atom))
 
-    def _wt(self, agent: int) -> NDArray[np.int32]:
-        return standing_time(self.run, agent) if self._standing else self.run.wt[:, agent]
+    def _compare(self, sign: str, left: f.Term, right: f.Term) -> NDArray[np.bool_]:
+        compare = _OPERATORS[sign]
+        if isinstance(left, f.Attr) and isinstance(right, f.Attr) and ATTRIBUTES[left.name].waited:
+            longer = self._read(left) - self._read(right)
+            return compare(np.where(np.abs(longer) <= self._ticks, 0, longer), 0)
+        return compare(self._operand(left, right), self._operand(right, left))
 
-    def _waits(self, name: str, difference: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """Compare waiting times up to the tie window, given how much longer the first is [ticks]."""
-        tie = self._tie
-        match name:
-            case "=":
-                return np.abs(difference) <= tie
-            case "!=":
-                return np.abs(difference) > tie
-            case "<":
-                return difference < -tie
-            case "<=":
-                return difference <= tie
-            case ">":
-                return difference > tie
-        return difference >= -tie
-
-    def _number(self, term: f.Term) -> NDArray[np.float64] | float:
-        match term:
-            case f.Number(value):
+    def _operand(self, term: f.Term, other: f.Term) -> NDArray[Any] | float:
+        """Return the values of one side of a comparison; a name stands for a value of what the other side asks for."""
+        match term, other:
+            case f.Number(value), _:
                 return value
-            case f.Attr(f.Element(_, agent), "wt"):
+            case f.Value(name), f.Attr(_, asked) if codes := ATTRIBUTES[asked].codes:
+                return codes(name)
+            case f.Attr(_, asked), _:
                 # Rounded, so that a waiting time of 300 ticks of 0.01 s equals 3 s.
-                return np.round(self._wt(agent) * self.run.dt, 9)
-            case f.Attr(f.Element(_, agent), "sp"):
-                return speed(self.run, agent)
-        raise FormulaError(f"{term} is not a number")
+                return np.round(self._read(term) * self.run.dt, 9) if ATTRIBUTES[asked].waited else self._read(term)
+        raise FormulaError(f"{term} has no value to compare")
+
+    def _read(self, term: f.Attr) -> NDArray[Any]:
+        if not isinstance(term.of, f.Element):
+            raise FormulaError(f"{term} has no value as long as {term.of} is a variable")
+        read = self._readers.get(term.name) or ATTRIBUTES[term.name].read
+        return read(self.run, term.of.index)
+
+
+def _tied(atom: f.Atom) -> bool:
+    """Return whether the value of an atom depends on the tie window."""
+    return any(isinstance(term, f.Attr) and ATTRIBUTES[term.name].waited for term in atom.terms)

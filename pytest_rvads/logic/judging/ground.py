@@ -13,10 +13,11 @@ from math import prod
 
 from pytest_rvads.conduct.predicates import Static
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import conj, disj, iff, neg
+from pytest_rvads.logic.ltl.boolean import conj, disj, plain
 from pytest_rvads.logic.ltl.effort import Budget
 from pytest_rvads.logic.ltl.rewrite import rebuild
-from pytest_rvads.logic.ltl.sorts import Sort
+from pytest_rvads.logic.rules.lexicon import HERE, word_of
+from pytest_rvads.logic.rules.sorts import Sort
 
 __all__ = ["Grounding", "Instance", "domain", "ground", "simplify", "unfold"]
 
@@ -58,10 +59,9 @@ class Grounding:
         return "\n".join(lines)
 
 
-def domain(sort: Sort, static: Static) -> tuple[f.Element, ...]:
+def domain(sort: str, static: Static) -> tuple[f.Element, ...]:
     """Return the elements that a variable of a sort ranges over, at the junction under test."""
-    arms = range(static.ways)
-    match sort:
+    match Sort(sort):
         case Sort.AGENT:
             return tuple(f.Element(sort, i, a.name) for i, a in enumerate(static.agents))
         case Sort.LIGHT:
@@ -70,15 +70,15 @@ def domain(sort: Sort, static: Static) -> tuple[f.Element, ...]:
             lights = tuple(f.Element(Sort.LIGHT, i, f"lt{i}") for i in static.lights)
             return lights + tuple(f.Element(sort, i, f"sign{i}") for i in static.signs)
         case Sort.JUNCTION:
-            return (f.Element(sort, 0, "j"),)
+            return (HERE,)
         case Sort.ENTRANCE:
-            return tuple(f.Element(sort, i, f"j.en{i}") for i in arms)
+            return tuple(f.Element(sort, i, f"j.en{i}") for i in range(static.entrances))
         case Sort.EXIT:
-            return tuple(f.Element(sort, i, f"j.ex{i}") for i in arms)
+            return tuple(f.Element(sort, i, f"j.ex{i}") for i in range(static.exits))
         case Sort.VERTEX:
             return domain(Sort.ENTRANCE, static) + domain(Sort.EXIT, static)
         case Sort.ROAD:  # the roads into the junction, then those out of it
-            return tuple(f.Element(sort, i, f"r{i}") for i in range(2 * static.ways))
+            return tuple(f.Element(sort, i, f"r{i}") for i in range(static.entrances + static.exits))
 
 
 def unfold(formula: f.Formula, static: Static) -> Grounding:
@@ -166,9 +166,9 @@ def _reduce(
 
     def go(node: f.Formula, env: Mapping[str, f.Element], prefix: bool) -> f.Formula:
         match node:
-            case f.Atom(name, terms, at):
+            case f.Atom(name, terms, at, word):
                 budget.spend(1)
-                atom = f.Atom(name, tuple(_bind(t, env) for t in terms), at)
+                atom = f.Atom(name, tuple([_bind(t, env) for t in terms]), at, word)
                 return _decide(atom, static, itinerary) if decide else atom
             case f.Forall(variables, body) if prefix:
                 inner = {k: v for k, v in env.items() if k not in {b.name for b in variables}}
@@ -192,7 +192,7 @@ def _reduce(
 
 def _bind(term: f.Term, env: Mapping[str, f.Element]) -> f.Term:
     if isinstance(term, f.Var):
-        return f.Element(Sort.JUNCTION, 0, "j") if term.name == "j" and "j" not in env else env.get(term.name, term)
+        return HERE if term.name == "j" and "j" not in env else env.get(term.name, term)
     if isinstance(term, f.Attr) and isinstance(term.of, f.Var):
         return f.Attr(env.get(term.of.name, term.of), term.name)
     return term
@@ -201,30 +201,23 @@ def _bind(term: f.Term, env: Mapping[str, f.Element]) -> f.Term:
 def _fold(node: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
     """Rebuild a node with constants simplified away, by laws that hold on finite runs as well."""
     match node:
-        case f.Const():
-            return node
-        case f.Not():
-            return neg(parts[0])
-        case f.And():
-            return conj(parts)
-        case f.Or():
-            return disj(parts)
         case f.Implies():
-            left, right = parts
-            if isinstance(left, f.Const):
-                return right if left.value else f.TRUE
-            return right if right == f.TRUE else f.Implies(left, right)
-        case f.Iff():
-            return iff(*parts)
+            if isinstance(parts[0], f.Const):
+                return parts[1] if parts[0].value else f.TRUE
+            return f.TRUE if parts[1] == f.TRUE else f.Implies(*parts)
         case f.Next():  # N true is false in the last state of a run
             return f.FALSE if parts[0] == f.FALSE else f.Next(parts[0])
         case f.Always() | f.Eventually():
             return parts[0] if isinstance(parts[0], f.Const) else type(node)(parts[0])
-    left, right = parts
+        case f.Until() | f.WeakUntil() | f.Release():
+            return _fold_until(node, *parts)
+    return plain(node, parts)
+
+
+def _fold_until(node: f.Formula, left: f.Formula, right: f.Formula) -> f.Formula:
     if isinstance(right, f.Const):
-        if isinstance(node, f.WeakUntil) and not right.value:
-            return left if isinstance(left, f.Const) else f.Always(left)
-        return right
+        forever = isinstance(node, f.WeakUntil) and not right.value
+        return right if not forever else left if isinstance(left, f.Const) else f.Always(left)
     match node, left:
         case f.Until(), f.Const(value):
             return f.Eventually(right) if value else right
@@ -232,59 +225,45 @@ def _fold(node: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
             return f.TRUE if value else right
         case f.Release(), f.Const(value):
             return right if value else f.Always(right)
-    return rebuild(node, parts)
+    return rebuild(node, (left, right))
 
 
 def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
     """Evaluate an atom about what is static; others come back as they are."""
-    elements = [t for t in atom.terms if isinstance(t, f.Element)]
-    truth: bool | None = None
-    match atom.name, atom.terms:
-        case "@", (f.Element() as thing, f.Element() as place):
-            truth = _place(thing, place, static)
-        case "turn", (f.Element(Sort.AGENT, i), f.Word(direction)):
-            truth = static.turns(i, direction)
-        case "take", (f.Element(Sort.AGENT, i) as agent, f.Element() as place, f.Word(direction)):
-            here = _decide(f.Atom("@", (agent, place)), static, itinerary)
-            if here == f.FALSE or not static.turns(i, direction):
-                return f.FALSE
-            if itinerary:
-                return here
-            inside = f.Atom("@", (agent, f.Element(Sort.JUNCTION, 0, "j")))
-            return f.And((here, f.Until(here, inside)))
-        case "conflict", (f.Element(_, i), f.Element(_, k)) if static.conflicts is not None:
-            one, two = static.agents[i], static.agents[k]
-            truth = ((one.entrance, one.exit), (two.entrance, two.exit)) in static.conflicts
-        case (("collide" | "meet" | "owes" | "obstructs"), (f.Element(_, i), f.Element(_, k))) if i == k:
-            truth = False
-        case (("collide" | "meet"), (f.Element(_, i) as first, f.Element(_, k) as second)) if i > k:
-            return f.Atom(atom.name, (second, first))  # symmetric: both orders are one atom
-        case (("right-of" | "opposite"), (f.Element(a, i), f.Element(b, k))):
-            pairs = static.right_of if atom.name == "right-of" else static.opposite
-            truth = a is b is Sort.ENTRANCE and (i, k) in pairs
-        case "entex", (f.Element(a, i), f.Element(b, k)):
-            truth = a is Sort.ENTRANCE and b is Sort.EXIT and i == k
-        case (("=" | "!="), _) if len(elements) == 2:
-            truth = (elements[0] == elements[1]) is (atom.name == "=")
-        case (("=" | "!="), (f.Attr(f.Element(_, i)) as one, f.Attr(f.Element(_, k)) as two)) if i > k:
-            return f.Atom(atom.name, (two, one))  # symmetric as well
-        case (("=" | "<=" | ">="), (f.Attr(f.Element()) as one, two)) if one == two:
-            truth = True
-        case (("!=" | "<" | ">"), (f.Attr(f.Element()) as one, two)) if one == two:
-            truth = False
+    word, ground = word_of(atom), not any(isinstance(t.of if isinstance(t, f.Attr) else t, f.Var) for t in atom.terms)
+    if word is None:
+        return _compare(atom)
+    if not ground:
+        return atom
+    if word.means is not None:
+        return _define(word.means(*atom.terms, itinerary), static, itinerary)
+    if word.apart and atom.terms[0] == atom.terms[1]:
+        return f.FALSE
+    if word.symmetric and _number(atom.terms[0]) > _number(atom.terms[1]):
+        return f.Atom(atom.name, atom.terms[::-1], word=atom.word)  # both orders are one atom
+    truth = None if word.decide is None else word.decide(static, *atom.terms)
     return atom if truth is None else f.TRUE if truth else f.FALSE
 
 
-def _place(thing: f.Element, place: f.Element, static: Static) -> bool | None:
-    """Say whether a thing is at a place, or None where that changes during the run."""
-    if thing.sort is not Sort.AGENT:
-        return place.sort is Sort.ENTRANCE and place.index == thing.index
-    agent = static.agents[thing.index]
-    match place.sort:
-        case Sort.ENTRANCE:
-            return None if agent.entrance == place.index else False
-        case Sort.EXIT:
-            return None if agent.exit == place.index else False
-        case Sort.ROAD:
-            return None if place.index in (agent.entrance, static.ways + agent.exit) else False
-    return None
+def _define(formula: f.Formula, static: Static, itinerary: bool) -> f.Formula:
+    """Evaluate what a word stands for."""
+    if isinstance(formula, f.Atom):
+        return _decide(formula, static, itinerary)
+    return _fold(formula, tuple(_define(child, static, itinerary) for child in f.children(formula)))
+
+
+def _compare(atom: f.Atom) -> f.Formula:
+    """Evaluate a comparison of elements, or of something with itself; write the others in one of two orders."""
+    truth: bool | None = None
+    match atom.name, atom.terms:
+        case (("=" | "!="), (f.Element() as one, f.Element() as two)):
+            truth = (one == two) is (atom.name == "=")
+        case (("=" | "!="), (f.Attr(f.Element(_, i)) as left, f.Attr(f.Element(_, k)) as right)) if i > k:
+            return f.Atom(atom.name, (right, left))
+        case _, (f.Attr(f.Element()) as left, right) if left == right:
+            truth = atom.name in ("=", "<=", ">=")
+    return atom if truth is None else f.TRUE if truth else f.FALSE
+
+
+def _number(term: f.Term) -> int:
+    return term.index if isinstance(term, f.Element) else 0

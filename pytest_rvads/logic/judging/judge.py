@@ -12,7 +12,7 @@ from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.prepare import Template
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import evaluate
+from pytest_rvads.logic.ltl.boolean import evaluate, holds
 from pytest_rvads.logic.ltl.finite import settle
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 from pytest_rvads.logic.ltl.monitor import encode, run_machine
@@ -128,8 +128,8 @@ def _broken(template: Template, values: Values, failed: int, before: int) -> tup
 
 
 def _after(machine: Machine, template: Template, state: int, now: dict[f.Atom, bool]) -> Truth:
-    arrays = {f.Atom(f"p{k}"): np.array([now[a]]) for k, a in enumerate(template.atoms)}
-    letter = int(encode(machine, arrays, 1)[0])
+    true = frozenset(f.Atom(f"p{k}") for k, a in enumerate(template.atoms) if now[a])
+    letter = machine.letter(sum(1 << k for k, guard in enumerate(machine.guards) if holds(guard, true)))
     # A letter that the guards exclude can't be read; it saves nothing.
     return Truth(int(machine.output[machine.delta[state, letter]])) if letter >= 0 else Truth.FALSE
 

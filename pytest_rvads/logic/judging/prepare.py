@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 
+import numpy as np
+
 from pytest_rvads.conduct.predicates import Static
 from pytest_rvads.logic.judging.ground import Binding, Instance, ground
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import holds
+from pytest_rvads.logic.ltl.boolean import evaluate
 from pytest_rvads.logic.ltl.ltl3 import Machine, synthesize
 from pytest_rvads.logic.ltl.rewrite import rebuild
 from pytest_rvads.logic.rules.shape import Kind, Shape, agents_of, shape_of, split
@@ -116,5 +118,5 @@ def _key(formula: f.Formula) -> object:
     atoms = sorted(f.atoms(formula), key=str)
     if shape.kind is not Kind.STATE or len(atoms) > _MERGE_LIMIT or not isinstance(formula, f.Always):
         return formula
-    rows = (frozenset(a for a, v in zip(atoms, row, strict=True) if v) for row in product((False, True), repeat=len(atoms)))
-    return tuple(atoms), tuple(holds(formula.body, row) for row in rows)
+    rows = np.array(list(product((False, True), repeat=len(atoms))))
+    return tuple(atoms), evaluate(formula.body, dict(zip(atoms, rows.T, strict=True)), (len(rows),)).tobytes()

@@ -8,10 +8,12 @@ marked, and a run is accepting when no U is put off forever: a transition-based 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import reduce
 
 from pytest_rvads.logic.ltl.effort import Budget
-from pytest_rvads.logic.ltl.normal import Kind, Pool
+from pytest_rvads.logic.ltl.normal import Kind, Node, Pool
 
 __all__ = ["Nfa", "prefixes"]
 
@@ -52,65 +54,91 @@ def prefixes(pool: Pool, root: int, where: tuple[int, ...], full: int, budget: B
         full: all letters (mask).
         budget: what the construction may cost.
     """
-    index, edges = _explore(pool, root, where, full, budget)
+    index, edges = _Explorer(pool.nodes, where, full, budget).states(root)
     live = _live(edges, [n for n, node in enumerate(pool.nodes) if node.kind is Kind.UNTIL])
     budget.spend(len(index))
     return _merge(edges, live, budget)
 
 
-def _explore(
-    pool: Pool, root: int, where: tuple[int, ...], full: int, budget: Budget
-) -> tuple[dict[int, int], list[list[tuple[int, int, int]]]]:
-    """Return the states by number, and per state (letters, target, put off)."""
-    memo: dict[int, list[_Move]] = {}
+@dataclass(frozen=True, slots=True)
+class _Explorer:
+    """Unfolds nodes into what has to hold now and what is left for the next state."""
 
-    def unfold(n: int) -> list[_Move]:
-        if n in memo:
-            return memo[n]
-        node = pool.nodes[n]
+    nodes: Sequence[Node]
+    where: tuple[int, ...]
+    full: int
+    budget: Budget
+    memo: dict[int, list[_Move]] = field(default_factory=dict)
+
+    def states(self, root: int) -> tuple[dict[int, int], list[list[_Move]]]:
+        """Return the states by number, and per state (letters, target, put off)."""
+        start = self.obligations(root)
+        index = {start: 0}
+        order = [start]
+        edges: list[list[_Move]] = []
+        for state in order:  # grows while it is walked
+            moves: list[_Move] = [(self.full, 0, 0)]
+            rest = state
+            while rest:
+                low = rest & -rest
+                moves = self.both(moves, self.unfold(low.bit_length() - 1))
+                rest ^= low
+            found = []
+            for letters, target, off in moves:
+                if target not in index:
+                    index[target] = len(order)
+                    order.append(target)
+                found.append((letters, index[target], off))
+            self.budget.spend(20 + 4 * len(found))
+            edges.append(found)
+        return index, edges
+
+    def unfold(self, n: int) -> list[_Move]:
+        """Return the ways to keep a node."""
+        if n not in self.memo:
+            self.memo[n] = self._unfold(n)
+        return self.memo[n]
+
+    def _unfold(self, n: int) -> list[_Move]:
+        node, now = self.nodes[n], (self.full, 0, 0)
         match node.kind:
-            case Kind.TRUE:
-                moves = [(full, 0, 0)]
-            case Kind.FALSE:
-                moves = []
             case Kind.GUARD:
-                letters = where[node.parts[0]] if node.positive else full & ~where[node.parts[0]]
-                moves = [(letters, 0, 0)] if letters else []
+                letters = self.where[node.parts[0]] if node.positive else self.full & ~self.where[node.parts[0]]
+                return [(letters, 0, 0)] if letters else []
             case Kind.AND:
-                moves = [(full, 0, 0)]
-                for part in node.parts:
-                    moves = both(moves, unfold(part))
+                return reduce(self.both, map(self.unfold, node.parts), [now])
             case Kind.OR:
-                moves = prune([m for part in node.parts for m in unfold(part)])
+                return self.prune([move for part in node.parts for move in self.unfold(part)])
             case Kind.NEXT:
-                moves = [(full, obligations(node.parts[0]), 0)]
+                return [(self.full, self.obligations(node.parts[0]), 0)]
             case Kind.UNTIL:
-                later = [(full, 1 << n, 1 << n)]
-                moves = prune(unfold(node.parts[1]) + both(unfold(node.parts[0]), later))
+                later = [(self.full, 1 << n, 1 << n)]
+                return self.prune(self.unfold(node.parts[1]) + self.both(self.unfold(node.parts[0]), later))
             case Kind.RELEASE:
-                later = [(full, 1 << n, 0)]
-                moves = both(unfold(node.parts[1]), prune(unfold(node.parts[0]) + later))
-        memo[n] = moves
-        return moves
+                later = [(self.full, 1 << n, 0)]
+                return self.both(self.unfold(node.parts[1]), self.prune(self.unfold(node.parts[0]) + later))
+        return [now] if node.kind is Kind.TRUE else []
 
-    def obligations(n: int) -> int:
-        node = pool.nodes[n]
+    def obligations(self, n: int) -> int:
+        """Return the nodes that a node asks for together (mask)."""
+        node = self.nodes[n]
         if node.kind is Kind.TRUE:
             return 0
         return sum(1 << p for p in node.parts) if node.kind is Kind.AND else 1 << n
 
-    def both(ones: list[_Move], twos: list[_Move]) -> list[_Move]:
-        budget.spend(1 + len(ones) * len(twos) // 4)
-        return prune([(a & d, b | e, c | g) for a, b, c in ones for d, e, g in twos if a & d])
+    def both(self, ones: list[_Move], twos: list[_Move]) -> list[_Move]:
+        """Return the ways to keep two things at once."""
+        self.budget.spend(1 + len(ones) * len(twos) // 4)
+        return self.prune([(a & d, b | e, c | g) for a, b, c in ones for d, e, g in twos if a & d])
 
-    def prune(moves: list[_Move]) -> list[_Move]:
+    def prune(self, moves: list[_Move]) -> list[_Move]:
         """Take from every move the letters on which another one leads to fewer obligations and puts off less."""
         merged: dict[tuple[int, int], int] = {}
         for letters, target, off in moves:
             merged[target, off] = merged.get((target, off), 0) | letters
         kept: list[_Move] = []
         for (target, off), letters in sorted(merged.items(), key=lambda m: (m[0][0].bit_count() + m[0][1].bit_count(), m[0])):
-            budget.spend(1 + len(kept) // 8)
+            self.budget.spend(1 + len(kept) // 8)
             for other, k_target, k_off in kept:
                 if k_target & ~target == 0 and k_off & ~off == 0:
                     letters &= ~other
@@ -120,29 +148,8 @@ def _explore(
                 kept.append((letters, target, off))
         return kept
 
-    start = obligations(root)
-    index = {start: 0}
-    order = [start]
-    edges: list[list[tuple[int, int, int]]] = []
-    for state in order:  # grows while it is walked
-        moves: list[_Move] = [(full, 0, 0)]
-        rest = state
-        while rest:
-            low = rest & -rest
-            moves = both(moves, unfold(low.bit_length() - 1))
-            rest ^= low
-        found = []
-        for letters, target, off in moves:
-            if target not in index:
-                index[target] = len(order)
-                order.append(target)
-            found.append((letters, index[target], off))
-        budget.spend(20 + 4 * len(found))
-        edges.append(found)
-    return index, edges
 
-
-def _live(edges: list[list[tuple[int, int, int]]], untils: list[int]) -> list[bool]:
+def _live(edges: list[list[_Move]], untils: list[int]) -> list[bool]:
     """Say which states have a non-empty language: those that reach a component in which no U is put off forever."""
     live = [False] * len(edges)
     component = _components(edges)
@@ -162,7 +169,7 @@ def _live(edges: list[list[tuple[int, int, int]]], untils: list[int]) -> list[bo
     return live
 
 
-def _components(edges: list[list[tuple[int, int, int]]]) -> list[int]:
+def _components(edges: list[list[_Move]]) -> list[int]:  # noqa: C901 - one loop, as published
     """Return the strongly connected component of every state (Tarjan, without recursion)."""
     count = len(edges)
     number, low, component = [-1] * count, [0] * count, [-1] * count
@@ -202,32 +209,30 @@ def _components(edges: list[list[tuple[int, int, int]]]) -> list[int]:
     return component
 
 
-def _merge(edges: list[list[tuple[int, int, int]]], live: list[bool], budget: Budget) -> Nfa:
+def _merge(edges: list[list[_Move]], live: list[bool], budget: Budget) -> Nfa:
     """Drop states with empty language, then merge states that read the same words (bisimulation)."""
     if not live[0]:
         return Nfa(-1, ())
     states = [s for s in range(len(edges)) if live[s]]
     block = dict.fromkeys(states, 0)
     blocks = 1
+
+    def reach(state: int) -> dict[int, int]:
+        """Return by block the letters that lead there."""
+        found: dict[int, int] = {}
+        for letters, target, _ in edges[state]:
+            if live[target]:
+                found[block[target]] = found.get(block[target], 0) | letters
+        return found
+
     while True:
         budget.spend(sum(len(edges[s]) for s in states))
         signatures: dict[tuple[int, frozenset[tuple[int, int]]], int] = {}
-        fresh: dict[int, int] = {}
-        for s in states:
-            reach: dict[int, int] = {}
-            for letters, target, _ in edges[s]:
-                if live[target]:
-                    reach[block[target]] = reach.get(block[target], 0) | letters
-            fresh[s] = signatures.setdefault((block[s], frozenset(reach.items())), len(signatures))
-        block = fresh
+        block = {s: signatures.setdefault((block[s], frozenset(reach(s).items())), len(signatures)) for s in states}
         if len(signatures) == blocks:
             break
         blocks = len(signatures)
     moves: list[tuple[tuple[int, int], ...]] = [()] * blocks
     for s in states:
-        reach = {}
-        for letters, target, _ in edges[s]:
-            if live[target]:
-                reach[block[target]] = reach.get(block[target], 0) | letters
-        moves[block[s]] = tuple((letters, target) for target, letters in sorted(reach.items()))
+        moves[block[s]] = tuple((letters, target) for target, letters in sorted(reach(s).items()))
     return Nfa(block[0], tuple(moves))

@@ -6,8 +6,10 @@ largest subformulas without temporal operators: ``!(a | b | c) U d`` has two gua
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
 from itertools import product
+from operator import and_, or_
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.effort import Budget
 
-__all__ = ["LETTER_LIMIT", "assign", "conj", "disj", "evaluate", "holds", "iff", "letters", "neg"]
+__all__ = ["LETTER_LIMIT", "assign", "conj", "connect", "disj", "evaluate", "holds", "iff", "letters", "neg", "plain"]
 
 LETTER_LIMIT = 1024
 """Most letters a monitor may have."""
@@ -56,19 +58,24 @@ def _join(parts: Iterable[f.Formula], kind: type[f.And | f.Or], unit: f.Formula,
 
 def assign(formula: f.Formula, atom: f.Atom, value: bool) -> f.Formula:
     """Return a boolean formula with `atom` replaced by `value`, simplified."""
+    if isinstance(formula, f.Atom):
+        return (f.TRUE if value else f.FALSE) if formula == atom else formula
+    return plain(formula, tuple(assign(part, atom, value) for part in f.children(formula)))
+
+
+def plain(formula: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
+    """Return a boolean formula with other direct subformulas, simplified and without implications."""
     match formula:
-        case f.Atom():
-            return (f.TRUE if value else f.FALSE) if formula == atom else formula
-        case f.Not(body):
-            return neg(assign(body, atom, value))
-        case f.And(parts):
-            return conj(assign(p, atom, value) for p in parts)
-        case f.Or(parts):
-            return disj(assign(p, atom, value) for p in parts)
-        case f.Implies(left, right):
-            return disj((neg(assign(left, atom, value)), assign(right, atom, value)))
-        case f.Iff(left, right):
-            return iff(assign(left, atom, value), assign(right, atom, value))
+        case f.Not():
+            return neg(parts[0])
+        case f.And():
+            return conj(parts)
+        case f.Or():
+            return disj(parts)
+        case f.Implies():
+            return disj((neg(parts[0]), parts[1]))
+        case f.Iff():
+            return iff(*parts)
     return formula
 
 
@@ -143,45 +150,29 @@ def _check(count: int) -> None:
 
 def evaluate(formula: f.Formula, values: Mapping[f.Atom, NDArray[np.bool_]], shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Return a boolean formula over arrays: one truth value per entry of arrays of shape `shape`."""
+    if isinstance(formula, f.Atom):
+        return values[formula]
+    if isinstance(formula, f.Const):
+        return np.full(shape, formula.value)
+    return connect(formula, [evaluate(part, values, shape) for part in f.children(formula)])
+
+
+def connect(formula: f.Formula, parts: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
+    """Return the truth values of a boolean operator, given those of its parts."""
     match formula:
-        case f.Atom():
-            return values[formula]
-        case f.Const(value):
-            return np.full(shape, value)
-        case f.Not(body):
-            return ~evaluate(body, values, shape)
-        case f.And(parts):
-            found = evaluate(parts[0], values, shape)
-            for part in parts[1:]:
-                found = found & evaluate(part, values, shape)
-            return found
-        case f.Or(parts):
-            found = evaluate(parts[0], values, shape)
-            for part in parts[1:]:
-                found = found | evaluate(part, values, shape)
-            return found
-        case f.Implies(left, right):
-            return ~evaluate(left, values, shape) | evaluate(right, values, shape)
-        case f.Iff(left, right):
-            return ~(evaluate(left, values, shape) ^ evaluate(right, values, shape))
+        case f.Not():
+            return ~parts[0]
+        case f.And():
+            return reduce(and_, parts)
+        case f.Or():
+            return reduce(or_, parts)
+        case f.Implies():
+            return ~parts[0] | parts[1]
+        case f.Iff():
+            return ~(parts[0] ^ parts[1])
     raise TypeError(f"not a boolean formula: {formula}")
 
 
 def holds(formula: f.Formula, true: frozenset[f.Atom]) -> bool:
     """Return a boolean formula in the state in which exactly the atoms in `true` hold."""
-    match formula:
-        case f.Atom():
-            return formula in true
-        case f.Const(value):
-            return value
-        case f.Not(body):
-            return not holds(body, true)
-        case f.And(parts):
-            return all(holds(p, true) for p in parts)
-        case f.Or(parts):
-            return any(holds(p, true) for p in parts)
-        case f.Implies(left, right):
-            return not holds(left, true) or holds(right, true)
-        case f.Iff(left, right):
-            return holds(left, true) == holds(right, true)
-    raise TypeError(f"not a boolean formula: {formula}")
+    return bool(evaluate(formula, {atom: np.array(atom in true) for atom in f.atoms(formula)}, ()))

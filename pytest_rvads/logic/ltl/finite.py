@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import evaluate
+from pytest_rvads.logic.ltl.boolean import connect, evaluate
 
 __all__ = ["settle", "settle_empty"]
 
@@ -27,20 +27,10 @@ def settle(formula: f.Formula, values: Mapping[f.Atom, Truths], steps: int) -> T
         values: per atom, its truth values, shape ``(steps,)``.
         steps: length of the trace, at least 1.
     """
-    if f.is_boolean(formula):
+    if isinstance(formula, f.Atom | f.Const):
         return evaluate(formula, values, (steps,))
-    if isinstance(formula, f.Implies):
-        return ~settle(formula.left, values, steps) | settle(formula.right, values, steps)
-    parts = [settle(c, values, steps) for c in f.children(formula)]
+    parts = [settle(child, values, steps) for child in f.children(formula)]
     match formula:
-        case f.Not():
-            return ~parts[0]
-        case f.And():
-            return ~_some([~p for p in parts])
-        case f.Or():
-            return _some(parts)
-        case f.Iff():
-            return ~(parts[0] ^ parts[1])
         case f.Next():
             return np.append(parts[0][1:], False)
         case f.Eventually():
@@ -53,12 +43,9 @@ def settle(formula: f.Formula, values: Mapping[f.Atom, Truths], steps: int) -> T
             return _until(*parts) | np.logical_and.accumulate(parts[0][::-1])[::-1]
         case f.Release():
             return ~_until(~parts[0], ~parts[1])
-    raise TypeError(f"quantifiers must be unfolded before a formula is evaluated: {formula}")
-
-
-def _some(parts: list[Truths]) -> Truths:
-    found: Truths = np.logical_or.reduce(parts)
-    return found
+        case f.Forall() | f.Exists():
+            raise TypeError(f"quantifiers must be unfolded before a formula is evaluated: {formula}")
+    return connect(formula, parts)
 
 
 def _until(left: Truths, right: Truths) -> Truths:
@@ -79,14 +66,6 @@ def settle_empty(formula: f.Formula) -> bool:
     match formula:
         case f.Const(value):
             return value
-        case f.Not(body):
-            return not settle_empty(body)
-        case f.And(parts):
-            return all(settle_empty(p) for p in parts)
-        case f.Or(parts):
-            return any(settle_empty(p) for p in parts)
-        case f.Implies(left, right):
-            return not settle_empty(left) or settle_empty(right)
-        case f.Iff(left, right):
-            return settle_empty(left) == settle_empty(right)
+        case f.Not() | f.And() | f.Or() | f.Implies() | f.Iff():
+            return bool(connect(formula, [np.array(settle_empty(part)) for part in f.children(formula)]))
     return isinstance(formula, f.Always | f.WeakUntil | f.Release)

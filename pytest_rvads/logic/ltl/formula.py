@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from pytest_rvads.logic.ltl.terms import Attr, Binder, Element, Number, Term, Var, Word
+from pytest_rvads.logic.ltl.terms import Attr, Binder, Element, Infix, Number, Term, Value, Var
 
 __all__ = [
     "FALSE",
@@ -27,6 +27,7 @@ __all__ = [
     "Formula",
     "Iff",
     "Implies",
+    "Infix",
     "Next",
     "Not",
     "Number",
@@ -34,9 +35,9 @@ __all__ = [
     "Release",
     "Term",
     "Until",
+    "Value",
     "Var",
     "WeakUntil",
-    "Word",
     "atoms",
     "children",
     "depth",
@@ -73,6 +74,8 @@ class Atom(Formula):
     terms: tuple[Term, ...] = ()
     at: int = field(default=0, compare=False, repr=False)
     """Where it stands in the text, for error messages."""
+    word: object = field(default=None, hash=False, repr=False)
+    """What the name means, where the name alone doesn't tell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +223,7 @@ _TEMPORAL = (Next, Always, Eventually, Until, WeakUntil, Release)
 
 def is_boolean(formula: Formula) -> bool:
     """Say whether the formula speaks about the present state alone."""
-    return not any(isinstance(n, _TEMPORAL) for n, _ in walk(formula))
+    return not isinstance(formula, _TEMPORAL) and all(map(is_boolean, children(formula)))
 
 
 _UNARY = {Not: "!", Next: "N ", Always: "G ", Eventually: "F "}
@@ -233,7 +236,6 @@ _BINARY = {
     WeakUntil: (5, "W"),
     Release: (5, "R"),
 }
-_INFIX = ("right-of", "opposite", "entex", "=", "!=", "<", "<=", ">", ">=")
 
 
 def _show(formula: Formula, level: int) -> str:
@@ -243,7 +245,7 @@ def _show(formula: Formula, level: int) -> str:
             return "true" if value else "false"
         case Atom(name, terms):
             return _show_atom(name, terms)
-        case Not(Atom(name, terms)) if name in _INFIX:
+        case Not(Atom(Infix() as name, terms)):
             # Without parentheses this would look like a comparison of something negated.
             return f"!({_show_atom(name, terms)})"
         case Not(body) | Next(body) | Always(body) | Eventually(body):
@@ -270,6 +272,6 @@ def _show(formula: Formula, level: int) -> str:
 def _show_atom(name: str, terms: tuple[Term, ...]) -> str:
     if name == "@":
         return f"{terms[0]}@{terms[1]}"
-    if name in _INFIX:
+    if isinstance(name, Infix):
         return f"{terms[0]} {name} {terms[1]}"
     return f"{name}({', '.join(map(str, terms))})" if terms else name

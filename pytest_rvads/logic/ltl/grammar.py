@@ -4,15 +4,17 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from typing import Any
 
 from lark import Token, Transformer, v_args
 
 from pytest_rvads.errors import suggest
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.sorts import Sort, sort_of
+from pytest_rvads.logic.ltl.language import Language
 
-__all__ = ["LTL", "RULE", "Build", "Mistake"]
+__all__ = ["LTL", "Build", "Mistake", "rule_grammar"]
 
 _OPERATORS = r"""
 ?formula: equivalence
@@ -60,7 +62,7 @@ NAME: /[A-Za-z_][A-Za-z0-9_.']*/
 """
 )
 
-RULE = (
+_RULE = (
     _OPERATORS
     + r"""
 start: definition* formula
@@ -83,16 +85,21 @@ FALSE.2: /false(?![A-Za-z0-9_'])/ | "⊥"
 FORALL.2: /forall(?![A-Za-z0-9_'])/ | "∀"
 EXISTS.2: /exists(?![A-Za-z0-9_'])/ | "∃"
 AT: "@"
-RELATION.2: /right-of(?![A-Za-z0-9_'])/ | /opposite(?![A-Za-z0-9_'])/ | /entex(?![A-Za-z0-9_'])/
+RELATION.2: /(?:RELATIONS)(?![A-Za-z0-9_'])/
 COMPARISON: "=" | "!=" | "≠" | "<" | "<=" | "≤" | ">" | ">=" | "≥"
-ATTRIBUTE.1: /[A-Za-z_][A-Za-z0-9_]*'*\.(?!(?:en|ex)[0-9]*'*(?![A-Za-z0-9_']))[a-z]+'*(?![A-Za-z0-9_'(@])/
-NAME: /[A-Za-z_][A-Za-z0-9_]*'*(?:\.(?:en|ex)[0-9]*'*(?![A-Za-z0-9_']))?/
+ATTRIBUTE.1: /[A-Za-z_][A-Za-z0-9_]*'*\.(?!(?:PARTS)[0-9]*'*(?![A-Za-z0-9_']))[a-z]+'*(?![A-Za-z0-9_'(@])/
+NAME: /[A-Za-z_][A-Za-z0-9_]*'*(?:\.(?:PARTS)[0-9]*'*(?![A-Za-z0-9_']))?/
 NUMBER: /[0-9]+(\.[0-9]+)?/
 """
 )
 
 _SIGNS = {"≠": "!=", "≤": "<=", "≥": ">="}
-_WORDS = ("left", "straight", "right", "near", "far", "green", "yellow", "red")
+
+
+def rule_grammar(language: Language) -> str:
+    """Return the grammar of rules in a language."""
+    relations, parts = ("|".join(map(re.escape, names)) for names in (language.relations, language.parts))
+    return _RULE.replace("RELATIONS", relations).replace("PARTS", parts)
 
 
 class Mistake(Exception):
@@ -103,9 +110,25 @@ class Mistake(Exception):
         self.message = message
 
 
+def _binary(kind: Callable[[f.Formula, f.Formula], f.Formula]) -> Callable[..., f.Formula]:
+    return lambda _self, left, _sign, right: kind(left, right)
+
+
+def _unary(kind: Callable[[f.Formula], f.Formula]) -> Callable[..., f.Formula]:
+    return lambda _self, _sign, body: kind(body)
+
+
 @v_args(inline=True)
 class Build(Transformer[Token, Any]):
-    """Builds the tree bottom-up while the parser runs, so that nesting costs no recursion."""
+    """Builds the tree bottom-up while the parser runs, so that nesting costs no recursion.
+
+    Args:
+        language: of the rules; None for formulas of propositions.
+    """
+
+    def __init__(self, language: Language | None = None) -> None:
+        super().__init__()
+        self._language = language or Language((), {}, (), ())
 
     def start(self, *parts: Any) -> Any:
         return parts
@@ -116,41 +139,17 @@ class Build(Transformer[Token, Any]):
                 raise Mistake(name.start_pos or 0, f"the parameters of {name!s} must be variables, got {term}")
         return (str(name), terms, body)
 
-    def iff(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
-        return f.Iff(left, right)
+    iff, implies, until, weak, release = map(_binary, (f.Iff, f.Implies, f.Until, f.WeakUntil, f.Release))
+    negation, next_, always, eventually = map(_unary, (f.Not, f.Next, f.Always, f.Eventually))
 
     def xor(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
         return f.Not(f.Iff(left, right))
-
-    def implies(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
-        return f.Implies(left, right)
 
     def disjunction(self, *parts: f.Formula | Token) -> f.Formula:
         return f.Or(tuple(p for p in parts if isinstance(p, f.Formula))) if len(parts) > 1 else parts[0]  # type: ignore[return-value]
 
     def conjunction(self, *parts: f.Formula | Token) -> f.Formula:
         return f.And(tuple(p for p in parts if isinstance(p, f.Formula))) if len(parts) > 1 else parts[0]  # type: ignore[return-value]
-
-    def until(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
-        return f.Until(left, right)
-
-    def weak(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
-        return f.WeakUntil(left, right)
-
-    def release(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
-        return f.Release(left, right)
-
-    def negation(self, _: Token, body: f.Formula) -> f.Formula:
-        return f.Not(body)
-
-    def next_(self, _: Token, body: f.Formula) -> f.Formula:
-        return f.Next(body)
-
-    def always(self, _: Token, body: f.Formula) -> f.Formula:
-        return f.Always(body)
-
-    def eventually(self, _: Token, body: f.Formula) -> f.Formula:
-        return f.Eventually(body)
 
     def true(self, _: Token) -> f.Formula:
         return f.TRUE
@@ -165,7 +164,7 @@ class Build(Transformer[Token, Any]):
         return f.Atom("@", (term, f.Var(str(where), where.start_pos or 0)), sign.start_pos or 0)
 
     def infix(self, left: f.Term, sign: Token, right: f.Term) -> f.Formula:
-        return f.Atom(_SIGNS.get(str(sign), str(sign)), (left, right), sign.start_pos or 0)
+        return f.Atom(f.Infix(_SIGNS.get(str(sign), str(sign))), (left, right), sign.start_pos or 0)
 
     def predicate(self, name: Token, terms: tuple[f.Term, ...]) -> f.Formula:
         return f.Atom(str(name), terms, name.start_pos or 0)
@@ -174,7 +173,7 @@ class Build(Transformer[Token, Any]):
         return terms
 
     def name(self, name: Token) -> f.Term:
-        return f.Word(str(name)) if name in _WORDS else f.Var(str(name), name.start_pos or 0)
+        return f.Value(str(name)) if name in self._language.values else f.Var(str(name), name.start_pos or 0)
 
     def attribute(self, text: Token) -> f.Term:
         of, _, name = text.rpartition(".")
@@ -184,18 +183,15 @@ class Build(Transformer[Token, Any]):
         return f.Number(float(text))
 
     def binder(self, name: Token, declared: Token | None = None) -> f.Binder:
-        if name in _WORDS:
-            raise Mistake(name.start_pos or 0, f"{name!s} is a value, it can't be a variable")
-        if declared is not None:
-            if declared not in set(Sort):
-                raise Mistake(declared.start_pos or 0, f"unknown sort {declared!s}{suggest(declared, [s.value for s in Sort])}")
-            return f.Binder(str(name), Sort(declared))
-        sort = sort_of(name)
+        at, told, sorts = name.start_pos or 0, self._language.sort_of(name), self._language.sorts
+        if name in self._language.values:
+            raise Mistake(at, f"{name!s} is a value, it can't be a variable")
+        if declared is not None and declared not in sorts:
+            raise Mistake(declared.start_pos or 0, f"unknown sort {declared!s}{suggest(declared, map(str, sorts))}")
+        sort = told if declared is None else sorts[sorts.index(declared)]
         if sort is None:
-            raise Mistake(
-                name.start_pos or 0, f"the letters of {name!s} tell no sort: declare one, such as `forall {name!s}: agent.`"
-            )
-        return f.Binder(str(name), sort)
+            raise Mistake(at, f"the letters of {name!s} tell no sort: declare one, such as `forall {name!s}: {sorts[0]}.`")
+        return f.Binder(str(name), sort, sort == told)
 
     def binders(self, *binders: f.Binder) -> tuple[f.Binder, ...]:
         return binders

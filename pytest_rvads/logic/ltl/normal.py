@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import conj, disj, iff, neg
+from pytest_rvads.logic.ltl.boolean import conj, disj, plain
 
 __all__ = ["Kind", "Node", "Pool"]
 
@@ -58,7 +58,7 @@ class Pool:
             self._alive.append(formula)
         return self._known[key]
 
-    def _add(self, formula: f.Formula, positive: bool) -> int:
+    def _add(self, formula: f.Formula, positive: bool) -> int:  # noqa: C901 - one case per operator
         if f.is_boolean(formula):
             return self._guard(formula, positive)
         match formula:
@@ -159,15 +159,4 @@ class Pool:
 
 def _fold(formula: f.Formula) -> f.Formula:
     """Simplify the constants out of a boolean formula."""
-    match formula:
-        case f.Not(body):
-            return neg(_fold(body))
-        case f.And(parts):
-            return conj(map(_fold, parts))
-        case f.Or(parts):
-            return disj(map(_fold, parts))
-        case f.Implies(left, right):
-            return disj((neg(_fold(left)), _fold(right)))
-        case f.Iff(left, right):
-            return iff(_fold(left), _fold(right))
-    return formula
+    return plain(formula, tuple(map(_fold, f.children(formula))))

@@ -15,7 +15,8 @@ from lark import Lark, UnexpectedInput
 
 from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.grammar import LTL, RULE, Build, Mistake
+from pytest_rvads.logic.ltl.grammar import LTL, Build, Mistake, rule_grammar
+from pytest_rvads.logic.ltl.language import Language
 from pytest_rvads.logic.ltl.rewrite import rebuild, substitute
 
 __all__ = ["DEPTH_LIMIT", "LENGTH_LIMIT", "caret", "parse_ltl", "parse_rule"]
@@ -25,10 +26,6 @@ LENGTH_LIMIT = 20_000
 DEPTH_LIMIT = 150
 """Deepest nesting of operators; keeps recursion over formulas well inside Python's limit."""
 
-_KEYWORDS = {
-    LTL: ("true", "false"),
-    RULE: ("forall", "exists", "right-of", "opposite", "entex", "true", "false", "take", "turn"),
-}
 _SIGNS = {
     "not": "!",
     "and": "&",
@@ -48,8 +45,9 @@ _SIGNS = {
 
 
 @cache
-def _parser(grammar: str) -> Lark:
-    return Lark(grammar, parser="lalr", transformer=Build(), maybe_placeholders=False)
+def _parser(language: Language | None) -> Lark:
+    grammar = LTL if language is None else rule_grammar(language)
+    return Lark(grammar, parser="lalr", transformer=Build(language), maybe_placeholders=False)
 
 
 def parse_ltl(text: str) -> f.Formula:
@@ -58,33 +56,43 @@ def parse_ltl(text: str) -> f.Formula:
     Raises:
         FormulaError: the text is not a formula, too long, or nested too deeply.
     """
-    (formula,) = _parse(LTL, text)
+    (formula,) = _parse(None, text)
     return _bounded(formula, text)
 
 
-def parse_rule(text: str) -> f.Formula:
+def parse_rule(text: str, language: Language) -> f.Formula:
     """Parse a rule: definitions ``name(x, y) := ...;`` and a formula; sorts are not checked yet.
+
+    Args:
+        text: of the rule.
+        language: it is written in.
 
     Raises:
         FormulaError: the text is not a rule, too long, or nested too deeply.
     """
-    *definitions, formula = _parse(RULE, text)
+    *definitions, formula = _parse(language, text)
     known: dict[str, tuple[tuple[f.Var, ...], f.Formula]] = {}
     for name, parameters, body in definitions:
         known[name] = (parameters, _bounded(_expand(body, known, text), text))
     return _bounded(_expand(_bounded(formula, text), known, text), text)
 
 
-def _parse(grammar: str, text: str) -> tuple[Any, ...]:
+def _parse(language: Language | None, text: str) -> tuple[Any, ...]:
     if len(text) > LENGTH_LIMIT:
         raise FormulaError(f"the formula has {len(text):,} characters, at most {LENGTH_LIMIT:,} are read: split it into rules")
     try:
-        parsed: tuple[Any, ...] = _parser(grammar).parse(text)  # type: ignore[assignment]
+        parsed: tuple[Any, ...] = _parser(language).parse(text)  # type: ignore[assignment]
     except UnexpectedInput as error:
-        raise FormulaError(_unexpected(error, text, _KEYWORDS[grammar])) from None
+        raise FormulaError(_unexpected(error, text, _keywords(language))) from None
     except Mistake as error:
         raise FormulaError(caret(error.message, text, error.at)) from None
     return parsed
+
+
+def _keywords(language: Language | None) -> tuple[str, ...]:
+    if language is None:
+        return ("true", "false")
+    return ("forall", "exists", *language.relations, "true", "false", *language.keywords)
 
 
 def _bounded(formula: f.Formula, text: str) -> f.Formula:

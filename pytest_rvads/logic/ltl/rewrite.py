@@ -24,8 +24,8 @@ def rebuild(formula: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
 def substitute(formula: f.Formula, terms: Mapping[str, f.Term]) -> f.Formula:
     """Replace free variables by terms; bound variables are renamed where they would capture one of them."""
     match formula:
-        case f.Atom(name, arguments, at):
-            return f.Atom(name, tuple(_substitute(t, terms) for t in arguments), at)
+        case f.Atom(name, arguments, at, word):
+            return f.Atom(name, tuple(_substitute(t, terms) for t in arguments), at, word)
         case f.Forall(variables, body) | f.Exists(variables, body):
             inner = {name: term for name, term in terms.items() if name not in {v.name for v in variables}}
             taken = {str(t.of if isinstance(t, f.Attr) else t) for t in inner.values()}
@@ -38,7 +38,7 @@ def substitute(formula: f.Formula, terms: Mapping[str, f.Term]) -> f.Formula:
                 if new != v.name:
                     fresh[v.name] = f.Var(new)
                 taken.add(new)
-                renamed.append(f.Binder(new, v.sort))
+                renamed.append(f.Binder(new, v.sort, v.told))
             return type(formula)(tuple(renamed), substitute(body, {**inner, **fresh}))
     return rebuild(formula, tuple(substitute(c, terms) for c in f.children(formula)))
 

@@ -1,13 +1,17 @@
-"""Terms of the paper's logic: variables, constants, attributes."""
+"""Terms of the logic: variables, constants, attributes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from decimal import Decimal
 
-from pytest_rvads.logic.ltl.sorts import Sort, sort_of
+__all__ = ["Attr", "Binder", "Element", "Infix", "Number", "Term", "Value", "Var"]
 
-__all__ = ["Attr", "Binder", "Element", "Number", "Term", "Var", "Word"]
+
+class Infix(str):
+    """The name of a relation that is written between its two terms, as comparisons are."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,11 +28,11 @@ class Var:
 
 @dataclass(frozen=True, slots=True)
 class Element:
-    """A constant that a variable stands for: an agent, a light, an entrance ... of the model."""
+    """A constant that a variable stands for, of the model."""
 
-    sort: Sort = field(hash=False)  # hashing an enum is slow, and the name tells the sort
+    sort: str = field(hash=False)  # the name tells the sort
     index: int
-    """Column of an agent, number of an entrance, exit, light or road."""
+    """Its number among those of its kind."""
     name: str
 
     def __str__(self) -> str:
@@ -36,8 +40,8 @@ class Element:
 
 
 @dataclass(frozen=True, slots=True)
-class Word:
-    """A value of an attribute or a direction: ``red``, ``left``."""
+class Value:
+    """A value that has a name."""
 
     name: str
 
@@ -47,7 +51,7 @@ class Word:
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A constant to compare with: seconds for ``wt``, m/s for ``sp``."""
+    """A constant to compare with."""
 
     value: float
 
@@ -57,7 +61,7 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Attr:
-    """An attribute of an agent or a light: ``a.wt``, ``a.sp``, ``lt.cl``."""
+    """An attribute of what a variable or constant stands for: ``x.size``."""
 
     of: Var | Element
     name: str
@@ -66,7 +70,7 @@ class Attr:
         return f"{self.of}.{self.name}"
 
 
-Term = Var | Element | Word | Number | Attr
+Term = Var | Element | Value | Number | Attr
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +78,9 @@ class Binder:
     """A quantified variable with its sort, which prints only where the letters don't tell it."""
 
     name: str
-    sort: Sort
+    sort: str
+    told: bool = field(default=False, compare=False, repr=False)
+    """Whether the letters of the name tell the sort, so that it need not be declared."""
 
     def __str__(self) -> str:
-        return self.name if sort_of(self.name) is self.sort else f"{self.name}: {self.sort}"
+        return self.name if self.told else f"{self.name}: {self.sort}"

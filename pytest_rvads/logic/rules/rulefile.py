@@ -13,9 +13,11 @@ from __future__ import annotations
 from configparser import ConfigParser
 from configparser import Error as IniError
 from pathlib import Path
+from typing import Any
 
 from pytest_rvads.errors import FormulaError, suggest
-from pytest_rvads.logic.rules.rule import Rule, rule
+from pytest_rvads.logic.rules.book import rule
+from pytest_rvads.logic.rules.rule import Rule
 
 __all__ = ["load_rules"]
 
@@ -57,20 +59,10 @@ def load_rules(path: str | Path) -> tuple[Rule, ...]:
 
 
 def _rule(name: str, section: dict[str, str], path: Path) -> Rule:
+    told: dict[str, Any] = {key: value for key, value in section.items() if key != "text"}
     try:
-        tie = float(section.get("tie", "0"))
+        told["tie"] = float(section.get("tie", "0"))
     except ValueError:
         raise FormulaError(f"rule {name!r}: tie must be a number of seconds, got {section['tie']!r}") from None
-    return rule(
-        name,
-        section["text"],
-        title=section.get("title", ""),
-        meaning=section.get("meaning", ""),
-        source=section.get("source", ""),
-        responsible=section.get("responsible", ""),
-        bound=section.get("bound", "").replace(",", " ").split(),
-        about=section.get("about"),
-        tie=tie,
-        requirement=section.get("requirement"),
-        place=f"{path}, section [{name}]",
-    )
+    told["bound"] = section.get("bound", "").replace(",", " ").split()
+    return rule(name, section["text"], **told, place=f"{path}, section [{name}]")

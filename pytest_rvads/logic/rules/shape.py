@@ -8,7 +8,9 @@ from enum import StrEnum
 
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import conj
-from pytest_rvads.logic.ltl.sorts import Sort
+from pytest_rvads.logic.rules.lexicon import word_of
+from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.rules.vocabulary import sorts_in
 
 __all__ = ["Kind", "Shape", "agents_of", "conjuncts", "outermost", "shape_of", "split", "untimed"]
 
@@ -80,7 +82,7 @@ def agents_of(formula: f.Formula) -> tuple[f.Element, ...]:
     for atom in f.atoms(formula):
         for term in atom.terms:
             element = term.of if isinstance(term, f.Attr) else term
-            if isinstance(element, f.Element) and element.sort is Sort.AGENT:
+            if isinstance(element, f.Element) and element.sort == Sort.AGENT:
                 found[element] = None
     return tuple(found)
 
@@ -94,7 +96,7 @@ def outermost(formula: f.Formula) -> tuple[f.Binder, ...]:
     return tuple(found)
 
 
-def untimed(formula: f.Formula, sorts: Mapping[str, Sort] | None = None) -> f.Atom | None:
+def untimed(formula: f.Formula, sorts: Mapping[str, str] | None = None) -> f.Atom | None:
     """Return an atom that changes during a run and stands outside every temporal operator: only its first state counts."""
     sorts = sorts or {}
     match formula:
@@ -107,11 +109,9 @@ def untimed(formula: f.Formula, sorts: Mapping[str, Sort] | None = None) -> f.At
     return next((found for child in f.children(formula) if (found := untimed(child, sorts))), None)
 
 
-def _static(atom: f.Atom, sorts: Mapping[str, Sort]) -> bool:
+def _static(atom: f.Atom, sorts: Mapping[str, str]) -> bool:
     """Return whether the value of an atom is the same in every state."""
-    if atom.name == "@":
-        thing = atom.terms[0]
-        return isinstance(thing, f.Var) and sorts.get(thing.name) in (Sort.LIGHT, Sort.OBJECT)
     if atom.name in ("=", "!="):
         return all(isinstance(term, f.Var) for term in atom.terms)
-    return atom.name in ("turn", "conflict", "right-of", "opposite", "entex")
+    word, first = word_of(atom), atom.terms[0] if atom.terms else None
+    return word is not None and isinstance(first, f.Var) and sorts.get(first.name) in sorts_in(word.static)

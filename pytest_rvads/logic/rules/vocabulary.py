@@ -1,214 +1,149 @@
-"""What a rule may speak about: attributes, predicates, and those that users add; and the check of sorts."""
+"""Words: what a predicate or an attribute of the rule language is, in one value; and vocabularies of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import FormulaError, suggest
+from pytest_rvads.conduct.following import Follower
+from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.parser import caret, parse_rule
-from pytest_rvads.logic.ltl.sorts import Sort
-from pytest_rvads.logic.rules.registry import Registry
 from pytest_rvads.runs.run import Run
 
-__all__ = ["COMPARISONS", "Predicate", "parse", "predicate", "user_predicate"]
-
-COMPARISONS = ("=", "!=", "<", "<=", ">", ">=")
-_DIRECTIONS = ("left", "straight", "right", "near", "far")
-_COLOURS = ("green", "yellow", "red")
-_ATTRIBUTES = {"wt": (Sort.AGENT, "number"), "sp": (Sort.AGENT, "number"), "cl": (Sort.LIGHT, "colour")}
-_PLACES = {Sort.JUNCTION, Sort.ENTRANCE, Sort.EXIT, Sort.ROAD, Sort.VERTEX}
-_PLACED = {Sort.AGENT, Sort.LIGHT, Sort.OBJECT}
-_VERTICES = {Sort.ENTRANCE, Sort.EXIT, Sort.VERTEX}
-_BUILT_IN: Mapping[str, tuple[str, ...]] = {
-    "turn": ("agent", "direction"),
-    "take": ("agent", "entrance", "direction"),
-    "conflict": ("agent", "agent"),
-    "meet": ("agent", "agent"),
-    "collide": ("agent", "agent"),
-    "owes": ("agent", "agent"),
-    "obstructs": ("agent", "agent"),
-    "stopped": ("agent",),
-    "inside": ("agent",),
-    "blocks": ("agent",),
-    "may_go": ("agent",),
-    "idles": ("agent",),
-    "off_lane": ("agent",),
-    "off_route": ("agent",),
-    "speeding": ("agent",),
-}
-_RELATIONS = {
-    "right-of": (Sort.ENTRANCE, Sort.ENTRANCE),
-    "opposite": (Sort.ENTRANCE, Sort.ENTRANCE),
-    "entex": (Sort.ENTRANCE, Sort.EXIT),
-}
+__all__ = ["Attribute", "Vocabulary", "Word", "sorts_in"]
 
 
-@dataclass(frozen=True, slots=True)
-class Predicate:
-    """A predicate that a user adds."""
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Word:
+    """A predicate of the rule language."""
 
     name: str
-    sorts: tuple[Sort, ...]
-    function: Callable[..., NDArray[np.bool_]]
-    """Takes the run and one number per argument (the column of an agent, the number of an entrance, exit or light) and
-    returns one truth value per state, shape ``(steps,)``."""
+    sorts: tuple[str, ...]
+    """Of every argument the sort, or several: ``"entrance or vertex"``."""
+    holds: Callable[..., NDArray[np.bool_]] | None = None
+    """On a whole run: takes the run and per argument its number (the column of an agent, the number of an entrance, exit or
+    light), or the element itself where it may be of several sorts, and returns the truth per state, shape ``(steps,)``. None
+    where no run is ever asked."""
+    says: str = ""
+    """In words, with the arguments by number: ``"{0} has stopped at the line"``. Empty: as it is written."""
+    denies: str = ""
+    """The same of its negation."""
+    follow: Callable[..., Follower] | None = None
+    """State by state, where states before count: takes a run of the first state and the same numbers as `holds`."""
+    decide: Callable[..., bool | None] | None = None
+    """By the static model: takes it and the arguments, and returns the truth, or None where that changes during a run."""
+    static: str = ""
+    """Sorts of the first argument for which it is the same in every state."""
+    means: Callable[..., f.Formula] | None = None
+    """Takes the arguments, and whether itineraries are known, and returns the formula that it stands for."""
+    apart: bool = False
+    """Whether nothing is in this relation to itself."""
+    symmetric: bool = False
+    """Whether both orders of its two arguments say the same."""
+    place: str = ""
+    """Where it was registered; empty for a shipped one."""
 
-    def __call__(self, run: Run, *elements: int) -> NDArray[np.bool_]:
-        """Evaluate on a run.
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, Word) and self._told() == other._told())
+
+    def __hash__(self) -> int:
+        return hash(self.name)
+
+    def __repr__(self) -> str:
+        return f"<Word {self.name}>"
+
+    def _told(self) -> tuple[object, ...]:
+        """Return what tells words apart; a module that is loaded again makes its functions anew, of the same code."""
+        codes = (getattr(function, "__code__", function) for function in (self.holds, self.follow))
+        return self.name, self.sorts, self.says, self.denies, *codes
+
+    def on(self, run: Run, *arguments: int | f.Element) -> NDArray[np.bool_]:
+        """Return its truth on a run, shape ``(steps,)``.
 
         Raises:
-            FormulaError: the function returns something of another shape.
+            FormulaError: its function returns something else, or there is none.
         """
-        found = np.asarray(self.function(run, *elements))
-        if found.shape != (run.steps,) or found.dtype != np.bool_:
+        if self.holds is None:
+            raise FormulaError(f"nothing tells the value of {self.name} on a run")
+        truths = np.asarray(self.holds(run, *arguments))
+        if truths.shape != (run.steps,) or truths.dtype != np.bool_:
             raise FormulaError(
                 f"predicate {self.name!r} must return one bool per state, shape ({run.steps},), "
-                f"got {found.dtype} of shape {found.shape}"
+                f"got {truths.dtype} of shape {truths.shape}"
             )
-        return found
+        return truths
 
-    def same(self, other: Predicate) -> bool:
-        """Return whether two predicates mean the same: a module that is loaded again makes its functions anew."""
-        codes = [getattr(p.function, "__code__", p.function) for p in (self, other)]
-        return self.sorts == other.sorts and codes[0] == codes[1]
-
-
-_PREDICATES: Registry[Predicate] = Registry(Predicate.same)
-
-
-def user_predicate(name: str) -> Predicate | None:
-    """Return the predicate that a user registered under a name, or None."""
-    return _PREDICATES.get(name)
-
-
-def predicate(name: str, *sorts: str) -> Callable[[Callable[..., NDArray[np.bool_]]], Callable[..., NDArray[np.bool_]]]:
-    """Register a Python function as a predicate of the rule language.
-
-    Example:
-        >>> @predicate("crawls", "agent")
-        ... def crawls(run, a):
-        ...     return run.speed[:, a] < 1.0
-
-    Args:
-        name: an identifier, as formulas will spell it.
-        sorts: of the arguments, such as ``"agent"``, ``"entrance"``.
-
-    Raises:
-        FormulaError: a name that formulas can't spell or that is taken, also by another function, or an unknown sort.
-    """
-    if not name.isidentifier() or name in _BUILT_IN or name in ("G", "F", "N", "X", "U", "W", "R", "true", "false"):
-        raise FormulaError(f"a predicate needs a free identifier as its name, got {name!r}")
-    for sort in sorts:
-        if sort not in set(Sort):
-            raise FormulaError(f"predicate {name!r}: unknown sort {sort!r}{suggest(sort, [s.value for s in Sort])}")
-
-    def register(function: Callable[..., NDArray[np.bool_]]) -> Callable[..., NDArray[np.bool_]]:
-        _PREDICATES.add(name, Predicate(name, tuple(map(Sort, sorts)), function))
-        return function
-
-    return register
-
-
-def parse(text: str) -> f.Formula:
-    """Parse a rule and check it: every variable bound (but ``j``, the junction under test), known predicates, right sorts.
-
-    Raises:
-        FormulaError: with the line, a caret and the nearest valid word.
-    """
-    formula = parse_rule(text)
-    _Check(text).formula(formula, {"j": Sort.JUNCTION})
-    return formula
+    def arguments(self, atom: f.Atom) -> tuple[int | f.Element, ...]:
+        """Return the arguments of a ground atom as the functions of the word take them."""
+        pairs = zip(atom.terms, self.sorts, strict=True)
+        return tuple(t if " " in sorts else t.index for t, sorts in pairs if isinstance(t, f.Element))
 
 
 @dataclass(frozen=True, slots=True)
-class _Check:
-    text: str
+class Attribute:
+    """What comparisons ask of an element: its waiting time, its speed, its colour."""
 
-    def formula(self, formula: f.Formula, scope: Mapping[str, Sort]) -> None:
-        if isinstance(formula, f.Atom):
-            self.atom(formula, scope)
-        elif isinstance(formula, f.Forall | f.Exists):
-            names = [v.name for v in formula.variables]
-            if len(set(names)) < len(names):
-                raise FormulaError(f"a quantifier binds a variable twice: {', '.join(names)}")
-            self.formula(formula.body, {**scope, **{v.name: v.sort for v in formula.variables}})
-        else:
-            for child in f.children(formula):
-                self.formula(child, scope)
+    name: str
+    owner: str
+    """The sort that has it."""
+    kind: str
+    """What its values are: ``"number"``, or a kind of named values."""
+    read: Callable[[Run, int], NDArray[Any]]
+    """Takes the run and the number of the element, and returns one value per state, shape ``(steps,)``."""
+    codes: Callable[[str], int] | None = None
+    """Of named values: the number that stands for a name in what `read` returns."""
+    waited: bool = False
+    """Whether it counts ticks, and a difference within the tie window of a rule is none."""
+    says: tuple[tuple[str, str, str], ...] = ()
+    """Comparisons in words, and denied: ``"="`` with the same attribute of another element, ``"= value"`` with a value."""
 
-    def atom(self, atom: f.Atom, scope: Mapping[str, Sort]) -> None:
-        kinds = [self.term(t, scope, atom.at) for t in atom.terms]
-        name = atom.name
-        if name == "@":
-            self.expect(atom, kinds, _PLACED, _PLACES)
-        elif name in _RELATIONS:
-            self.expect(atom, kinds, *({s, Sort.VERTEX} for s in _RELATIONS[name]))
-        elif name in COMPARISONS:
-            self.comparison(atom, kinds)
-        else:
-            self.predicate(atom, kinds)
 
-    def predicate(self, atom: f.Atom, kinds: list[str]) -> None:
-        name = atom.name
-        known: dict[str, tuple[str, ...]] = {**_BUILT_IN, **{p.name: p.sorts for p in _PREDICATES.all()}}
-        if name not in known:
-            what = f"unknown predicate {name!r}" if atom.terms else f"{name!r} is neither a formula nor a known predicate"
-            raise FormulaError(caret(what + suggest(name, [*known, *_RELATIONS]), self.text, atom.at))
-        if len(kinds) != len(known[name]):
-            wanted = ", ".join(known[name])
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Vocabulary(Mapping[str, Word]):
+    """The predicates that rules may use, by name."""
+
+    words: Mapping[str, Word] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, *words: Word) -> Vocabulary:
+        """Return a vocabulary of the given words."""
+        return cls({word.name: word for word in words})
+
+    def __getitem__(self, name: str) -> Word:
+        return self.words[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.words)
+
+    def __len__(self) -> int:
+        return len(self.words)
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self.words))
+
+    def __repr__(self) -> str:
+        return f"<Vocabulary of {len(self)} words>"
+
+    def add(self, word: Word) -> Vocabulary:
+        """Return a vocabulary with another word.
+
+        Raises:
+            FormulaError: its name means something else already.
+        """
+        known = self.words.get(word.name)
+        if known is None:
+            return Vocabulary({**self.words, word.name: word})
+        if known != word:
             raise FormulaError(
-                caret(f"{name} takes {len(known[name])} arguments ({wanted}), got {len(kinds)}", self.text, atom.at)
+                f"{word.name!r} is registered at {known.place} and says something else at {word.place}: rename one of them"
             )
-        self.expect(atom, kinds, *({k} for k in known[name]))
-
-    def expect(self, atom: f.Atom, kinds: list[str], *wanted: set[str] | set[Sort]) -> None:
-        for term, kind, allowed in zip(atom.terms, kinds, wanted, strict=True):
-            if kind not in allowed:
-                words = " or ".join(sorted(map(str, allowed)))
-                raise FormulaError(caret(f"{atom}: expected {words}, got {term}, of sort {kind}", self.text, atom.at))
-
-    def comparison(self, atom: f.Atom, kinds: list[str]) -> None:
-        left, right = kinds
-        alike = left == right or {left, right} <= _VERTICES
-        ordered = atom.name not in ("=", "!=")
-        if not alike or (ordered and left != "number"):
-            rule = "only numbers have an order" if alike else "both sides must have the same sort"
-            raise FormulaError(caret(f"{atom}: can't compare {left} with {right}, {rule}", self.text, atom.at))
-        if not any(isinstance(t, f.Attr | f.Var) for t in atom.terms):
-            raise FormulaError(caret(f"{atom}: a comparison needs an attribute or a variable", self.text, atom.at))
-        mixed = {t.name for t in atom.terms if isinstance(t, f.Attr)}
-        if len(mixed) == 2:
-            raise FormulaError(caret(f"{atom}: can't compare {' with '.join(sorted(mixed))}", self.text, atom.at))
-
-    def term(self, term: f.Term, scope: Mapping[str, Sort], at: int) -> str:
-        match term:
-            case f.Var(name):
-                if name not in scope:
-                    near = suggest(name, scope) or f": quantify it, `forall {name}.`"
-                    raise FormulaError(caret(f"unbound variable {name}{near}", self.text, term.at))
-                return scope[name]
-            case f.Attr(of, name):
-                sort = self.term(of, scope, at)
-                if name not in _ATTRIBUTES:
-                    raise FormulaError(caret(f"unknown attribute {name!r}{suggest(name, _ATTRIBUTES)}", self.text, _place(of)))
-                owner, kind = _ATTRIBUTES[name]
-                if sort != owner:
-                    raise FormulaError(
-                        caret(f"{term}: {name} belongs to {owner}s, {of} is of sort {sort}", self.text, _place(of))
-                    )
-                return kind
-            case f.Word(name):
-                return "direction" if name in _DIRECTIONS else "colour"
-            case f.Number():
-                return "number"
-            case f.Element(sort):
-                return sort
+        return self
 
 
-def _place(term: f.Var | f.Element) -> int:
-    return term.at if isinstance(term, f.Var) else 0
+def sorts_in(sorts: str) -> list[str]:
+    """Return the sorts that ``"entrance or vertex"`` names."""
+    return sorts.split(" or ")

@@ -10,13 +10,14 @@ import numpy as np
 
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Judgement
+from pytest_rvads.logic.judging.responsibility import responsible
 from pytest_rvads.logic.judging.verdicts import NearMiss
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import evaluate
-from pytest_rvads.logic.ltl.sorts import Sort
 from pytest_rvads.logic.rules.shape import Kind, agents_of
+from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.telling.phrase import clock, colour_at, place, position, say, zone
-from pytest_rvads.logic.telling.story import Story, bound_names, happened, responsible
+from pytest_rvads.logic.telling.story import Story, bound_names, happened
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 
@@ -133,7 +134,7 @@ def _scene(run: Run, waiting: tuple[f.Element, ...], going: tuple[f.Element, ...
         t.of
         for a in f.atoms(goes)
         for t in a.terms
-        if isinstance(t, f.Attr) and isinstance(t.of, f.Element) and t.of.sort is Sort.LIGHT
+        if isinstance(t, f.Attr) and isinstance(t.of, f.Element) and t.of.sort == Sort.LIGHT
     )
     seen = [f"{place(e)} is {colour_at(run, e.index, tick)}" for e in lights if isinstance(e, f.Element)]
     return " while ".join(filter(None, (left, ", ".join(filter(None, (right, *seen))))))

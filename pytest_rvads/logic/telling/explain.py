@@ -5,18 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pytest_rvads.logic.judging.judge import Judgement
+from pytest_rvads.logic.judging.responsibility import cause_between, responsible
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Status, Verdict
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.sorts import Sort
+from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.telling.block import block
 from pytest_rvads.logic.telling.phrase import clock, element_name, literal, say
-from pytest_rvads.logic.telling.story import Story, bound_names, cause_between, happened, responsible
+from pytest_rvads.logic.telling.story import Story, bound_names, happened
 from pytest_rvads.runs.run import Run
 
 __all__ = ["tell"]
 
 
-_OWN = {Sort.ENTRANCE: "its entrance", Sort.LIGHT: "its light"}
+_OWN: dict[str, str] = {Sort.ENTRANCE: "its entrance", Sort.LIGHT: "its light"}
 """What a cause calls the places of a vehicle: their numbers differ among the rotations of a scenario."""
 
 
@@ -121,7 +122,7 @@ def _violated(story: Story, worst: Judgement | None) -> str:
     def name(element: f.Element) -> str:
         if element.sort in _OWN:
             return _OWN[element.sort]
-        return variables.get(element, "another vehicle" if element.sort is Sort.AGENT else element_name(element))
+        return variables.get(element, "another vehicle" if element.sort == Sort.AGENT else element_name(element))
 
     shape, run = worst.template.shape, story.run
     if worst.status is Status.OPEN:
@@ -138,6 +139,6 @@ def _roles(story: Story, worst: Judgement | None) -> str:
     if worst is None or story.cycle:
         return ""
     run = story.run
-    agents = [(name, run.agents[e.index]) for name, e in worst.template.binding if e.sort is Sort.AGENT]
+    agents = [(name, run.agents[e.index]) for name, e in worst.template.binding if e.sort == Sort.AGENT]
     first = agents[0][1].entrance if agents else 0
     return ", ".join(f"{name} {a.turn} from entrance +{(a.entrance - first) % run.junction.ways}" for name, a in agents)

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from math import ceil, log10
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.sorts import Sort
+from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
+from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
@@ -14,22 +15,6 @@ __all__ = ["Naming", "clock", "colour_at", "element_name", "literal", "place", "
 
 Naming = Callable[[f.Element], str]
 """How to call an element: by its own name, or by the variable it stands for."""
-
-_CONDUCT = {
-    "stopped": ("{0} has stopped at the line", "{0} has not stopped at the line"),
-    "inside": ("{0} is partly in the junction", "{0} is out of the junction"),
-    "blocks": ("{0} blocks the junction", "{0} does not block the junction"),
-    "may_go": ("{0} could go", "{0} could not go"),
-    "idles": ("{0} could have gone and has not", "{0} has gone when it could"),
-    "off_lane": ("{0} is outside its lane", "{0} is in its lane"),
-    "off_route": ("{0} is off its route", "{0} is on its route"),
-    "speeding": ("{0} is over the speed limit", "{0} is within the speed limit"),
-    "collide": ("{0} and {1} collide", "{0} and {1} do not collide"),
-    "meet": ("{0} and {1} meet where their ways cross or join", "{0} and {1} do not meet"),
-    "conflict": ("{0} and {1} are on conflicting movements", "{0} and {1} are not on conflicting movements"),
-    "owes": ("{0} has to let {1} pass", "{0} need not let {1} pass"),
-    "obstructs": ("{0} gets in the way of {1}", "{0} does not get in the way of {1}"),
-}
 
 
 def clock(run: Run, tick: int) -> str:
@@ -39,7 +24,7 @@ def clock(run: Run, tick: int) -> str:
 
 def place(element: f.Element) -> str:
     """Return a place or object by its number: ``entrance 1``, ``the junction``."""
-    match element.sort:
+    match Sort(element.sort):
         case Sort.JUNCTION:
             return "the junction"
         case Sort.LIGHT:
@@ -53,31 +38,47 @@ def place(element: f.Element) -> str:
 
 def element_name(element: f.Element) -> str:
     """Return the user's name of an element."""
-    return element.name if element.sort is Sort.AGENT else place(element)
+    return element.name if element.sort == Sort.AGENT else place(element)
 
 
 def literal(atom: f.Atom, value: bool, name: Naming = element_name, be: str = "is") -> str:
     """Return an atom or its negation in words; `be` is the verb, ``is`` or ``was``."""
     no = "" if value else " not"
-    match atom.name, atom.terms:
-        case "@", (f.Element() as thing, f.Element() as where):
-            if be.endswith("stays") and not value and where.sort is Sort.JUNCTION:
-                return f"{name(thing)} {be} out of {name(where)}"
-            word = {Sort.ENTRANCE: "at", Sort.JUNCTION: "in"}.get(where.sort, "on")
-            return f"{name(thing)} {be}{no} {word} {name(where)}"
-        case (("=" | "!="), (f.Attr(f.Element() as light, "cl"), f.Word(colour))):
-            return f"{name(light)} {be}{' not' if value is (atom.name == '!=') else ''} {colour}"
-        case "=", (f.Attr(f.Element() as one, "wt"), f.Attr(f.Element() as two, "wt")):
-            return f"{name(one)} and {name(two)} {'arrived' if value else 'did not arrive'} at the same time"
-        case "<", (f.Attr(f.Element() as one, "wt"), f.Attr(f.Element() as two, "wt")):
-            return f"{name(one)} {'arrived' if value else 'did not arrive'} after {name(two)}"
-        case word, (f.Element(), *_) if word in _CONDUCT:
-            what = _CONDUCT[word][0 if value else 1].format(*(name(e) for e in atom.terms if isinstance(e, f.Element)))
-            return what.replace(" has ", " had ", 1) if be == "was" else what
-        case other, (one, two) if not other.isidentifier():
-            return f"{no.lstrip()} {_term(one, name)} {other} {_term(two, name)}".lstrip()
-    inner = ", ".join(_term(t, name) for t in atom.terms)
-    return f"{no} {atom.name}({inner})".lstrip()
+    if atom.name == "@" and isinstance(place := atom.terms[1], f.Element):
+        thing, there = _term(atom.terms[0], name), name(place)
+        if be.endswith("stays") and not value and place.sort == Sort.JUNCTION:
+            return f"{thing} {be} out of {there}"
+        return f"{thing} {be}{no} {_PREPOSITIONS.get(place.sort, 'on')} {there}"
+    if text := _phrase(atom, value):
+        words = text.format(*(_term(_whose(t), name) for t in atom.terms), be=be)
+        return words.replace(" has ", " had ", 1) if be == "was" else words
+    terms = [_term(t, name) for t in atom.terms]
+    if len(terms) == 2 and not atom.name.isidentifier():
+        return f"{no} {terms[0]} {atom.name} {terms[1]}".lstrip()
+    return f"{no} {atom.name}({', '.join(terms)})".lstrip()
+
+
+_PREPOSITIONS: dict[str, str] = {Sort.ENTRANCE: "at", Sort.JUNCTION: "in"}
+
+
+def _phrase(atom: f.Atom, value: bool) -> str:
+    """Return the words for an atom or its negation, with places for the names of its terms; empty where there are none."""
+    word = word_of(atom)
+    if word is not None:
+        return word.says if value else word.denies
+    match atom.terms:
+        case (f.Attr(_, attribute), f.Attr()):
+            comparison = atom.name
+        case (f.Attr(_, attribute), f.Value()):
+            comparison = f"{atom.name} value"
+        case _:
+            return ""
+    told = {compared: (says, denies) for compared, says, denies in ATTRIBUTES[attribute].says}
+    return told.get(comparison, ("", ""))[0 if value else 1]
+
+
+def _whose(term: f.Term) -> f.Term:
+    return term.of if isinstance(term, f.Attr) else term
 
 
 def _term(term: f.Term, name: Naming) -> str:

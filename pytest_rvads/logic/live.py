@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pytest_rvads.conduct.following import FOLLOWERS, Past
+from pytest_rvads.conduct.following import Past
 from pytest_rvads.conduct.predicates import extract
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
@@ -17,7 +17,9 @@ from pytest_rvads.logic.judging.prepare import Template, prepare
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.ltl.monitor import Monitor
-from pytest_rvads.logic.rules.rule import Rule, get_rule
+from pytest_rvads.logic.rules.book import RuleBook, get_rule
+from pytest_rvads.logic.rules.lexicon import word_of
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.telling.story import bound_names
 from pytest_rvads.runs.run import DT, Collision, Facts, Run
 from pytest_rvads.runs.states import Agent
@@ -29,8 +31,8 @@ class RuleMonitor:
     """Follows a rule through a run that is not over: `step` says whether it can still be kept.
 
     What atoms need of the past (waiting times, having stopped, time lost, ways taken) is carried along, so that a state costs
-    the same however long the run is. A predicate of your own sees one state only. How a run ended, and why, is for `check` to
-    say once it is over.
+    the same however long the run is. A predicate of your own sees one state only, unless it is given with `follow`. How a run
+    ended, and why, is for `check` to say once it is over.
 
     Args:
         rule: a rule or the name of one.
@@ -39,13 +41,14 @@ class RuleMonitor:
         dt: time between two states [s].
         speed_limit: [m/s], for rules that ask for it.
         vehicle_size: length and width of the vehicles [m], likewise; one pair for all, or one for each.
+        book: to look the rule up in; by default the one that is open, with what you registered.
 
     Raises:
         FormulaError: an unknown rule, or one whose monitor would be too large.
         RunError: the rule is about another kind of junction.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - what a monitor has to know, the rarer part by keyword
         self,
         rule: str | Rule,
         junction: Junction,
@@ -54,8 +57,9 @@ class RuleMonitor:
         dt: float = DT,
         speed_limit: float | None = None,
         vehicle_size: tuple[float, float] | Sequence[tuple[float, float]] | None = None,
+        book: RuleBook | None = None,
     ) -> None:
-        self.rule = get_rule(rule) if isinstance(rule, str) else rule
+        self.rule = get_rule(rule, book)
         if self.rule.about not in (None, junction.control):
             raise RunError(f"{self.rule.name} is about junctions with {self.rule.about}, this one has {junction.control}")
         self._junction, self._agents, self._dt = junction, tuple(agents), dt
@@ -109,8 +113,8 @@ class RuleMonitor:
         if self._monitors is None:
             templates = prepare(self.rule.formula, extract(run), self.rule.bound).templates
             self._monitors = tuple((t, Monitor(t.machine)) for t in templates)
-            atoms = dict.fromkeys(a for t in templates for a in t.atoms if a.name in FOLLOWERS)
-            self._followed = {a: FOLLOWERS[a.name](run, *(t.index for t in a.terms if isinstance(t, f.Element))) for a in atoms}
+            words = {a: word_of(a) for t in templates for a in t.atoms}
+            self._followed = {a: word.follow(run, *word.arguments(a)) for a, word in words.items() if word and word.follow}
         past = {atom: follower(run) for atom, follower in self._followed.items()}
         values = Values(run, self.rule.tie)
         for template, monitor in self._monitors:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pytest_rvads.conduct.predicates import extract
+from pytest_rvads.conduct.predicates import extract, once
 from pytest_rvads.conduct.validate import damage
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import JunctionControl
@@ -15,7 +15,8 @@ from pytest_rvads.logic.judging.ground import ground, simplify, unfold
 from pytest_rvads.logic.judging.judge import Near, judge, nearest_miss
 from pytest_rvads.logic.judging.prepare import Template, prepare
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.logic.rules.rule import Rule, get_rule
+from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.shape import shape_of
 from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.story import Story
@@ -33,7 +34,15 @@ _KINDS = {
 }
 
 
-def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bool = True, standing: bool = False) -> Verdict:
+def check(
+    run: Run,
+    rule: str | Rule,
+    *,
+    tie: float | None = None,
+    itinerary: bool = True,
+    standing: bool = False,
+    book: RuleBook | None = None,
+) -> Verdict:
     """Judge a run by a rule.
 
     Args:
@@ -43,6 +52,7 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
         itinerary: use the known itineraries for ``take``; False evaluates the paper's definition, a future formula.
         standing: count waiting times from standstill, as the paper's text says, instead of from the arrival at the
             entrance, as its implementation does and its tables require.
+        book: to look the rule and its companions up in; by default the one that is open, with what you registered.
 
     With a subject among traffic (`Run.subject`) the status is that of the instances the subject is to blame for. Where it is
     to blame for none, whatever the traffic did is told with ``provoked`` set; and it passes only where an instance bound it
@@ -55,14 +65,15 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
     Raises:
         FormulaError: an unknown rule, or one whose monitor would be too large.
     """
-    rule = get_rule(rule) if isinstance(rule, str) else rule
+    book = book or current_book()
+    rule = get_rule(rule, book)
     window = rule.tie if tie is None else tie
     if not window >= 0:
         raise RunError(f"the tie window must be a number of seconds, at least 0, got {tie!r}")
-    broken = damage(run)
+    broken = once(run, damage)
     if broken:
         return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason if run.fault else str(broken[0])))
-    story = _judged(rule, run, window, itinerary, standing)
+    story = _judged(rule, Values(run, window, standing=standing), book, itinerary)
     if run.fault is None:
         return tell(story)
     if story.status is Status.FAIL and not (story.provoked or story.unavoidable):
@@ -71,37 +82,38 @@ def check(run: Run, rule: str | Rule, *, tie: float | None = None, itinerary: bo
     return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason))
 
 
-def _judged(rule: Rule, run: Run, window: float, itinerary: bool, standing: bool) -> Story:
+def _judged(rule: Rule, values: Values, book: RuleBook, itinerary: bool) -> Story:
     """Return what a rule says of the states of a run, whatever ended it."""
-    control = run.junction.control
+    run, control = values.run, values.run.junction.control
     if rule.about not in (None, control):
         reason = f"{rule.name} is about junctions with {_KINDS[rule.about or control]}, this one has {_KINDS[control]}"
         return Story(rule, run, Status.NA, reason=reason)
     prepared = prepare(rule.formula, extract(run), rule.bound, itinerary=itinerary)
-    if not prepared.templates:
-        if shape_of(rule.formula).premise is not None or not prepared.collapsed:
+    templates, collapsed = prepared.templates, prepared.collapsed
+    if not templates:
+        if shape_of(rule.formula).premise is not None or not collapsed:
             reason = "no vehicle is in a position that the rule is about: what is static already excludes every instance"
-            return Story(rule, run, Status.NA, reason=reason, collapsed=prepared.collapsed)
-        return Story(rule, run, Status.PASS, collapsed=prepared.collapsed)
-    values = Values(run, window, standing=standing)
+            return Story(rule, run, Status.NA, reason=reason, collapsed=collapsed)
+        return Story(rule, run, Status.PASS, collapsed=collapsed)
     try:
-        found = judge(prepared.templates, values)
+        found = judge(templates, values)
     except RunError as error:
-        return Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=prepared.collapsed)
-    whose = attribute(found, rule, values)
-    story = Story(rule, run, whose.status, tuple(found), values, collapsed=prepared.collapsed, tie=window)
+        return Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=collapsed)
+    whose = attribute(found, rule, values, book)
+    story = Story(rule, run, whose.status, tuple(found), values, collapsed=collapsed)
     story.asked, story.unavoidable, story.provoked = whose.asked, whose.unavoidable, whose.provoked
     if whose.status is Status.NA:
-        story.reason, story.near = _idle(story, prepared.templates, values)
+        story.reason, story.near = _idle(story, templates, values)
     if whose.unavoidable or whose.status is Status.OPEN:
-        story.cycle = _cycle(rule, run, values, prepared.templates)
+        story.cycle = _cycle(rule, values, templates, book)
     if whose.status is Status.PASS and run.facts.strayed and run.subject in (None, *run.facts.strayed):
         story.status = Status.OPEN
         story.reason = f"{' and '.join(run.facts.strayed)} left the route, which ended the run: what would have come is not known"
-    if window > 0:
-        exact = attribute(judge(prepared.templates, Values(run, standing=standing)), rule, Values(run, standing=standing))
-        if exact.status is not whose.status:
-            story.notes.append(f"the tie window of {window:g} s decides: without it the verdict would be {exact.status}")
+    if values.tie > 0:
+        exact = values.untied()
+        status = attribute(judge(templates, exact), rule, exact, book).status
+        if status is not whose.status:
+            story.notes.append(f"the tie window of {values.tie:g} s decides: without it the verdict would be {status}")
     return story
 
 
@@ -114,10 +126,10 @@ def _idle(story: Story, templates: tuple[Template, ...], values: Values) -> tupl
     return "never triggered: the premise of no instance ever holds on the run", nearest_miss(templates, values)
 
 
-def _cycle(rule: Rule, run: Run, values: Values, own: tuple[Template, ...]) -> Cycle | None:
+def _cycle(rule: Rule, values: Values, own: tuple[Template, ...], book: RuleBook) -> Cycle | None:
     """Look for obligations that contradict each other: of the rule alone, else together with its companions."""
     found = find_cycle(own, values)
     if found is None and rule.companions:
-        found = find_cycle([*own, *companions(rule, run)], values)
+        found = find_cycle([*own, *companions(rule, values.run, book)], values)
         found = found and replace(found, alone=False)
     return found

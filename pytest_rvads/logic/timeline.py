@@ -12,7 +12,8 @@ from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import walk
 from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.ltl.ltl3 import Truth
-from pytest_rvads.logic.rules.rule import Rule, get_rule
+from pytest_rvads.logic.rules.book import get_rule
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.telling.story import bound_names
 from pytest_rvads.runs.run import Run
 
@@ -47,7 +48,7 @@ def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
     Raises:
         FormulaError: an unknown rule.
     """
-    rule = get_rule(rule) if isinstance(rule, str) else rule
+    rule = get_rule(rule)
     templates = prepare(rule.formula, extract(run), rule.bound).templates
     try:
         walked = walk(templates, Values(run, rule.tie))

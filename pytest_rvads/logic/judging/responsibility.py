@@ -1,0 +1,104 @@
+"""Whose doing it is that an instance of a rule is violated or open."""
+
+from __future__ import annotations
+
+from pytest_rvads.conduct.blame import Cause, blame, cause_of, stuck, surprised
+from pytest_rvads.conduct.bodies import contacts
+from pytest_rvads.conduct.priority import may_owe
+from pytest_rvads.conduct.progress import lost_time, part
+from pytest_rvads.errors import RunError
+from pytest_rvads.logic.judging.judge import Judgement
+from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.rules.shape import Kind, agents_of
+from pytest_rvads.runs.run import Run
+
+__all__ = ["SET_OFF", "cause_between", "is_about", "responsible", "waits"]
+
+SET_OFF = 5.0
+"""Whoever is waited for has this long to go before it is to blame [s]."""
+
+
+def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
+    """Return the vehicles bound to act: those whose doing broke the instance, or that still have to wait."""
+    if j.status is Status.FAIL:
+        named = tuple(dict.fromkeys(e for a, _ in j.broken for e in agents_of(a))) or agents_of(j.template.formula)
+        cause = cause_between(j, run)
+        if cause is not None:
+            return tuple(e for e in named if e.name in cause.agents)
+        bound = {e for member in j.template.members for e in member.bound}
+        return tuple(e for e in named if e in bound) or named
+    if j.status is Status.OPEN:
+        return _waiting(j)
+    return ()
+
+
+def is_about(j: Judgement, run: Run, subject: str) -> bool:
+    """Return whether `subject` is to blame for what is violated or open.
+
+    It is not where it met somebody in the junction who had to wait and left it no time to react, nor where it went before
+    somebody who could have gone for `SET_OFF` and did not. An obligation that is still
+    open is kept by whoever waits; what keeps it open is the vehicle that is waited for, if any, or one that stands in
+    everybody's way.
+    """
+    me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
+    if j.status is Status.FAIL and j.failed is not None:
+        meets = j.template.shape.kind is Kind.STATE and cause_between(j, run) is None
+        others = [e.index for e in agents_of(j.template.formula) if e.index != me] if meets else []
+        excused = len(others) == 1 and surprised(run, me, others[0], j.failed)
+        return not (excused or _forfeited(j, run)) and any(e.index == me for e in responsible(j, run))
+    if j.status is not Status.OPEN:
+        return False
+    if awaited := _awaited(j):
+        owed = run.steps - 1 - (j.trigger or 0)
+        return me in awaited and owed * run.dt >= SET_OFF
+    return any(e.index == me for e in _waiting(j)) and not any(stuck(run, k) for k in range(len(run.agents)) if k != me)
+
+
+def _forfeited(j: Judgement, run: Run) -> bool:
+    """Return whether who was to go first had not for so long that nobody has to wait any more; or it waited for such a one."""
+    awaited, waiting = _awaited(j), {e.index for e in _waiting(j)}
+    others = (k for k in range(len(run.agents)) if k not in waiting)
+    try:
+        late = {k for k in others if _lost(run, k, j.failed) >= SET_OFF}
+        return bool(awaited) and all(k in late or any(may_owe(run, k, other) for other in late) for k in awaited)
+    except RunError:
+        return False
+
+
+def _lost(run: Run, agent: int, tick: int | None) -> float:
+    """Return how long the agent could have got on, in its present part of the way, and did not [s]."""
+    until = run.steps - 1 if tick is None else tick
+    here = part(run, agent)[: until + 1]
+    return float(lost_time(run)[: until + 1, agent][here == here[-1]].sum())
+
+
+def waits(j: Judgement, subject: str) -> bool:
+    """Return whether `subject` still has to wait for another vehicle."""
+    waiting = _waiting(j)
+    awaited = agents_of(j.template.shape.goes) if j.template.shape.goes is not None else ()
+    return j.status is Status.OPEN and any(e.name == subject for e in waiting) and any(e not in waiting for e in awaited)
+
+
+def cause_between(j: Judgement, run: Run) -> Cause | None:
+    """Return who is to blame that two vehicles collided or met, which broke an instance, or None where neither did it."""
+    for atom, _ in j.broken:
+        if atom.name == "collide":
+            pair = {e.name for e in agents_of(atom)}
+            hit = next((c for c in contacts(run) if set(c.agents) == pair), None)
+            return None if hit is None else cause_of(run, hit)
+        if atom.name == "meet" and j.failed is not None:
+            one, two = agents_of(atom)
+            return blame(run, one.index, two.index, j.failed)
+    return None
+
+
+def _waiting(j: Judgement) -> tuple[f.Element, ...]:
+    waits = j.template.shape.waits
+    return agents_of(waits if waits is not None else j.template.shape.obligation)
+
+
+def _awaited(j: Judgement) -> list[int]:
+    """Return the columns of those that are to go first."""
+    goes, waiting = j.template.shape.goes, _waiting(j)
+    return [e.index for e in agents_of(goes) if e not in waiting] if goes is not None else []

@@ -1,0 +1,227 @@
+"""Books of rules: the paper's p1..p6, those of the road, and what users add."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.conduct.following import Follower
+from pytest_rvads.errors import FormulaError, suggest
+from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.logic.rules.current import desk, here
+from pytest_rvads.logic.rules.lexicon import BUILT_IN
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD, VARIANTS
+from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word
+
+__all__ = ["SHIPPED", "RuleBook", "current_book", "get_rule", "predicate", "rule", "rulebook", "rules_for"]
+
+_SHELF: Mapping[str, tuple[Rule, ...]] = {"paper": PAPER, "road": ROAD, "variants": VARIANTS}
+_Function = Callable[..., NDArray[np.bool_]]
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class RuleBook:
+    """Rules by name, and the predicates that they may be written in; adding to it gives another book."""
+
+    rules: Mapping[str, Rule] = field(default_factory=lambda: {rule.name: rule for rules in _SHELF.values() for rule in rules})
+    """By name; those that come with the package by default."""
+    vocabulary: Vocabulary = BUILT_IN
+
+    def add(self, rule: Rule) -> RuleBook:
+        """Return a book with another rule.
+
+        Raises:
+            FormulaError: its name is that of a shipped rule or rulebook, or of another rule.
+        """
+        if rule.name in SHIPPED.rules or rule.name in _SHELF:
+            raise FormulaError(f"{rule.name!r} is a shipped rule or rulebook: choose another name for yours")
+        known = self.rules.get(rule.name, rule)
+        if known != rule:
+            raise FormulaError(
+                f"{rule.name!r} is registered at {known.place} and says something else at {rule.place}: rename one of them"
+            )
+        return replace(self, rules={**self.rules, rule.name: known})
+
+    def define(self, word: Word) -> RuleBook:
+        """Return a book with another predicate.
+
+        Raises:
+            FormulaError: its name means something else already.
+        """
+        return replace(self, vocabulary=self.vocabulary.add(word))
+
+    @property
+    def own(self) -> tuple[Rule, ...]:
+        """The rules that users added, in order."""
+        return tuple(rule for name, rule in self.rules.items() if name not in SHIPPED.rules)
+
+    def __repr__(self) -> str:
+        return f"<RuleBook of {len(self.rules)} rules>"
+
+    def __getitem__(self, name: str) -> Rule:
+        if name not in self.rules:
+            raise FormulaError(f"unknown rule {name!r}, there are {', '.join(self.rules)}{suggest(name, self.rules)}")
+        return self.rules[name]
+
+
+SHIPPED = RuleBook()
+"""The rules that come with the package."""
+
+
+def current_book() -> RuleBook:
+    """Return the book that is open: of the session of pytest, or of the process where none runs."""
+    book: RuleBook | None = desk().book
+    return SHIPPED if book is None else book
+
+
+def rule(  # noqa: PLR0913 - everything there is to tell about a rule, by keyword
+    name: str,
+    text: str,
+    *,
+    title: str = "",
+    meaning: str = "",
+    source: str = "",
+    responsible: str = "",
+    bound: str | Sequence[str] = (),
+    about: JunctionControl | str | None = None,
+    tie: float = 0.0,
+    requirement: str | None = None,
+    place: str | None = None,
+) -> Rule:
+    """Register a rule under a name, in the book that is open.
+
+    The same rule may be registered again; another one of the same name may not, because tests that mean the first would then
+    be judged by the second.
+
+    Args:
+        name: to use in ``rules=`` and in test ids.
+        text: the formula, such as ``forall a, j.en. G(a@j.en -> F a@j)``.
+        title: what it is called, in a few words.
+        meaning: the same in one sentence.
+        source: where it comes from.
+        responsible: the role that is bound to act.
+        bound: the variables of that role, such as ``"a"``: with a subject among traffic the rule is asked where the subject
+            is one of them; by default those of the agents that have to wait, else of the obligation.
+        about: ``"stop"`` or ``"lights"`` when it concerns only such junctions.
+        tie: waiting times that differ by at most this count as equal [s].
+        requirement: identifier for traceability.
+        place: where the rule stands, for messages; by default the line that registers it.
+
+    Raises:
+        FormulaError: a formula that can't be understood, a name of a shipped rule or of another one, an unknown kind of
+            junction.
+    """
+    kinds = [c.value for c in JunctionControl]
+    if about is not None and about not in kinds:
+        raise FormulaError(f"rule {name!r}: about must be one of {', '.join(kinds)}, got {about!r}{suggest(about, kinds)}")
+    made = Rule(
+        name,
+        text,
+        title,
+        meaning,
+        source=source,
+        responsible=responsible,
+        bound=(bound,) if isinstance(bound, str) else tuple(bound),
+        about=None if about is None else JunctionControl(about),
+        tie=tie,
+        requirement=requirement,
+        place=place or here(),
+    )
+    desk().book = current_book().add(made)
+    return made
+
+
+def predicate(
+    name: str, *sorts: str, says: str = "", denies: str = "", follow: Callable[..., Follower] | None = None
+) -> Callable[[_Function], _Function]:
+    """Register a Python function as a predicate of the rule language, in the book that is open.
+
+    Example:
+        >>> @predicate("crawls", "agent", says="{0} crawls", denies="{0} does not crawl")
+        ... def crawls(run, a):
+        ...     return run.speed[:, a] < 1.0
+
+    Args:
+        name: an identifier, as formulas will spell it.
+        sorts: of the arguments, such as ``"agent"``, ``"entrance"``.
+        says: how explanations tell that it holds, with the arguments by number; by default as formulas spell it.
+        denies: how they tell that it does not.
+        follow: for live monitors, where earlier states count: takes a run of the first state and the numbers of the arguments,
+            and returns a function that reads the next state, a run of one, and tells the truth there. Without it a monitor asks
+            the function of a run of one state.
+
+    Raises:
+        FormulaError: a name that formulas can't spell or that is taken, also by another function, an unknown sort, or words
+            that ask for more arguments.
+    """
+    if not name.isidentifier() or name in BUILT_IN or name in ("G", "F", "N", "X", "U", "W", "R", "true", "false"):
+        raise FormulaError(f"a predicate needs a free identifier as its name, got {name!r}")
+    for sort in sorts:
+        if sort not in set(Sort):
+            raise FormulaError(f"predicate {name!r}: unknown sort {sort!r}{suggest(sort, [s.value for s in Sort])}")
+    for text in (says, denies):
+        try:
+            text.format(*sorts)
+        except (LookupError, ValueError) as error:
+            raise FormulaError(
+                f"predicate {name!r}: words name its {len(sorts)} arguments by number, {{0}} the first, got {text!r}"
+            ) from error
+
+    def register(function: _Function) -> _Function:
+        word = Word(name, tuple(map(Sort, sorts)), function, says, denies, follow, place=here())
+        desk().book = current_book().define(word)
+        return function
+
+    return register
+
+
+def rulebook(name: str) -> tuple[Rule, ...]:
+    """Return the rules of a rulebook, ``"paper"`` or ``"road"``.
+
+    Raises:
+        FormulaError: no such rulebook.
+    """
+    if name not in _SHELF:
+        raise FormulaError(f"unknown rulebook {name!r}, there are {', '.join(_SHELF)}{suggest(name, _SHELF)}")
+    return _SHELF[name]
+
+
+def get_rule(rule: str | Rule, book: RuleBook | None = None) -> Rule:
+    """Return a rule, given itself or by name, of the book that is open if no other is given.
+
+    Raises:
+        FormulaError: no such rule.
+    """
+    return rule if isinstance(rule, Rule) else (book or current_book())[rule]
+
+
+def rules_for(
+    spec: str | Rule | Sequence[str | Rule], control: JunctionControl | None = None, book: RuleBook | None = None
+) -> tuple[Rule, ...]:
+    """Return the rules that `spec` names, each once, in order.
+
+    Args:
+        spec: a rulebook, a rule, or a mixture of both.
+        control: of a rulebook only the rules about such junctions are taken; a rule named outright always is.
+        book: to look them up in; the one that is open by default.
+
+    Raises:
+        FormulaError: an unknown name, or different rules of the same name, also that of a shipped one.
+    """
+    found: dict[str, Rule] = {}
+    for part in (spec,) if isinstance(spec, str | Rule) else spec:
+        if isinstance(part, str) and part in _SHELF:
+            chosen = [r for r in rulebook(part) if control is None or r.about in (None, control)]
+        else:
+            chosen = [get_rule(part, book)]
+        for r in chosen:
+            if SHIPPED.rules.get(r.name, r) != r:
+                raise FormulaError(f"{r.name!r} is a shipped rule and {r!r} says something else: choose another name for yours")
+            if found.setdefault(r.name, r) != r:
+                raise FormulaError(f"two different rules are called {r.name!r}: choose another name for one of them")
+    return tuple(found.values())

@@ -1,0 +1,164 @@
+"""The predicates and attributes of the rule language: whoever adds one adds one entry here."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.conduct import following, predicates
+from pytest_rvads.conduct.bodies import collide
+from pytest_rvads.conduct.lane import off_lane, off_route
+from pytest_rvads.conduct.predicates import Static
+from pytest_rvads.conduct.priority import obstructs, owes
+from pytest_rvads.conduct.progress import blocks, idles, inside, may_go
+from pytest_rvads.conduct.standing import speeding, stopped
+from pytest_rvads.conduct.stretches import meet
+from pytest_rvads.errors import RunError
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.rules.vocabulary import Attribute, Vocabulary, Word
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Colour
+
+__all__ = ["ATTRIBUTES", "BUILT_IN", "HERE", "word_of"]
+
+HERE = f.Element(Sort.JUNCTION, 0, "j")
+"""The junction under test."""
+
+
+def _at(run: Run, agent: f.Element, place: f.Element) -> NDArray[np.bool_]:
+    match place.sort:
+        case Sort.JUNCTION:
+            return predicates.in_junction(run, agent.index)
+        case Sort.ENTRANCE:
+            return predicates.at_entrance(run, agent.index)
+        case Sort.ROAD if place.index < len(run.junction.entrances):
+            return predicates.on_approach(run, agent.index)
+    return predicates.on_exit(run, agent.index)
+
+
+def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | None:
+    if thing.sort != Sort.AGENT:
+        return place.sort == Sort.ENTRANCE and place.index == thing.index
+    agent = static.agents[thing.index]
+    match place.sort:
+        case Sort.ENTRANCE:
+            return None if agent.entrance == place.index else False
+        case Sort.EXIT:
+            return None if agent.exit == place.index else False
+        case Sort.ROAD:
+            return None if place.index in (agent.entrance, static.entrances + agent.exit) else False
+    return None
+
+
+def _take(agent: f.Term, entrance: f.Term, direction: f.Term, itinerary: bool) -> f.Formula:
+    """The agent is there, and turns so: by its itinerary, or by what it does next (the paper's definition)."""
+    there, turns = f.Atom("@", (agent, entrance)), f.Atom("turn", (agent, direction))
+    return f.And((there, turns)) if itinerary else f.And((there, turns, f.Until(there, f.Atom("@", (agent, HERE)))))
+
+
+def _conflict(static: Static, one: f.Element, two: f.Element) -> bool | None:
+    first, second = static.agents[one.index], static.agents[two.index]
+    ways = (first.entrance, first.exit), (second.entrance, second.exit)
+    return None if static.conflicts is None else ways in static.conflicts
+
+
+def _no_geometry(_run: Run, *_agents: int) -> NDArray[np.bool_]:
+    raise RunError("the run holds no geometry of its junction")  # else it is decided before
+
+
+def _between(one: f.Element, two: f.Element, pairs: frozenset[tuple[int, int]]) -> bool:
+    return one.sort == two.sort == Sort.ENTRANCE and (one.index, two.index) in pairs
+
+
+_ONE, _TWO, _ENTRANCES = ("agent",), ("agent", "agent"), ("entrance or vertex", "entrance or vertex")
+
+BUILT_IN = Vocabulary.of(
+    Word(
+        "@",
+        ("agent or light or object", "entrance or exit or junction or road or vertex"),
+        _at,
+        decide=_may_be_at,
+        static="light or object",
+    ),
+    Word("turn", ("agent", "direction"), decide=lambda s, agent, to: s.turns(agent.index, to.name), static="agent"),
+    Word("take", ("agent", "entrance", "direction"), means=_take),
+    Word(
+        "conflict",
+        _TWO,
+        _no_geometry,
+        "{0} and {1} are on conflicting movements",
+        "{0} and {1} are not on conflicting movements",
+        decide=_conflict,
+        static="agent",
+    ),
+    Word(
+        "meet",
+        _TWO,
+        meet,
+        "{0} and {1} meet where their ways cross or join",
+        "{0} and {1} do not meet",
+        apart=True,
+        symmetric=True,
+    ),
+    Word("collide", _TWO, collide, "{0} and {1} collide", "{0} and {1} do not collide", apart=True, symmetric=True),
+    Word("owes", _TWO, owes, "{0} has to let {1} pass", "{0} need not let {1} pass", following.owes, apart=True),
+    Word(
+        "obstructs",
+        _TWO,
+        obstructs,
+        "{0} gets in the way of {1}",
+        "{0} does not get in the way of {1}",
+        following.obstructs,
+        apart=True,
+    ),
+    Word("stopped", _ONE, stopped, "{0} has stopped at the line", "{0} has not stopped at the line", following.stopped),
+    Word("inside", _ONE, inside, "{0} is partly in the junction", "{0} is out of the junction"),
+    Word("blocks", _ONE, blocks, "{0} blocks the junction", "{0} does not block the junction", following.blocks),
+    Word("may_go", _ONE, may_go, "{0} could go", "{0} could not go"),
+    Word("idles", _ONE, idles, "{0} could have gone and has not", "{0} has gone when it could", following.idles),
+    Word("off_lane", _ONE, off_lane, "{0} is outside its lane", "{0} is in its lane"),
+    Word("off_route", _ONE, off_route, "{0} is off its route", "{0} is on its route"),
+    Word("speeding", _ONE, speeding, "{0} is over the speed limit", "{0} is within the speed limit"),
+    Word("right-of", _ENTRANCES, decide=lambda s, one, two: _between(one, two, s.right_of), static=_ENTRANCES[0]),
+    Word("opposite", _ENTRANCES, decide=lambda s, one, two: _between(one, two, s.opposite), static=_ENTRANCES[0]),
+    Word(
+        "entex",
+        ("entrance or vertex", "exit or vertex"),
+        decide=lambda _, one, two: (one.sort, two.sort, one.index) == (Sort.ENTRANCE, Sort.EXIT, two.index),
+        static=_ENTRANCES[0],
+    ),
+)
+
+_SAME, _AFTER = "{0} and {1} arrived at the same time", "{0} arrived after {1}"
+
+ATTRIBUTES = {
+    attribute.name: attribute
+    for attribute in (
+        Attribute(
+            "wt",
+            Sort.AGENT,
+            "number",
+            lambda run, agent: run.wt[:, agent],
+            waited=True,
+            says=(
+                ("=", _SAME, "{0} and {1} did not arrive at the same time"),
+                ("<", _AFTER, "{0} did not arrive after {1}"),
+            ),
+        ),
+        Attribute("sp", Sort.AGENT, "number", predicates.speed),
+        Attribute(
+            "cl",
+            Sort.LIGHT,
+            "colour",
+            lambda run, light: run.lights[:, light],
+            lambda name: Colour[name.upper()],
+            says=(("= value", "{0} {be} {1}", "{0} {be} not {1}"), ("!= value", "{0} {be} not {1}", "{0} {be} {1}")),
+        ),
+    )
+}
+
+
+def word_of(atom: f.Atom) -> Word | None:
+    """Return what the name of an atom means: a user's word stands in it, the others are the same everywhere."""
+    return atom.word if isinstance(atom.word, Word) else BUILT_IN.words.get(atom.name)

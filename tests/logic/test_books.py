@@ -1,0 +1,123 @@
+"""Books of rules and vocabularies are values: what is added to one changes no other, and rules hold the words they use."""
+
+import pickle
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import pytest_rvads as rvads
+from pytest_rvads.errors import FormulaError
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.live import RuleMonitor
+from pytest_rvads.logic.rules.book import SHIPPED, RuleBook, current_book, get_rule, predicate, rule, rules_for
+from pytest_rvads.logic.rules.current import own_desk
+from pytest_rvads.logic.rules.reading import parse
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.vocabulary import Word
+from pytest_rvads.runs.run import Run
+
+Make = Callable[..., Run]
+
+
+def early(run: Run, agent: int) -> np.ndarray:
+    """Whether a state is one of the first ten; a function of a module, so that a process can be sent it."""
+    return np.arange(run.steps) < 10
+
+
+def late(run: Run, agent: int) -> np.ndarray:
+    """The opposite."""
+    return np.arange(run.steps) >= 10
+
+
+def test_adding_to_a_book_makes_another_one() -> None:
+    mine = Rule("mine", "forall a. F a@j", place="here:1")
+    book = RuleBook().add(mine)
+    assert (book["mine"], book.own, SHIPPED.own) == (mine, (mine,), ())
+    assert book.add(Rule("mine", mine.text, place="there:2"))["mine"].place == "here:1", "the same rule again is no news"
+    with pytest.raises(FormulaError, match="'mine' is registered at here:1 and says something else at there:2: rename one"):
+        book.add(Rule("mine", "forall a. G a@j", place="there:2"))
+    for name in ("p1", "paper"):
+        with pytest.raises(FormulaError, match=f"'{name}' is a shipped rule or rulebook"):
+            book.add(Rule(name, mine.text))
+    with pytest.raises(FormulaError, match="unknown rule 'mine'"):
+        SHIPPED["mine"]
+
+
+def test_a_book_is_passed_to_whoever_looks_names_up(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200)}, 300)
+    book = RuleBook().add(Rule("mine", "forall a. F a@j"))
+    assert check(run, "mine", book=book).status == "PASS"
+    assert (get_rule("mine", book),) == rules_for("mine", book=book)
+    assert RuleMonitor("mine", run.junction, run.agents, book=book).rule is book["mine"]
+    for ask in (lambda: check(run, "mine"), lambda: get_rule("mine"), lambda: RuleMonitor("mine", run.junction, run.agents)):
+        with pytest.raises(FormulaError, match="unknown rule 'mine'"):
+            ask()
+
+
+def test_companions_are_those_of_the_book(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 40, 200)}, 300)
+    lonely = Rule("lonely", get_rule("p2").text, bound=("a'",), about=get_rule("p2").about, companions=("other",))
+    with pytest.raises(FormulaError, match="unknown rule 'other'"):
+        check(run, Rule("fails", "forall a. G !a@j", companions=("other",)))
+    assert check(run, lonely, book=RuleBook().add(Rule("other", get_rule("p3").text))).status == check(run, "p2").status
+
+
+def test_what_is_registered_goes_to_the_book_that_is_open() -> None:
+    before = current_book()
+    with own_desk() as session:
+        made = rule("mine", "forall a. F a@j")
+        predicate("early", "agent")(early)
+        assert session.book.own == current_book().own == (made,)
+        assert made.place.startswith(__file__)
+        with own_desk():
+            assert get_rule("mine") is made, "a session begins with what the process had"
+            rule("yours", "forall a. F a@j")
+        assert "yours" not in current_book().rules
+    assert current_book() is before
+    with pytest.raises(FormulaError, match="unknown predicate 'early'"):
+        Rule("x", "forall a. G early(a)")
+
+
+def test_a_rule_holds_its_words(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200)}, 300)
+    with own_desk():
+        predicate("soon", "agent")(early)
+        one = rule("one", "forall a. G(soon(a) -> !a@j)")
+    with own_desk():
+        predicate("soon", "agent")(late)
+        other = Rule("one", one.text)
+    assert (check(run, one).status, check(run, other).status) == ("PASS", "FAIL"), "each as it was meant"
+    assert one != other
+    assert one.formula != other.formula
+    assert [word.holds for word in (*one.words, *other.words)] == [early, late]
+    assert check(run, pickle.loads(pickle.dumps(other))).status == "FAIL"
+    assert pickle.loads(pickle.dumps(one)) == one
+    for name in SHIPPED.rules:
+        assert pickle.loads(pickle.dumps(get_rule(name))) == get_rule(name)
+
+
+def test_a_word_of_another_meaning_is_refused() -> None:
+    word = Word("soon", ("agent",), early, place="here:1")
+    book = RuleBook().define(word)
+    assert book.define(Word("soon", ("agent",), early, place="there:2")).vocabulary["soon"] is word
+    assert "soon" not in SHIPPED.vocabulary
+    assert len(book.vocabulary) == len(SHIPPED.vocabulary) + 1
+    for other in (
+        Word("soon", ("agent",), late, place="there:2"),
+        Word("soon", ("agent", "agent"), early, place="there:2"),
+        Word("soon", ("agent",), early, "{0} is soon", place="there:2"),
+    ):
+        with pytest.raises(FormulaError, match="'soon' is registered at here:1 and says something else at there:2"):
+            book.define(other)
+    formula = parse("forall a. G soon(a)", book.vocabulary)
+    assert parse(str(formula), book.vocabulary) == formula
+    with pytest.raises(FormulaError, match="unknown predicate 'soon'"):
+        parse("forall a. G soon(a)")
+
+
+def test_words_of_a_predicate_name_its_arguments() -> None:
+    with pytest.raises(FormulaError, match=r"'near': words name its 1 arguments by number, \{0\} the first, got '\{1\} is near'"):
+        rvads.predicate("near", "agent", says="{1} is near")
+    with pytest.raises(FormulaError, match=r"got '\{0 is near'"):
+        rvads.predicate("near", "agent", denies="{0 is near")
