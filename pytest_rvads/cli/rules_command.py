@@ -39,7 +39,7 @@ def declare(rules: argparse.ArgumentParser) -> None:
 
 def _check(options: argparse.Namespace) -> int:
     from pytest_rvads.junctions.finder import find
-    from pytest_rvads.junctions.junction import JunctionControl
+    from pytest_rvads.maps.control import JunctionControl
     from pytest_rvads.scenarios.classes import parse
     from pytest_rvads.search.survey import show, survey
 

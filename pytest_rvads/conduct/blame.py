@@ -24,7 +24,7 @@ from pytest_rvads.conduct.standing import STANDSTILL, stopped
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Shared
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.stretches import before_exit, position, shared
 from pytest_rvads.junctions.conflicts import Shared, Stretch
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone

@@ -19,7 +19,7 @@ from pytest_rvads.conduct.standing import TIE
 from pytest_rvads.conduct.stretches import before_exit, on_stretch, position, shared
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Shared
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone

@@ -10,11 +10,11 @@ import numpy as np
 
 from pytest_rvads.draw.svg import document, polyline, text, wrap
 from pytest_rvads.junctions.analysis import JunctionReport
-from pytest_rvads.junctions.arms import walk
 from pytest_rvads.junctions.road_map import RoadMap
+from pytest_rvads.junctions.ways import walk
+from pytest_rvads.maps.control import ObjectKind
 from pytest_rvads.maps.network import Edge
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.opendrive.signals import ObjectKind
 
 __all__ = ["draw_map"]
 
@@ -92,7 +92,7 @@ def _caption(report: JunctionReport, x: float, y: float) -> str:
 def _panel(road_map: RoadMap, report: JunctionReport) -> str:
     if not report.arms:
         return text(_PANEL / 2, _PANEL / 2, "nothing to draw", text_anchor="middle", fill="#777")
-    edges = road_map.network.edges
+    edges = road_map.graph.edges
     inside = [edges[id] for id in dict.fromkeys(id for way in report.movements for id in way.path.edges)]
     corners = np.vstack([[(arm.x, arm.y) for arm in report.arms], *(edge.points for edge in inside)])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -130,10 +130,10 @@ def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[tupl
     ):
         for start in starts:
             total = 0.0
-            for id in walk(road_map.network, start, upstream=upstream)[0]:
+            for id in walk(road_map.graph, start, upstream=upstream):
                 if total > 2 * reach:
                     break
-                found[id] = road_map.network.edges[id]
+                found[id] = road_map.graph.edges[id]
                 total += found[id].length
     return [(edge, False) for edge in found.values()]
 
@@ -177,7 +177,7 @@ def _marks(road_map: RoadMap, report: JunctionReport, place: Project, scale: flo
         kinds.setdefault(item.edge, set()).add(item.kind)
     for number, arm in enumerate(report.arms):
         for id in arm.entrances:
-            edge = road_map.network.edges[id]
+            edge = road_map.graph.edges[id]
             (ex, ey), heading = edge.points[-1].tolist(), edge.end_heading
             ux, uy = math.cos(heading), math.sin(heading)
             half, back = max(edge.width, 2.0) / 2, report.setbacks[number]

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.junction import Junction, Sign
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.control import Sign
 from pytest_rvads.runs.states import Colour
 
 __all__ = ["PALETTE", "Scene"]

@@ -11,7 +11,7 @@ from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.spacing import Stopping, behind_leader, clear_of_bodies, clear_of_crossing
 from pytest_rvads.drivers.stop_sign import HOLD, StopSign
 from pytest_rvads.errors import AutopilotError
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION
 
 __all__ = ["Gate", "Reference"]

@@ -9,7 +9,7 @@ from pytest_rvads.drivers.crossing import in_the_way
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.reference import Gate, Reference
 from pytest_rvads.drivers.stop_sign import PATIENCE, PATIENCE_STEP
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.states import Colour, Zone
 

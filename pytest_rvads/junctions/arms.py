@@ -1,4 +1,4 @@
-"""Arms of a junction and the ways through it, whether or not the model can use it.
+"""Arms of a junction, whether or not the model can use it.
 
 An arm is a road end where the junction is entered or left, or a pair of one-way road ends that lie side by side
 (the paper's ``entex``). Arms are numbered counter-clockwise, the first one being the first counter-clockwise from
@@ -7,45 +7,23 @@ direction -112.5 degrees as seen from the centre, so a southern arm with some sl
 
 from __future__ import annotations
 
-import heapq
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.maps.network import Edge, Network
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.junctions.graph import MetricGraph
+from pytest_rvads.maps.network import Edge
 
-__all__ = ["FIRST", "STRAIGHT", "Arm", "Path", "arms_of", "paths_of", "sort_arms", "turn_type", "turns_in_order", "walk"]
+__all__ = ["FIRST", "Arm", "arms_of", "sort_arms", "turns_in_order"]
 
 FIRST = math.radians(-112.5)
 """Direction from which arms are counted [rad]."""
-STRAIGHT = math.radians(44.0)
-"""Change of heading from which on a movement is a turn [rad]; as in SUMO's netconvert, one degree below the arms of a regular
-8-way junction, so that rounding never makes one of two neighbours straight and the other a turn."""
 _FACING = math.radians(70.0)
 _BESIDE = 30.0
 _PER_DEGREE = 0.05
-_MOST_STEPS = 300_000
 _MOST_PAIRS = 10_000
 
 RoadEnd = tuple[str, str]
-
-
-class Path(NamedTuple):
-    """One way through a junction, as the file has it."""
-
-    entrance: str
-    """Edge it comes from."""
-    exit: str
-    """Edge it goes to."""
-    edges: tuple[str, ...]
-    """Edges inside the junction."""
-    length: float
-    """Along the lane centre line [m]."""
-    turning: float
-    """Total unwrapped change of heading [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,63 +43,19 @@ class Arm:
     """Direction away from the junction [rad]."""
 
 
-def turn_type(turning: float) -> Turn:
-    """Return the turn type of a total change of heading [rad]."""
-    return Turn.STRAIGHT if abs(turning) < STRAIGHT else Turn.LEFT if turning > 0 else Turn.RIGHT
-
-
-def paths_of(network: Network, junction: str) -> list[Path]:
-    """Return the shortest path from every entrance edge to every exit edge of `junction`.
-
-    Raises:
-        MapError: so many branches in a junction that no intersection can be meant.
-    """
-    inside = {id: network.edges[id] for id in network.inside.get(junction, ())}
-    starts = dict.fromkeys(before for edge in inside.values() for before in edge.before if before not in inside)
-    found: list[Path] = []
-    steps = 0
-    for start in starts:
-        done: set[str] = set()
-        queue: list[tuple[float, float, tuple[str, ...]]] = [
-            (0.0, 0.0, (id,)) for id in network.edges[start].after if id in inside
-        ]
-        exits: dict[str, Path] = {}
-        while queue:
-            length, turning, way = heapq.heappop(queue)
-            edge = inside[way[-1]]
-            if edge.id in done:
-                continue
-            done.add(edge.id)
-            steps += 1
-            if steps > _MOST_STEPS:
-                raise MapError(
-                    f"the lanes of junction {junction!r} branch too often, {len(starts)} entrances lead to {len(inside)} lanes"
-                )
-            length, turning = length + edge.length, turning + edge.turning
-            for id in edge.after:
-                if id in inside:
-                    heapq.heappush(queue, (length, turning, (*way, id)))
-                elif id not in exits or length < exits[id].length:
-                    exits[id] = Path(start, id, way, length, turning)
-        found += exits.values()
-    return found
-
-
-def arms_of(network: Network, pairs: Sequence[tuple[str, str]]) -> tuple[Arm, ...]:
+def arms_of(graph: MetricGraph, pairs: Sequence[tuple[str, str]]) -> tuple[Arm, ...]:
     """Return the arms of a junction, numbered counter-clockwise.
 
     Args:
-        network: the lanes of the map.
+        graph: of the map.
         pairs: (entrance edge, exit edge) of every way through the junction.
     """
     entering: dict[RoadEnd, list[Edge]] = {}
     leaving: dict[RoadEnd, list[Edge]] = {}
     for id in dict.fromkeys(one for one, _ in pairs):
-        edge = network.edges[id]
-        entering.setdefault((edge.road, "end" if edge.forward else "start"), []).append(edge)
+        entering.setdefault(graph.edges[id].head, []).append(graph.edges[id])
     for id in dict.fromkeys(two for _, two in pairs):
-        edge = network.edges[id]
-        leaving.setdefault((edge.road, "start" if edge.forward else "end"), []).append(edge)
+        leaving.setdefault(graph.edges[id].tail, []).append(graph.edges[id])
     arms = [_arm((end,), entering[end], leaving[end]) for end in entering if end in leaving]
     only_in = [end for end in entering if end not in leaving]
     only_out = [end for end in leaving if end not in entering]
@@ -129,7 +63,7 @@ def arms_of(network: Network, pairs: Sequence[tuple[str, str]]) -> tuple[Arm, ..
         (cost, one, two)
         for one in (only_in if len(only_in) * len(only_out) <= _MOST_PAIRS else ())
         for two in only_out
-        if (cost := _beside(entering[one][0], leaving[two][0], network.left_hand[one[0]])) is not None
+        if (cost := _beside(entering[one][0], leaving[two][0], one[0] in graph.network.left_hand)) is not None
     )
     for _, one, two in costs:
         if one in only_in and two in only_out:
@@ -178,34 +112,6 @@ def turns_in_order(turning: Iterable[tuple[int, int, float]], ways: int) -> bool
     return all([d for _, d in sorted(rows)] == sorted(d for _, d in rows) for rows in table.values())
 
 
-def walk(network: Network, start: str, *, upstream: bool) -> tuple[list[str], bool]:
-    """Walk from an edge over road links to the next junction or the end of the road.
-
-    Where lanes merge or fork, the walk keeps to the one that goes on straightest.
-
-    Returns:
-        The edges in the order of the walk, and whether a junction was reached.
-    """
-    way, edge = [start], network.edges[start]
-    seen = {start}
-    while True:
-        here = edge
-        choices = [network.edges[id] for id in (here.before if upstream else here.after)]
-        if any(choice.junction is not None for choice in choices):
-            return way, True
-        choices = [choice for choice in choices if choice.id not in seen]
-        if not choices:
-            return way, False
-        edge = min(choices, key=lambda c: _bend(c, here) if upstream else _bend(here, c))
-        seen.add(edge.id)
-        way.append(edge.id)
-
-
-def _bend(one: Edge, two: Edge) -> tuple[float, float, str, str]:
-    turn = abs(math.remainder(two.start_heading - one.end_heading, math.tau))
-    return round(turn, 3), math.dist(one.points[-1], two.points[0]), one.id, two.id
-
-
 def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[Edge]) -> Arm:
     points = [edge.points[-1] for edge in entering] + [edge.points[0] for edge in leaving]
     headings = [edge.end_heading + math.pi for edge in entering] + [edge.start_heading for edge in leaving]
@@ -221,10 +127,10 @@ def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[
 
 def _beside(entrance: Edge, exit: Edge, left_hand: bool) -> float | None:
     """Return the cost of pairing a one-way entrance with a one-way exit, or None where they are no pair."""
-    angle = abs(math.remainder(exit.start_heading - entrance.end_heading - math.pi, math.tau))
+    heading = entrance.end_heading
+    angle = abs(math.remainder(exit.start_heading - heading - math.pi, math.tau))
     (x, y), (u, v) = entrance.points[-1], exit.points[0]
     distance = math.hypot(u - x, v - y)
-    heading = entrance.end_heading
     side = math.cos(heading) * (v - y) - math.sin(heading) * (u - x)
     if angle > _FACING or distance > _BESIDE or (side < 0) != left_hand:
         return None

@@ -13,8 +13,9 @@ from pathlib import Path
 from pytest_rvads.errors import MapError, suggest
 from pytest_rvads.junctions.analysis import JunctionReport
 from pytest_rvads.junctions.builtin import LAYOUTS, path_of
-from pytest_rvads.junctions.junction import Junction, JunctionControl
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.road_map import RoadMap, read_map
+from pytest_rvads.maps.control import JunctionControl
 
 __all__ = ["find", "load", "names", "nearest"]
 

@@ -7,14 +7,13 @@ The paper's ``s(-, eta)``, ``s(eta, -)``, ``s[-, eta]`` and ``s[eta, -]`` are `M
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import networkx as nx
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.arms import turn_type
 from pytest_rvads.maps.network import Network
 from pytest_rvads.maps.segment import Segment, Turn, join
 
@@ -60,47 +59,33 @@ class Road:
 
 
 class MetricGraph:
-    """A metric graph on `networkx.MultiDiGraph`.
+    """The metric graph of a network, on `networkx.MultiDiGraph`, and its line graph.
 
-    Nodes are names of vertices. The key of an edge is the id of its segment; it has the attributes ``segment``
-    and ``weight``, its length [m].
+    Args:
+        network: what a reader of map files gives.
     """
 
-    def __init__(self, graph: nx.MultiDiGraph) -> None:
-        self.graph = graph
-        self._ends: dict[str, tuple[str, str]] = {key: (u, v) for u, v, key in graph.edges(keys=True)}
-
-    @classmethod
-    def of(cls, network: Network) -> MetricGraph:
-        """Build the metric graph of a network.
-
-        Edges inside junctions carry their turn type, edges on roads are straight.
-        """
+    def __init__(self, network: Network) -> None:
+        self.network = network
+        self.edges = network.edges
+        self.links = network.links
+        """The line graph: on the ids of segments, an arc leads to what traffic can go on to. Where lanes merge and fork at one
+        vertex it has fewer arcs than pairs that meet there, because a file says lane by lane who may go where."""
+        self.graph = nx.MultiDiGraph()
+        """Nodes are names of vertices. The key of an edge is the id of its segment, its ``weight`` the length [m]."""
         # A vertex is a class of lane ends that links make one; it is named after the first lane that ends or starts there.
-        parent: dict[tuple[str, bool], tuple[str, bool]] = {}
-
-        def root(end: tuple[str, bool]) -> tuple[str, bool]:
-            while parent.setdefault(end, end) != end:
-                parent[end] = parent[parent[end]]
-                end = parent[end]
-            return end
-
-        for edge in network.edges.values():
-            for id in edge.after:
-                parent[root((id, False))] = root((edge.id, True))
-        for pairs in network.direct.values():
-            for one, two in pairs:
-                parent[root((two, False))] = root((one, True))
-        graph = nx.MultiDiGraph()
-        names: dict[tuple[str, bool], str] = {}
-        for edge in network.edges.values():
-            ends = []
-            for end, tag in (((edge.id, False), "start"), ((edge.id, True), "end")):
-                ends.append(names.setdefault(root(end), f"{edge.id}:{tag}"))
-            turn = Turn.STRAIGHT if edge.junction is None else turn_type(edge.turning)
-            segment = Segment(edge.id, edge.points, turn, edge.junction)
-            graph.add_edge(*ends, key=edge.id, segment=segment, weight=segment.length)
-        return cls(graph)
+        classes = nx.utils.UnionFind((id, end) for id in self.edges for end in ("start", "end"))
+        for one, two in chain(self.links.edges, *(junction.direct for junction in network.junctions.values())):
+            classes.union((one, "end"), (two, "start"))
+        names: dict[tuple[str, str], str] = {}
+        self._inside: dict[str, list[str]] = {}
+        for id, edge in self.edges.items():
+            start, end = (names.setdefault(classes[id, at], f"{id}:{at}") for at in ("start", "end"))
+            self.graph.add_edge(start, end, key=id, weight=edge.length)
+            if edge.junction is not None:
+                self._inside.setdefault(edge.junction, []).append(id)
+        self._ends: dict[str, tuple[str, str]] = {key: (u, v) for u, v, key in self.graph.edges(keys=True)}
+        self._segments: dict[str, Segment] = {}
 
     @property
     def segments(self) -> tuple[str, ...]:
@@ -113,9 +98,16 @@ class MetricGraph:
         Raises:
             MapError: there is none.
         """
-        u, v = self.ends(id)
-        segment: Segment = self.graph.edges[u, v, id]["segment"]
-        return segment
+        self.ends(id)
+        if id not in self._segments:  # most segments of a town are never asked for
+            edge = self.edges[id]
+            turn = Turn.STRAIGHT if edge.junction is None else Turn.of(edge.turning)
+            self._segments[id] = Segment(id, edge.points, turn, edge.junction)
+        return self._segments[id]
+
+    def inside(self, junction: str) -> Sequence[str]:
+        """Return the ids of the segments that lie in a junction, in file order."""
+        return self._inside.get(junction, ())
 
     def ends(self, id: str) -> tuple[str, str]:
         """Return the vertices that segment `id` leads from and to.
@@ -176,14 +168,14 @@ class MetricGraph:
             return None
         for u, v in pairwise(nodes):
             options = self.graph[u][v]
-            parts.append(options[min(options, key=lambda key: options[key]["weight"])]["segment"])
+            parts.append(self.segment(min(options, key=lambda key: options[key]["weight"])))
         if two.eta > _SAME:
             parts.append(last.head(two.eta))
         return Ride(tuple(parts), sum(part.length for part in parts))
 
     def roads(self) -> Iterator[Road]:
         """Yield the roads: the maximal directed paths outside junctions, each once."""
-        outside = [(id, *ends) for id, ends in self._ends.items() if self.segment(id).junction is None]
+        outside = [(id, *ends) for id, ends in self._ends.items() if self.edges[id].junction is None]
         starting = {u: id for id, u, _ in outside}
         inner = {v for _, _, v in outside if self.graph.in_degree(v) == 1 == self.graph.out_degree(v) and v in starting}
         done: set[str] = set()
@@ -204,10 +196,9 @@ class MetricGraph:
         Raises:
             MapError: no segment lies in such a junction.
         """
-        keys = [(u, v, key) for key, (u, v) in self._ends.items() if self.segment(key).junction == id]
-        if not keys:
+        if not self.inside(id):
             raise MapError(f"no segment of the metric graph lies in a junction {id!r}")
-        return self.graph.edge_subgraph(keys)
+        return self.graph.edge_subgraph((*self._ends[key], key) for key in self.inside(id))
 
     def _vertex(self, position: Position) -> str | None:
         u, v = self.ends(position.segment)

@@ -12,16 +12,16 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.conflicts import Key, Shared, stretches
+from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.segment import Segment, Turn
 
-__all__ = ["Arm", "Entrance", "Exit", "Junction", "JunctionControl", "Movement", "Sign", "cross"]
+__all__ = ["Arm", "Entrance", "Exit", "Junction", "Movement", "cross"]
 
 
 # Autopilots are handed the tables of a junction, so they are read-only; a run has to be picklable all the same.
@@ -30,25 +30,6 @@ def _table(items: dict[Any, Any]) -> MappingProxyType[Any, Any]:
 
 
 copyreg.pickle(MappingProxyType, lambda table: (_table, (dict(table),)))
-
-
-class JunctionControl(StrEnum):
-    """What regulates a junction: the same object at all entrances, at none, or only at some."""
-
-    STOP = "stop"
-    LIGHTS = "lights"
-    NONE = "none"
-    PARTIAL = "partial"
-
-
-class Sign(StrEnum):
-    """What regulates an entrance."""
-
-    STOP = "stop"
-    YIELD = "yield"
-    PRIORITY = "priority"
-    LIGHTS = "lights"
-    NONE = "none"
 
 
 _RANK = {Sign.STOP: 0, Sign.YIELD: 1, Sign.NONE: 2, Sign.LIGHTS: 2, Sign.PRIORITY: 3}

@@ -6,23 +6,18 @@ import os
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pytest_rvads.errors import MapError, suggest
 from pytest_rvads.junctions.analysis import JunctionReport, analyse
-from pytest_rvads.junctions.arms import paths_of, walk
+from pytest_rvads.junctions.formats import read_file
+from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.junctions.junction import Junction, Movement, cross
+from pytest_rvads.junctions.projection import Locator, Track
+from pytest_rvads.junctions.ways import walk
+from pytest_rvads.maps.control import MapObject
 from pytest_rvads.maps.doubts import MapWarning
-from pytest_rvads.maps.network import Network
 from pytest_rvads.maps.segment import Segment, join
-from pytest_rvads.opendrive.builder import build
-from pytest_rvads.opendrive.reader import read
-from pytest_rvads.opendrive.records import Document
-from pytest_rvads.opendrive.signals import MapObject, attach
-
-if TYPE_CHECKING:
-    from pytest_rvads.junctions.graph import MetricGraph
-    from pytest_rvads.junctions.projection import Locator, Track
 
 __all__ = ["WALK_LIMIT", "RoadMap", "describe", "read_map"]
 
@@ -32,29 +27,18 @@ WALK_LIMIT = 600.0
 
 @dataclass(frozen=True, eq=False)
 class RoadMap:
-    """An OpenDRIVE file, read."""
+    """A map file, read."""
 
     path: str
-    document: Document
-    network: Network
+    graph: MetricGraph
+    """The metric graph of all drivable lanes."""
     junctions: tuple[JunctionReport, ...]
-    """One per ``<junction>``, in file order, usable or not."""
-    objects: tuple[MapObject, ...]
-    """Stop signs, lights and stop lines with the entrances they are for."""
+    """One per junction that the file declares, in file order, usable or not."""
     warnings: tuple[MapWarning, ...]
-
-    @cached_property
-    def graph(self) -> MetricGraph:
-        """The metric graph of all drivable lanes."""
-        from pytest_rvads.junctions.graph import MetricGraph  # networkx takes longer to import than a junction to read
-
-        return MetricGraph.of(self.network)
 
     @cached_property
     def locator(self) -> Locator:
         """Finds the segments a pose can be on."""
-        from pytest_rvads.junctions.projection import Locator
-
         return Locator(map(self.graph.segment, self.graph.segments))
 
     def track(self, id: str, entrance: int, exit: int) -> Track:
@@ -68,14 +52,12 @@ class RoadMap:
         Raises:
             MapError: no such junction or movement.
         """
-        from pytest_rvads.junctions.projection import Track
-
         report = self.report(id)
         way = next((way for way in report.movements if (way.entrance, way.exit) == (entrance, exit)), None)
         if way is None:
             raise MapError(f"junction {id!r} of map file {self.path} has no movement from entrance {entrance} to exit {exit}")
-        before = walk(self.network, way.path.entrance, upstream=True)[0][::-1]
-        after = walk(self.network, way.path.exit, upstream=False)[0]
+        before = walk(self.graph, way.path.entrance, upstream=True)[::-1]
+        after = walk(self.graph, way.path.exit, upstream=False)
         return Track([self.graph.segment(edge) for edge in (*before, *way.path.edges, *after)])
 
     def entex(self, id: str) -> dict[str, str]:
@@ -116,15 +98,15 @@ class RoadMap:
         """
         report = self.report(id)
         if drop_uturns and not report.usable:
-            report = analyse(self.document, self.network, id, report.objects, [], drop_uturns=True)
+            report = analyse(self.graph, id, report.objects, [], drop_uturns=True)
         if report.reason is not None:
             raise MapError(f"junction {id!r} of map file {self.path} cannot be used: {report.reason}")
         movements: dict[tuple[int, int], Movement] = {}
         for way in reversed(report.movements):  # of several from one arm to another the shortest comes first
-            parts = [Segment(e, self.network.edges[e].points, way.turn, id) for e in way.path.edges]
+            parts = [Segment(e, self.graph.edges[e].points, way.turn, id) for e in way.path.edges]
             path = self._joined(parts)
             movements[way.entrance, way.exit] = Movement(way.entrance, way.exit, way.turn, path.length, path.id, path)
-        edges = [self.network.edges[arm.entrances[0]] for arm in report.arms]
+        edges = [self.graph.edges[arm.entrances[0]] for arm in report.arms]
         entrances, exits = cross(
             report.signs,
             phase_groups=report.phase_groups,
@@ -147,7 +129,7 @@ class RoadMap:
 
     def _road(self, start: str, *, upstream: bool) -> Segment:
         """Join the edges of a walk, at most `WALK_LIMIT` of them, into one segment."""
-        edges = [self.network.edges[id] for id in walk(self.network, start, upstream=upstream)[0]]
+        edges = [self.graph.edges[id] for id in walk(self.graph, start, upstream=upstream)]
         total = 0.0
         kept = []
         for edge in edges:
@@ -170,29 +152,22 @@ class RoadMap:
 
 
 def read_map(path: str | os.PathLike[str]) -> RoadMap:
-    """Read an OpenDRIVE file.
+    """Read a map file, by its suffix.
 
     Raises:
         MapError: the file cannot be used at all; the message is one sentence.
     """
-    document = read(path)
+    graph = MetricGraph(read_file(path))
+    network = graph.network
+    warnings = [*network.warnings]
+    objects: dict[str, list[MapObject]] = {id: [] for id in network.junctions}
+    for item in network.objects:
+        objects[item.junction].append(item)
     try:
-        network = build(document)
-        warnings = [*document.warnings, *network.warnings]
-        entrances = {
-            id: list(
-                dict.fromkeys([way.entrance for way in paths_of(network, id)] + [one for one, _ in network.direct.get(id, [])])
-            )
-            for id in document.junctions
-        }
-        objects = attach(document, network, entrances, warnings)
-        by_junction: dict[str, list[MapObject]] = {id: [] for id in document.junctions}
-        for item in objects:
-            by_junction[item.junction].append(item)
-        reports = tuple(analyse(document, network, id, items, warnings) for id, items in by_junction.items())
+        reports = tuple(analyse(graph, id, items, warnings) for id, items in objects.items())
     except MapError as error:
         raise MapError(f"map file {path}: {error}") from None
-    return RoadMap(str(path), document, network, reports, tuple(objects), tuple(warnings))
+    return RoadMap(str(path), graph, reports, tuple(warnings))
 
 
 def describe(road_map: RoadMap) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pytest_rvads.conduct.predicates import extract, once
 from pytest_rvads.conduct.validate import damage
 from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.logic.judging.attribution import attribute, companions
 from pytest_rvads.logic.judging.cycle import Cycle, find_cycle
 from pytest_rvads.logic.judging.evaluate import Values
@@ -20,6 +19,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.shape import shape_of
 from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.story import Story
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Run
 
 __all__ = ["check", "extract", "ground", "simplify", "unfold"]

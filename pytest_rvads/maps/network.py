@@ -1,49 +1,41 @@
-"""Edges: the lanes of roads in the direction of travel, the network that links them, and its draft."""
+"""What every reader of a map format gives: the lanes of roads in the direction of travel, their links, what stands on them."""
 
 from __future__ import annotations
 
 import math
-from collections import defaultdict
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 
+import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.maps.doubts import Doubt, MapWarning
-from pytest_rvads.opendrive.records import Document
+from pytest_rvads.errors import MapError
+from pytest_rvads.maps.control import MapObject
+from pytest_rvads.maps.doubts import MapWarning
 
-__all__ = ["Draft", "Edge", "End", "Network"]
-
-End = tuple[str, str, int]
-"""Road id, ``start`` or ``end``, lane id."""
+__all__ = ["DeclaredJunction", "Edge", "Network"]
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Edge:
-    """A lane of a road, over all its lane sections, in the direction of travel."""
+    """A lane of a road, or of a way through a junction, in the direction of travel."""
 
     id: str
-    """Road, first lane section and lane in travel order: ``road.section.lane``."""
+    """Unique in the map."""
     road: str
     junction: str | None
+    """Id of the junction it lies in, None on a road outside."""
     forward: bool
-    """True where travel is along the reference line."""
-    lanes: tuple[tuple[int, int], ...]
-    """Pairs (section index, lane id) in the order of travel."""
+    """True where travel is from the start to the end of the road; two lanes of a road may differ."""
     points: NDArray[np.float64]
-    """Shape ``(k, 2)`` [m]."""
-    s: NDArray[np.float64]
-    """Road station of each point, shape ``(k,)`` [m]."""
+    """Centre line, shape ``(k, 2)``, k >= 2, no two consecutive points equal [m]."""
     turning: float
     """Total unwrapped change of heading [rad]."""
     width: float
     """At mid-length [m]."""
     length: float
     """Arc length [m]."""
-    before: list[str] = field(default_factory=list)
-    """Ids of edges that lead into this one."""
-    after: list[str] = field(default_factory=list)
-    """Ids of edges that follow this one."""
 
     @property
     def start_heading(self) -> float:
@@ -57,76 +49,59 @@ class Edge:
         (x, y), (u, v) = self.points[-2], self.points[-1]
         return math.atan2(v - y, u - x)
 
-    def station(self, s: float) -> float:
-        """Return the arc length in the direction of travel at road station `s` [m]."""
-        along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(self.points, axis=0).T))))
-        if self.forward:
-            return float(np.interp(s, self.s, along))
-        return float(np.interp(-s, -self.s, along))
+    @property
+    def tail(self) -> tuple[str, str]:
+        """The road end where travel begins: road id, ``start`` or ``end``."""
+        return self.road, "start" if self.forward else "end"
+
+    @property
+    def head(self) -> tuple[str, str]:
+        """The road end where travel arrives."""
+        return self.road, "end" if self.forward else "start"
 
 
-class Draft:
-    """A network in the making: what the steps of building it add to."""
+@dataclass(frozen=True, slots=True)
+class DeclaredJunction:
+    """A junction as its file declares it."""
 
-    def __init__(self, document: Document) -> None:
-        """Begin without any edge."""
-        self.document = document
-        self.warnings: list[MapWarning] = []
-        self.edges: dict[str, Edge] = {}
-        self.arriving: dict[End, str] = {}
-        """The edge that reaches a road end on a lane."""
-        self.departing: dict[End, str] = {}
-        """The edge that leaves a road end on a lane."""
-        self.direct: dict[str, list[tuple[str, str]]] = defaultdict(list)
-        """Per direct junction, the pairs of edges it links."""
-        self.listed: dict[str, set[tuple[str, str]]] = defaultdict(set)
-        """Per junction, the links into it that its connection table has."""
-        self.linked: dict[str, set[tuple[str, str]]] = defaultdict(set)
-        """Per junction, the links into it that its connecting roads have."""
-        self.left_out: set[str] = set()
-        """Roads whose lanes have no place."""
-
-    def warn(self, kind: Doubt, message: str, road: str | None = None, junction: str | None = None) -> None:
-        """Add a warning."""
-        self.warnings.append(MapWarning(kind, message, road, junction))
-
-    def pair(self, one: End, two: End) -> tuple[str, str] | None:
-        """Return the edges at two lane ends in the direction in which traffic passes, None where none passes."""
-        for source, target in ((one, two), (two, one)):
-            if source in self.arriving and target in self.departing:
-                return self.arriving[source], self.departing[target]
-        return None
-
-    def link(self, one: End, two: End) -> tuple[str, str] | None:
-        """Link two lane ends in the direction in which traffic passes; return the edges, None where none passes."""
-        pair = self.pair(one, two)
-        if pair is not None:
-            self.join(*pair)
-        return pair
-
-    def join(self, source: str, target: str) -> None:
-        """Let edge `target` follow edge `source`."""
-        after = self.edges[source].after
-        if target not in after:
-            after.append(target)
-            self.edges[target].before.append(source)
+    type: str = "default"
+    """``default`` where lanes lead through it; others are listed and never usable."""
+    direct: tuple[tuple[str, str], ...] = ()
+    """Pairs of edges outside that it links to each other without lanes of its own."""
+    lost: str | None = None
+    """A road of the junction, or one that it connects, whose lanes have no place because it has no geometry or no length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Network:
-    """All edges of a map with their links."""
+    """The lanes of a map with their links, and what a file says of its junctions.
 
-    edges: dict[str, Edge]
-    arriving: dict[End, str]
-    """The edge that reaches a road end on a lane."""
-    departing: dict[End, str]
-    """The edge that leaves a road end on a lane."""
-    left_hand: dict[str, bool]
-    """Per road, True where traffic keeps left."""
-    direct: dict[str, list[tuple[str, str]]]
-    """Per direct junction, the pairs of edges it links."""
-    inside: dict[str, tuple[str, ...]]
-    """Per junction, the edges that lie in it."""
-    left_out: frozenset[str]
-    """Roads whose lanes have no place, because the road has no geometry or no length."""
-    warnings: tuple[MapWarning, ...]
+    Raises:
+        MapError: a link, edge or object names what the network does not have.
+    """
+
+    edges: Mapping[str, Edge]
+    links: nx.DiGraph
+    """On the ids of edges: an arc leads to what traffic can go on to."""
+    junctions: Mapping[str, DeclaredJunction]
+    """By id, in file order."""
+    left_hand: frozenset[str] = frozenset()
+    """Roads where traffic keeps left."""
+    objects: tuple[MapObject, ...] = ()
+    """Stop signs, lights and stop lines with the entrances they are for."""
+    controllers: tuple[tuple[str, ...], ...] = ()
+    """Per controller of lights, the ids of its objects."""
+    warnings: tuple[MapWarning, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.links.add_nodes_from(self.edges)
+        for what, names, known in (
+            ("edge", self.links, self.edges),
+            ("junction", (edge.junction for edge in self.edges.values() if edge.junction is not None), self.junctions),
+            ("junction", (item.junction for item in self.objects), self.junctions),
+        ):
+            for name in names:
+                if name not in known:
+                    raise MapError(
+                        f"a network names the {what} {name!r} but has none of this id, expected one of its {len(known)}"
+                    )

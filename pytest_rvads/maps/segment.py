@@ -20,6 +20,9 @@ __all__ = ["GAP_LIMIT", "Pose", "Segment", "Turn"]
 GAP_LIMIT = 1.0
 """Widest gap [m] between two segments that still counts as consecutive (facts on OpenDRIVE files)."""
 _WELD = 0.01
+_BEND = math.radians(44.0)
+"""Change of heading from which on a movement is a turn [rad]; as in SUMO's netconvert, one degree below the arms of a regular
+8-way junction, so that rounding never makes one of two neighbours straight and the other a turn."""
 _Table = tuple[tuple[float, ...], tuple[tuple[float, float, float, float, float], ...]]
 
 
@@ -29,6 +32,11 @@ class Turn(StrEnum):
     LEFT = "left"
     STRAIGHT = "straight"
     RIGHT = "right"
+
+    @classmethod
+    def of(cls, turning: float) -> Turn:
+        """Return the turn type of a total change of heading [rad]."""
+        return cls.STRAIGHT if abs(turning) < _BEND else cls.LEFT if turning > 0 else cls.RIGHT
 
 
 class Pose(NamedTuple):

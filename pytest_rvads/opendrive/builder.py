@@ -1,24 +1,40 @@
-"""The lanes of a map as a directed graph: one edge per lane and road, linked where traffic can go on."""
+"""From the records of an OpenDRIVE file to a network: one edge per lane and road, linked where traffic can go on."""
 
 from __future__ import annotations
 
-from collections import defaultdict
+import os
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.maps.network import Draft, Network
+from pytest_rvads.maps.network import DeclaredJunction, Network
 from pytest_rvads.opendrive.chains import add_edges
+from pytest_rvads.opendrive.draft import Draft
 from pytest_rvads.opendrive.lanes import sample_count
 from pytest_rvads.opendrive.links import link_roads, link_table
-from pytest_rvads.opendrive.records import Document
+from pytest_rvads.opendrive.reader import read
+from pytest_rvads.opendrive.records import Document, JunctionRecord
 from pytest_rvads.opendrive.repairs import check_gaps, complete
 from pytest_rvads.opendrive.sides import directions, kept_sides
+from pytest_rvads.opendrive.signals import attach
 
-__all__ = ["build"]
+__all__ = ["build", "read_network"]
 
 MAX_SAMPLES = 1_500_000
 """Most samples of lane centre lines in one map; a town has 70,000."""
 MAX_ROAD = 200_000.0
 """Longest road [m]."""
+
+
+def read_network(path: str | os.PathLike[str]) -> Network:
+    """Return the network of an OpenDRIVE file.
+
+    Raises:
+        MapError: the file cannot be used at all; the message is one sentence.
+    """
+    document = read(path)
+    try:
+        return build(document)
+    except MapError as error:
+        raise MapError(f"map file {path}: {error}") from None
 
 
 def build(document: Document) -> Network:
@@ -38,22 +54,31 @@ def build(document: Document) -> Network:
         link_table(draft, junction)
     complete(draft)
     check_gaps(draft)
-    inside: dict[str, list[str]] = defaultdict(list)
-    for edge in draft.edges.values():
-        if edge.junction is not None:
-            inside[edge.junction].append(edge.id)
-    table = {junction: tuple(ids) for junction, ids in inside.items()}
     sides = kept_sides(draft, leftward)
+    objects = attach(draft)
     return Network(
         draft.edges,
-        draft.arriving,
-        draft.departing,
-        sides,
-        dict(draft.direct),
-        table,
-        frozenset(draft.left_out),
+        draft.links,
+        {
+            id: DeclaredJunction(junction.type, tuple(draft.direct[id]), _lost(draft, junction))
+            for id, junction in document.junctions.items()
+        },
+        frozenset(road for road, left in sides.items() if left),
+        tuple(objects),
+        tuple(document.controllers.values()),
         tuple(draft.warnings),
     )
+
+
+def _lost(draft: Draft, junction: JunctionRecord) -> str | None:
+    """Return a road of a junction, or one that it connects, whose lanes have no place."""
+    for row in junction.connections if draft.left_out else ():
+        road = draft.document.roads.get(row.connecting)
+        links = () if road is None else (road.predecessor, road.successor)
+        for name in (row.incoming, row.connecting, *(link.element for link in links if link is not None and not link.junction)):
+            if name in draft.left_out:
+                return name
+    return None
 
 
 def _bound(document: Document) -> None:

@@ -49,6 +49,18 @@ class LaneLine(NamedTuple):
     """At mid-length [m]."""
 
 
+class _Samples(NamedTuple):
+    """The reference line of a lane section."""
+
+    s: Array
+    """Stations, shape ``(k,)`` [m]."""
+    line: Line
+    heading: Array
+    """Unwrapped, shape ``(k,)`` [rad]."""
+    joints: list[int]
+    """Where a piece of the line begins after another."""
+
+
 def sample_count(road: Road) -> int:
     """Return about how many samples the lanes of `road` take; to bound work before it is done."""
     tables = [
@@ -77,7 +89,7 @@ def lane_lines(road: Road, warnings: list[MapWarning]) -> list[dict[int, LaneLin
     Raises:
         MapError: coordinates that are not finite.
     """
-    if not any(lane.drivable for section in road.sections for lane in section.lanes.values()):
+    if not road.drivable:
         return [{} for _ in road.sections]
     found = []
     with np.errstate(all="ignore"):
@@ -100,26 +112,18 @@ def _check_shapes(road: Road, warnings: list[MapWarning]) -> None:
         line = evaluate(one, np.array([0.0, max(at - one.s, 0.0)]))
         gap = math.hypot(two.x - line.x[-1], two.y - line.y[-1])
         if not gap <= JOINT:
-            warnings.append(
-                MapWarning(
-                    Doubt.GAP, f"the reference line of road {road.id!r} has a gap of {gap:.2f} m at station {at:.2f} m", road.id
-                )
-            )
+            message = f"the reference line of road {road.id!r} has a gap of {gap:.2f} m at station {at:.2f} m"
+            warnings.append(MapWarning(Doubt.GAP, message, road.id))
     if abs(total - road.length) > max(0.05, 0.002 * road.length):
-        warnings.append(
-            MapWarning(
-                Doubt.LENGTH,
-                f"road {road.id!r} says it is {road.length:.2f} m long, its geometry adds up to {total:.2f} m",
-                road.id,
-            )
-        )
+        message = f"road {road.id!r} says it is {road.length:.2f} m long, its geometry adds up to {total:.2f} m"
+        warnings.append(MapWarning(Doubt.LENGTH, message, road.id))
 
 
 def _section(road: Road, section: Section, start: float, end: float, warnings: list[MapWarning]) -> dict[int, LaneLine]:
-    s, line, joints = _reference(road, section, start, end)
-    if not (np.isfinite(line.x).all() and np.isfinite(line.y).all() and np.isfinite(line.heading).all()):
+    samples = _reference(road, section, start, end)
+    s = samples.s
+    if not np.isfinite(samples.line).all():
         raise MapError(f"road {road.id!r} has coordinates that are not finite between stations {start:.2f} and {end:.2f} m")
-    heading = np.unwrap(line.heading)
     shift = _cubic(road.offsets, s, 0.0, end)
     lines = {}
     for ids in (sorted(i for i in section.lanes if i > 0), sorted((i for i in section.lanes if i < 0), reverse=True)):
@@ -129,7 +133,10 @@ def _section(road: Road, section: Section, start: float, end: float, warnings: l
             outer = _outer(lane, inner, s, start, end)
             if lane.drivable:
                 offset = shift + math.copysign(0.5, id) * (inner + outer)
-                lines[id] = _line(road, id, s, line, heading, offset, outer - inner, joints, warnings)
+                lines[id], cut = _line(road, id, samples, offset, outer - inner)
+                if cut:
+                    message = f"lane {id} of road {road.id!r} folds at a kink of the reference line and was cut there"
+                    warnings.append(MapWarning(Doubt.KINK, message, road.id))
             inner = outer
     return lines
 
@@ -158,31 +165,36 @@ def _cubic(rows: Sequence[Cubic], s: Array, base: float, end: float) -> Array:
     return value
 
 
-def _reference(road: Road, section: Section, start: float, end: float) -> tuple[Array, Line, list[int]]:
+def _reference(road: Road, section: Section, start: float, end: float) -> _Samples:
     """Sample the reference line of a section; a joint of two pieces is sampled twice, once from each side."""
-    breaks = [row.s for row in road.offsets]
-    curved = any(row.c or row.d for row in road.offsets)
-    for lane in section.lanes.values():
-        breaks += [row.s + start for row in (*lane.widths, *lane.borders)]
-        curved = curved or any(row.c or row.d for row in (*lane.widths, *lane.borders))
-    cuts = np.unique([b for b in breaks if start < b < end])
+    rows = [(row.s + start, row) for lane in section.lanes.values() for row in (*lane.widths, *lane.borders)]
+    rows += [(row.s, row) for row in road.offsets]
+    curved = any(row.c or row.d for _, row in rows)
+    cuts = np.unique([at for at, _ in rows if start < at < end])
     stations: list[Array] = []
     lines: list[Line] = []
     for shape, low, high in _pieces(road.shapes, start, end):
-        count = 1 if shape.kind == "line" and not curved else max(1, math.ceil((high - low) / SPACING))
-        s = np.linspace(low, high, count + 1)
-        if shape.kind != "line":
-            turn = np.diff(evaluate(shape, np.maximum(s - shape.s, 0.0)).heading)
-            bend = float(np.max(np.abs(np.remainder(turn + np.pi, 2 * np.pi) - np.pi)))
-            if bend > _BEND:
-                s = np.linspace(low, high, count * min(math.ceil(bend / _BEND), _FINEST) + 1)
+        s = _stations(shape, low, high, curved=curved)
         inside = cuts[(cuts > low) & (cuts < high)]
         if len(inside):
             s = np.unique(np.concatenate((s, inside)))
         stations.append(s)
         lines.append(evaluate(shape, np.maximum(s - shape.s, 0.0)))
     joints = np.cumsum([len(s) for s in stations[:-1]]).tolist()
-    return np.concatenate(stations), Line(*(np.concatenate(parts) for parts in zip(*lines, strict=True))), joints
+    line = Line(*(np.concatenate(parts) for parts in zip(*lines, strict=True)))
+    return _Samples(np.concatenate(stations), line, np.unwrap(line.heading), joints)
+
+
+def _stations(shape: Shape, low: float, high: float, *, curved: bool) -> Array:
+    """Return where to sample a piece between two stations: closer together where it bends."""
+    count = 1 if shape.kind == "line" and not curved else max(1, math.ceil((high - low) / SPACING))
+    s = np.linspace(low, high, count + 1)
+    if shape.kind != "line":
+        turn = np.diff(evaluate(shape, np.maximum(s - shape.s, 0.0)).heading)
+        bend = float(np.max(np.abs(np.remainder(turn + np.pi, 2 * np.pi) - np.pi)))
+        if bend > _BEND:
+            s = np.linspace(low, high, count * min(math.ceil(bend / _BEND), _FINEST) + 1)
+    return s
 
 
 def _pieces(shapes: Sequence[Shape], start: float, end: float) -> Iterator[tuple[Shape, float, float]]:
@@ -199,17 +211,9 @@ def _pieces(shapes: Sequence[Shape], start: float, end: float) -> Iterator[tuple
         yield max((shape for shape in shapes if shape.s <= start + _EPS), default=shapes[0]), start, end
 
 
-def _line(
-    road: Road,
-    id: int,
-    s: Array,
-    line: Line,
-    heading: Array,
-    offset: Array,
-    width: Array,
-    joints: list[int],
-    warnings: list[MapWarning],
-) -> LaneLine:
+def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -> tuple[LaneLine, bool]:
+    """Return the centre line of a lane, and whether it was cut at a kink."""
+    s, line, heading, joints = samples
     points = np.column_stack((line.x - offset * np.sin(line.heading), line.y + offset * np.cos(line.heading)))
     if not np.isfinite(points).all():
         raise MapError(f"lane {id} of road {road.id!r} has widths or offsets that are not finite")
@@ -217,32 +221,24 @@ def _line(
     turning = float(heading[-1] - heading[0] + math.atan(slope[-1]) - math.atan(slope[0]))
     keep = np.ones(len(s), dtype=bool)
     for joint in joints:
-        kink = float(heading[joint] - heading[joint - 1])
-        if abs(kink) > _KINK:
-            _mitre(points, keep, s, offset, line, joint, kink)
-    if not keep.all():
-        warnings.append(
-            MapWarning(
-                Doubt.KINK, f"lane {id} of road {road.id!r} folds at a kink of the reference line and was cut there", road.id
-            )
-        )
+        if abs(heading[joint] - heading[joint - 1]) > _KINK:
+            _mitre(points, keep, samples, offset, joint)
     points, s = points[keep], s[keep]
     far = np.concatenate(([True], np.hypot(*np.diff(points, axis=0).T) > _MERGE))
     if not far[-1] and len(far) > 2:
         far[-2:] = False, True
     far[-1] = True
-    middle = float(width[len(width) // 2])
-    return LaneLine(points[far], s[far], turning, middle)
+    return LaneLine(points[far], s[far], turning, float(width[len(width) // 2])), not keep.all()
 
 
-def _mitre(points: Array, keep: NDArray[np.bool_], s: Array, offset: Array, line: Line, joint: int, kink: float) -> None:
+def _mitre(points: Array, keep: NDArray[np.bool_], samples: _Samples, offset: Array, joint: int) -> None:
     """Cut the fold of a lane on the inner side of a kink: the offset lines cross before the joint and after it."""
-    t = float(offset[joint])
+    s, line, heading, _ = samples
+    kink, t = float(heading[joint] - heading[joint - 1]), float(offset[joint])
     reach = t * math.tan(kink / 2)
     if reach <= _MERGE or abs(kink) > 2.0:
         return
-    at = s[joint]
-    inside = (np.abs(s - at) < reach) & keep
+    inside = (np.abs(s - s[joint]) < reach) & keep
     inside[0] = inside[-1] = False
     inside[joint - 1] = False
     keep[inside] = False

@@ -7,7 +7,7 @@ whose lane drives out through the contact point is dropped.
 from __future__ import annotations
 
 from pytest_rvads.maps.doubts import Doubt
-from pytest_rvads.maps.network import Draft, End
+from pytest_rvads.opendrive.draft import Draft, LaneEnd
 from pytest_rvads.opendrive.records import Connection, Road
 
 __all__ = ["link_roads", "link_table"]
@@ -15,10 +15,8 @@ __all__ = ["link_roads", "link_table"]
 
 def link_roads(draft: Draft, road: Road) -> None:
     """Link the lanes of `road` to those of the roads it names as neighbours."""
-    if not road.sections:
-        return
-    for contact, link, section in (("start", road.predecessor, 0), ("end", road.successor, -1)):
-        if link is None or link.junction:
+    for contact, link in road.contacts:
+        if link is None or link.junction or not road.sections:
             continue
         other = draft.document.roads.get(link.element)
         if other is None:
@@ -27,10 +25,13 @@ def link_roads(draft: Draft, road: Road) -> None:
         if link.contact not in ("start", "end"):
             draft.warn(Doubt.LINK, f"the link from road {road.id!r} to road {other.id!r} has no contact point", road.id)
             continue
-        for lane in road.sections[section].lanes.values():
-            for target in lane.predecessors if contact == "start" else lane.successors:
-                pair = draft.link((road.id, contact, lane.id), (other.id, link.contact, target))
-                if pair and road.junction is not None and draft.edges[pair[1]].road == road.id:
+        for lane in road.lanes_at(contact).values():
+            for target in lane.onward(contact):
+                pair = draft.pair((road.id, contact, lane.id), (other.id, link.contact, target))
+                if pair is None:
+                    continue
+                draft.links.add_edge(*pair)
+                if road.junction is not None and draft.edges[pair[1]].road == road.id:
                     draft.linked[road.junction].add(pair)
 
 
@@ -41,8 +42,8 @@ def link_table(draft: Draft, id: str) -> None:
         end = _end(draft, id, row)
         if end is None:
             continue
-        for link in row.links:
-            one, two = (row.incoming, end, link.source), (row.connecting, row.contact, link.target)
+        for source, target in row.links:
+            one, two = (row.incoming, end, source), (row.connecting, row.contact, target)
             pair = draft.pair(one, two)
             if pair is None:
                 if one[:2] != two[:2]:
@@ -50,7 +51,7 @@ def link_table(draft: Draft, id: str) -> None:
             elif junction.type == "direct":
                 draft.direct[id].append(pair)
             else:
-                draft.join(*pair)
+                draft.links.add_edge(*pair)
                 if draft.edges[pair[1]].road == row.connecting:
                     draft.listed[id].add(pair)
     only_listed, only_linked = len(draft.listed[id] - draft.linked[id]), len(draft.linked[id] - draft.listed[id])
@@ -79,11 +80,10 @@ def _end(draft: Draft, id: str, row: Connection) -> str | None:
     return end
 
 
-def _check(draft: Draft, id: str, *ends: End) -> None:
+def _check(draft: Draft, id: str, *ends: LaneEnd) -> None:
     """Warn of a lane link that names a lane that does not exist."""
     for road, end, lane in ends:
-        sections = draft.document.roads[road].sections
-        if not sections or lane not in sections[0 if end == "start" else -1].lanes:
+        if lane not in draft.document.roads[road].lanes_at(end):
             what = f"a lane link of junction {id!r} names lane {lane} at the {end} of road {road!r}, which does not exist"
             draft.warn(Doubt.TABLE, what, road, id)
             return

@@ -17,7 +17,6 @@ from pytest_rvads.opendrive.records import (
     Document,
     JunctionRecord,
     Lane,
-    LaneLink,
     Road,
     RoadLink,
     Section,
@@ -29,7 +28,14 @@ from pytest_rvads.opendrive.xmlfile import integer, load, number
 __all__ = ["read"]
 
 _STOP_LINE = ("stopline", "stop_line", "stop line", "haltlinie", "holdingline")
-_SHAPES = ("line", "arc", "spiral", "poly3", "paramPoly3")
+_SHAPES = {
+    "line": (),
+    "arc": ("curvature",),
+    "spiral": ("curvStart", "curvEnd"),
+    "poly3": ("a", "b", "c", "d"),
+    "paramPoly3": ("aU", "bU", "cU", "dU", "aV", "bV", "cV", "dV"),
+}
+"""Per kind of geometry its attributes."""
 
 
 def read(path: str | os.PathLike[str]) -> Document:
@@ -76,7 +82,7 @@ def _adopt(roads: dict[str, Road], junctions: dict[str, JunctionRecord], warning
             )
             warnings.append(MapWarning(Doubt.LINK, message, road.id))
     for junction in junctions.values():
-        for row in junction.connections if junction.type in ("default", "") else ():
+        for row in junction.connections if junction.made_of_roads else ():
             connecting = roads.get(row.connecting)
             if connecting is not None and connecting.junction is None:
                 roads[connecting.id] = replace(connecting, junction=junction.id)
@@ -92,11 +98,8 @@ def _header(header: Element | None, warnings: list[MapWarning]) -> None:
         if word.startswith("+units="):
             unit = word.removeprefix("+units=")
     if unit not in ("m", "meter", "metre"):
-        warnings.append(
-            MapWarning(
-                Doubt.UNITS, f"the header names the unit {unit[:20]!r}; coordinates were read in metres, as the standard says"
-            )
-        )
+        message = f"the header names the unit {unit[:20]!r}; coordinates were read in metres, as the standard says"
+        warnings.append(MapWarning(Doubt.UNITS, message))
 
 
 def _road(element: Element, place: str) -> Road:
@@ -125,32 +128,16 @@ def _road(element: Element, place: str) -> Road:
 
 
 def _shape(element: Element, place: str) -> Shape:
-    def get(part: Element, *names: str) -> tuple[float, ...]:
-        return tuple(number(part, n, place, 0.0) for n in names)
-
-    kind, normalized = "", False
-    values: tuple[float, ...] = ()
-    for kind in _SHAPES:
-        part = element.find(kind)
-        if part is None:
-            continue
-        if kind == "arc":
-            values = get(part, "curvature")
-        elif kind == "spiral":
-            values = get(part, "curvStart", "curvEnd")
-        elif kind == "poly3":
-            values = get(part, "a", "b", "c", "d")
-        elif kind == "paramPoly3":
-            values = get(part, "aU", "bU", "cU", "dU", "aV", "bV", "cV", "dV")
-            normalized = part.get("pRange", "normalized") != "arcLength"
-        break
-    else:
+    part = next((part for kind in _SHAPES if (part := element.find(kind)) is not None), None)
+    if part is None:
         raise MapError(f"{place}: a <geometry> has none of {', '.join(_SHAPES)}")
+    values = tuple(number(part, name, place, 0.0) for name in _SHAPES[part.tag])
+    normalized = part.tag == "paramPoly3" and part.get("pRange", "normalized") != "arcLength"
     length = number(element, "length", place)
     if length < 0:
         raise MapError(f"{place}: a <geometry> has the negative length {length:g} m")
     s, x, y, heading = (number(element, n, place) for n in ("s", "x", "y", "hdg"))
-    return Shape(s, x, y, heading, length, kind, values, normalized)
+    return Shape(s, x, y, heading, length, part.tag, values, normalized)
 
 
 def _cubics(parent: Element, tag: str, station: str, place: str) -> tuple[Cubic, ...]:
@@ -244,7 +231,7 @@ def _junction(element: Element, place: str) -> JunctionRecord:
         raise MapError(f"{place}: <junction> has no id")
     rows = []
     for row in element.iterfind("connection"):
-        links = tuple(LaneLink(integer(e, "from", place), integer(e, "to", place)) for e in row.iterfind("laneLink"))
+        links = tuple((integer(e, "from", place), integer(e, "to", place)) for e in row.iterfind("laneLink"))
         connecting = row.get("connectingRoad") or row.get("linkedRoad") or ""
         rows.append(Connection(row.get("incomingRoad", ""), connecting, row.get("contactPoint", ""), links))
     return JunctionRecord(id, element.get("type", "default").lower(), tuple(rows))

@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from pytest_rvads.maps.doubts import MapWarning
 
-__all__ = [
-    "DRIVABLE",
-    "Connection",
-    "Cubic",
-    "Document",
-    "JunctionRecord",
-    "Lane",
-    "LaneLink",
-    "Road",
-    "RoadLink",
-    "Section",
-    "Shape",
-    "Signal",
-]
+__all__ = ["Connection", "Cubic", "Document", "JunctionRecord", "Lane", "Road", "RoadLink", "Section", "Shape", "Signal"]
 
-DRIVABLE = frozenset({"driving", "entry", "exit", "mwyentry", "mwyexit", "onramp", "offramp", "connectingramp", "sliplane"})
+_DRIVABLE = frozenset({"driving", "entry", "exit", "mwyentry", "mwyexit", "onramp", "offramp", "connectingramp", "sliplane"})
 """Lane types (in lower case) that vehicles drive on; mwyEntry and mwyExit are entry and exit before version 1.4."""
 
 
@@ -70,7 +58,15 @@ class Lane(NamedTuple):
     @property
     def drivable(self) -> bool:
         """Lane 0 is never a lane, though some writers type it driving."""
-        return self.id != 0 and self.type in DRIVABLE
+        return self.id != 0 and self.type in _DRIVABLE
+
+    def onward(self, end: str) -> tuple[int, ...]:
+        """Return the lanes that this one is linked to at ``start`` or ``end`` of its section."""
+        return self.predecessors if end == "start" else self.successors
+
+    def forward(self, *, left_hand: bool) -> bool:
+        """Tell whether traffic runs along the reference line: by the side of the lane, and on which one traffic keeps."""
+        return ((self.id < 0) != left_hand) != self.reversed
 
 
 class Section(NamedTuple):
@@ -129,12 +125,20 @@ class Road:
     successor: RoadLink | None
     signals: tuple[Signal, ...]
 
+    @property
+    def drivable(self) -> bool:
+        """Whether any lane is."""
+        return any(lane.drivable for section in self.sections for lane in section.lanes.values())
 
-class LaneLink(NamedTuple):
-    """One lane link of a connection."""
+    @property
+    def contacts(self) -> Iterator[tuple[str, RoadLink | None]]:
+        """Each end with what the road continues into there."""
+        yield "start", self.predecessor
+        yield "end", self.successor
 
-    source: int
-    target: int
+    def lanes_at(self, end: str) -> dict[int, Lane]:
+        """Return the lanes at ``start`` or ``end``, none where the road has no lane section."""
+        return self.sections[0 if end == "start" else -1].lanes if self.sections else {}
 
 
 class Connection(NamedTuple):
@@ -144,7 +148,8 @@ class Connection(NamedTuple):
     connecting: str
     """Connecting road; the linked road in a direct junction."""
     contact: str
-    links: tuple[LaneLink, ...]
+    links: tuple[tuple[int, int], ...]
+    """Pairs of lane ids: on the incoming road, on the connecting one."""
 
 
 class JunctionRecord(NamedTuple):
@@ -153,6 +158,11 @@ class JunctionRecord(NamedTuple):
     id: str
     type: str
     connections: tuple[Connection, ...]
+
+    @property
+    def made_of_roads(self) -> bool:
+        """Whether its connections are roads of its own."""
+        return self.type in ("default", "")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,6 +176,13 @@ class Document:
     """Signal ids per controller id."""
     warnings: tuple[MapWarning, ...]
 
+    def rows(self) -> Iterator[tuple[JunctionRecord, Connection]]:
+        """Yield the rows of all connection tables whose two roads exist."""
+        for junction in self.junctions.values():
+            for row in junction.connections:
+                if row.incoming in self.roads and row.connecting in self.roads:
+                    yield junction, row
+
     def touching(self, junction: str, row: Connection) -> str | None:
         """Return the end of the incoming road of a connection at which it holds, None where the roads do not touch.
 
@@ -174,7 +191,7 @@ class Document:
         incoming, connecting = self.roads[row.incoming], self.roads[row.connecting]
         ends = [
             end
-            for end, link in (("start", incoming.predecessor), ("end", incoming.successor))
+            for end, link in incoming.contacts
             if link is not None
             and (link.element == junction if link.junction else (link.element, link.contact) == (connecting.id, row.contact))
         ]

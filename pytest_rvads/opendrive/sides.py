@@ -13,7 +13,8 @@ import math
 from collections.abc import Iterator, Mapping
 
 from pytest_rvads.maps.doubts import Doubt, MapWarning
-from pytest_rvads.maps.network import Draft, Edge
+from pytest_rvads.maps.network import Edge
+from pytest_rvads.opendrive.draft import Draft
 from pytest_rvads.opendrive.records import Document, Road
 
 __all__ = ["directions", "kept_sides"]
@@ -60,18 +61,12 @@ def _table_votes(document: Document) -> Iterator[bool]:
 
     Rows about connecting roads of two directions tell nothing: some writers list them once per end.
     """
-    for junction in document.junctions.values():
-        for row in junction.connections:
-            if row.incoming not in document.roads or row.connecting not in document.roads or junction.type == "direct":
-                continue
-            sides = {
-                lane.id > 0 for part in document.roads[row.connecting].sections for lane in part.lanes.values() if lane.drivable
-            }
-            end = document.touching(junction.id, row)
-            if len(sides) != 1 or end is None:
-                continue
-            for source, _ in row.links[:1]:
-                yield (source < 0) != (end == "end")
+    for junction, row in document.rows():
+        sections = document.roads[row.connecting].sections
+        sides = {lane.id > 0 for part in sections for lane in part.lanes.values() if lane.drivable}
+        end = document.touching(junction.id, row)
+        if len(sides) == 1 and end is not None and row.links and junction.type != "direct":
+            yield (row.links[0][0] < 0) != (end == "end")
 
 
 def _turn_connecting_roads(document: Document, found: dict[str, bool], warnings: list[MapWarning]) -> None:
@@ -96,16 +91,16 @@ def _turn_connecting_roads(document: Document, found: dict[str, bool], warnings:
 
 def _passing(document: Document, road: Road, left: Mapping[str, bool]) -> Iterator[bool]:
     """Yield per lane link of a connecting road whether traffic passes it: arriving on one side, departing on the other."""
-    for contact, link, section in (("start", road.predecessor, 0), ("end", road.successor, -1)):
+    for contact, link in road.contacts:
         other = None if link is None or link.junction else document.roads.get(link.element)
-        if link is None or other is None or not road.sections or not other.sections or link.contact not in ("start", "end"):
+        if link is None or other is None or link.contact not in ("start", "end"):
             continue
-        there = other.sections[0 if link.contact == "start" else -1].lanes
-        for lane in road.sections[section].lanes.values():
-            for target in lane.predecessors if contact == "start" else lane.successors:
+        there = other.lanes_at(link.contact)
+        for lane in road.lanes_at(contact).values():
+            for target in lane.onward(contact):
                 if lane.drivable and target in there and there[target].drivable:
-                    forward = ((lane.id < 0) != left[road.id]) != lane.reversed
-                    onward = ((target < 0) != left[other.id]) != there[target].reversed
+                    forward = lane.forward(left_hand=left[road.id])
+                    onward = there[target].forward(left_hand=left[other.id])
                     yield (forward == (contact == "end")) != (onward == (link.contact == "end"))
 
 
@@ -139,18 +134,18 @@ def _pair_votes(draft: Draft) -> Iterator[bool]:
     for edge in draft.edges.values():
         if edge.junction is None:
             continue
-        for ids, table in ((edge.before, entering), (edge.after, leaving)):
-            for other in map(draft.edges.__getitem__, ids):
-                if other.junction is None:
-                    table.setdefault(edge.junction, {})[other.road] = other
+        for ids, table in ((draft.links.pred[edge.id], entering), (draft.links.succ[edge.id], leaving)):
+            for beside in map(draft.edges.__getitem__, ids):
+                if beside.junction is None:
+                    table.setdefault(edge.junction, {})[beside.road] = beside
     for junction, inward in entering.items():
         outward = leaving.get(junction, {})
         ways_out = [edge for road, edge in outward.items() if road not in inward]
-        for road, edge in inward.items():
-            facing = [] if road in outward else [(gap, other) for other in ways_out if (gap := _gap(edge, other)) is not None]
+        for road, way_in in inward.items():
+            facing = [] if road in outward else [(gap, other) for other in ways_out if (gap := _gap(way_in, other)) is not None]
             if facing:
                 _, back = min(facing, key=lambda row: row[0])
-                yield _on_right(edge, back)
+                yield _on_right(way_in, back)
 
 
 def _gap(entrance: Edge, exit: Edge) -> float | None:

@@ -7,19 +7,19 @@ entrance lanes at the end of the road it stands near, or by the lanes it names; 
 
 from __future__ import annotations
 
-import math
 import re
 from bisect import bisect_right
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from enum import StrEnum
+from collections.abc import Container, Iterable, Iterator
 
-from pytest_rvads.maps.doubts import Doubt, MapWarning
-from pytest_rvads.maps.network import Edge, Network
-from pytest_rvads.opendrive.records import Document, Road, Signal
+import networkx as nx
 
-__all__ = ["LINE_RANGE", "MapObject", "ObjectKind", "attach", "kind_of"]
+from pytest_rvads.maps.control import MapObject, ObjectKind
+from pytest_rvads.maps.doubts import Doubt
+from pytest_rvads.opendrive.draft import Chain, Draft
+from pytest_rvads.opendrive.records import Road, Signal
+
+__all__ = ["LINE_RANGE", "attach", "kind_of"]
 
 SIGNAL_RANGE = 50.0
 """Farthest place of a signal before the junction it is for [m]."""
@@ -40,29 +40,6 @@ _STOP_NAME = re.compile(r"(?<![a-z])stop([ _-]?sign)?(?![a-z])|(?<![a-z])sign[ _
 _LIGHT_NAME = re.compile(r"traffic[ _-]?(light|signal)|signal[ _-]?3?light")
 _OTHER_NAME = re.compile(r"pedestrian|walk|bicycle|bike|bus|tram|rail|line|ahead")
 _LIGHT = frozenset({1_000_001, *range(1_000_008, 1_000_013), *range(1_000_020, 1_000_100)})
-
-
-class ObjectKind(StrEnum):
-    """Kinds of objects that matter to the rules."""
-
-    STOP = "stop"
-    LIGHT = "light"
-    LINE = "line"
-
-
-@dataclass(frozen=True, slots=True)
-class MapObject:
-    """A stop sign, light or stop line with its position on the metric graph."""
-
-    id: str
-    kind: ObjectKind
-    junction: str
-    edge: str
-    """The edge of the entrance it is for."""
-    station: float
-    """Along that edge; at its end where the object stands in or beyond the junction [m]."""
-    setback: float | None
-    """Distance of a stop line or stop sign before the entrance vertex, None beyond `LINE_RANGE` or for lights [m]."""
 
 
 def kind_of(signal: Signal) -> ObjectKind | None:
@@ -91,55 +68,64 @@ def _by_name(name: str) -> ObjectKind | None:
     return ObjectKind.STOP if _STOP_NAME.search(name) else None
 
 
-def attach(
-    document: Document, network: Network, entrances: Mapping[str, Iterable[str]], warnings: list[MapWarning]
-) -> list[MapObject]:
-    """Find the entrances of all stop signs, vehicle lights and stop lines.
+def attach(draft: Draft) -> list[MapObject]:
+    """Find the entrances of all stop signs, vehicle lights and stop lines of linked lanes.
 
     Args:
-        document: the records of the map.
-        network: its lanes.
-        entrances: per junction, the edges that enter it.
-        warnings: references to nothing, unattached and inverted signals are appended here.
+        draft: references to nothing, unattached and inverted signals are added to its warnings.
 
     Returns:
         One object per signal and entrance.
     """
-    return _Attacher(document, network, entrances, warnings).attach()
+    return _Attacher(draft).attach()
 
 
 class _Attacher:
-    def __init__(
-        self, document: Document, network: Network, entrances: Mapping[str, Iterable[str]], warnings: list[MapWarning]
-    ) -> None:
-        self.document = document
-        self.network = network
-        self.warnings = warnings
+    def __init__(self, draft: Draft) -> None:
+        self.draft = draft
+        self.edges = draft.edges
         self.homes: dict[str, Signal] = {}
-        self.by_road: dict[str, list[Edge]] = defaultdict(list)
+        self.by_road: dict[str, list[Chain]] = defaultdict(list)
         self.entered: dict[str, list[str]] = defaultdict(list)
         """Junctions that an edge enters."""
         self.inverted: dict[str, list[str]] = defaultdict(list)
-        for edge in network.edges.values():
+        self.inside: dict[str, dict[str, None]] = defaultdict(dict)
+        """Per junction, the edges that lie in it."""
+        for edge in draft.edges.values():
             self.by_road[edge.road].append(edge)
-        for junction, ids in entrances.items():
-            for id in ids:
+            if edge.junction is not None:
+                self.inside[edge.junction][edge.id] = None
+        for junction in draft.document.junctions:
+            # An edge that leads into a junction but not out of it again is no entrance.
+            inside = self.inside[junction]
+            leaving = [id for id in inside if not draft.links.succ[id].keys() <= inside.keys()]
+            for id in dict.fromkeys([*self._before(leaving, inside), *(one for one, _ in draft.direct[junction])]):
                 self.entered[id].append(junction)
-        for road in document.roads.values():
+        for road in draft.document.roads.values():
             for signal in road.signals:
                 if not signal.reference and (signal.id not in self.homes or kind_of(self.homes[signal.id]) is None):
                     self.homes[signal.id] = signal
+
+    def _before(self, starts: Iterable[str], inside: Container[str]) -> list[str]:
+        """Return the edges outside a junction from which one of `starts`, inside, is reached."""
+        before = self.draft.links.pred
+
+        def back(id: str | None) -> Iterator[str]:
+            return iter(starts if id is None else before[id] if id in inside else ())
+
+        reached = nx.generic_bfs_edges(self.draft.links, None, back)
+        return [id for _, id in reached if id not in inside]
 
     def attach(self) -> list[MapObject]:
         at_home: list[tuple[Signal, ObjectKind, str, str]] = []
         referred: list[tuple[Signal, ObjectKind, str, str]] = []
         lines: list[Signal] = []
-        for road in self.document.roads.values():
+        for road in self.draft.document.roads.values():
             for signal in road.signals:
                 home = self.homes.get(signal.id) if signal.reference else signal
                 if home is None:
                     message = f"road {road.id!r} refers to signal {signal.id!r}, which does not exist"
-                    self.warnings.append(MapWarning(Doubt.SIGNAL, message, road.id))
+                    self.draft.warn(Doubt.SIGNAL, message, road.id)
                     continue
                 kind = kind_of(home)
                 if kind is ObjectKind.LINE:
@@ -152,16 +138,16 @@ class _Attacher:
         found: dict[tuple[ObjectKind, str, str, str], MapObject] = {}
         for signal, kind, junction, edge in kept:
             home = self.homes[signal.id] if signal.reference else signal
-            found[kind, signal.id, junction, edge] = self._object(home, kind, junction, self.network.edges[edge])
+            found[kind, signal.id, junction, edge] = self._object(home, kind, junction, self.edges[edge])
         for signal in lines:
             for junction, edge in self._lines(signal):
                 key = ObjectKind.LINE, f"{signal.id}@{signal.road}:{signal.s}", junction, edge
-                found[key] = self._object(signal, ObjectKind.LINE, junction, self.network.edges[edge])
+                found[key] = self._object(signal, ObjectKind.LINE, junction, self.edges[edge])
         for junction, ids in self.inverted.items():
             names = ", ".join(sorted(set(ids))[:5])
             count = len(set(ids))
             message = f"{count} signals at junction {junction!r} ({names}) are oriented against their traffic; that was ignored"
-            self.warnings.append(MapWarning(Doubt.ORIENTATION, message, None, junction))
+            self.draft.warn(Doubt.ORIENTATION, message, None, junction)
         return list(found.values())
 
     def _entrances(self, road: Road, signal: Signal) -> list[tuple[str, str]]:
@@ -171,38 +157,24 @@ class _Attacher:
             return []  # valid for lane 0 only: this is just where the pole stands
         section = max(bisect_right([part.s for part in road.sections], signal.s + 1e-6) - 1, 0)
 
-        def meant(edge: Edge) -> bool:
+        def meant(edge: Chain) -> bool:
             if not ranges:
                 return True
             # A lane that forks off after the signal has no number beside it; there the number at its end counts.
             here = [lane for i, lane in edge.lanes if i == section] or [edge.lanes[-1][1]]
             return any(low <= here[0] <= high for low, high in ranges)
 
-        if road.junction is not None and road.junction in self.document.junctions:
+        if road.junction is not None and road.junction in self.draft.document.junctions:
             edges = [edge for edge in self.by_road[road.id] if meant(edge)]
             if edges and all(_against(signal, edge.forward) for edge in edges):
                 self.inverted[road.junction].append(signal.id)
-            return [(road.junction, id) for edge in edges for id in self._upstream(edge)]
+            return [(road.junction, id) for edge in edges for id in self._before([edge.id], self.inside[road.junction])]
         return [(junction, edge.id) for junction, edge in self._near_end(road, signal) if meant(edge)]
 
-    def _upstream(self, edge: Edge) -> list[str]:
-        """Return the entrance edges from which `edge`, inside a junction, is reached."""
-        found, seen, queue = [], {edge.id}, [edge.id]
-        while queue:
-            for id in self.network.edges[queue.pop()].before:
-                if id in seen:
-                    continue
-                seen.add(id)
-                if self.network.edges[id].junction == edge.junction:
-                    queue.append(id)
-                else:
-                    found.append(id)
-        return found
-
-    def _near_end(self, road: Road, signal: Signal) -> list[tuple[str, Edge]]:
+    def _near_end(self, road: Road, signal: Signal) -> list[tuple[str, Chain]]:
         """Return (junction, entrance edge) near a signal on a road outside, on this road or on one it leads into."""
         reach = min(SIGNAL_RANGE, road.length / 2)
-        ends: dict[bool, list[tuple[str, Edge]]] = {}
+        ends: dict[bool, list[tuple[str, Chain]]] = {}
         for edge in self.by_road[road.id]:
             distance = abs((road.length if edge.forward else 0.0) - signal.s)
             if edge.id in self.entered:
@@ -219,14 +191,17 @@ class _Attacher:
             return places
         return []
 
-    def _ahead(self, edge: Edge, distance: float) -> list[tuple[str, Edge]]:
+    def _ahead(self, edge: Chain, distance: float) -> list[tuple[str, Chain]]:
         """Return (junction, entrance edge) that traffic reaches within `SIGNAL_RANGE` from `distance` before the end of `edge`.
 
         That is where the last road before a junction is so short that its signals stand on the road before.
         """
         seen = {edge.id}
-        while distance <= SIGNAL_RANGE and len(edge.after) == 1 and edge.after[0] not in seen:
-            edge = self.network.edges[edge.after[0]]
+        while distance <= SIGNAL_RANGE:
+            after = list(self.draft.links.succ[edge.id])
+            if len(after) != 1 or after[0] in seen:
+                return []
+            edge = self.edges[after[0]]
             seen.add(edge.id)
             distance += edge.length
             if edge.junction is not None:
@@ -237,7 +212,7 @@ class _Attacher:
 
     def _lines(self, signal: Signal) -> list[tuple[str, str]]:
         """Return (junction, entrance edge) that a stop line is for, also where it lies on the road before."""
-        road = self.document.roads[signal.road]
+        road = self.draft.document.roads[signal.road]
         found = []
         for edge in self.by_road[road.id]:
             ahead = edge.length - edge.station(signal.s)
@@ -247,19 +222,19 @@ class _Attacher:
                 if ahead <= LINE_RANGE and not (twin and ahead > behind):
                     found += [(junction, edge.id) for junction in self.entered[edge.id]]
                 continue
-            for id in edge.after:
-                if id in self.entered and ahead + self.network.edges[id].length <= LINE_RANGE:
+            for id in self.draft.links.succ[edge.id]:
+                if id in self.entered and ahead + self.edges[id].length <= LINE_RANGE:
                     found += [(junction, id) for junction in self.entered[id]]
         return found
 
-    def _object(self, signal: Signal, kind: ObjectKind, junction: str, edge: Edge) -> MapObject:
+    def _object(self, signal: Signal, kind: ObjectKind, junction: str, edge: Chain) -> MapObject:
         """Place an object on the edge of its entrance."""
         before: float = -1.0
         if signal.road == edge.road:
             before = edge.length - edge.station(signal.s)
         else:
-            for id in edge.before:
-                other = self.network.edges[id]
+            for id in self.draft.links.pred[edge.id]:
+                other = self.edges[id]
                 if other.road == signal.road and other.junction is None:
                     before = edge.length + other.length - other.station(signal.s)
         place = max(before, 0.0)
@@ -270,14 +245,3 @@ class _Attacher:
 def _against(signal: Signal, forward: bool) -> bool:
     """Tell whether the orientation of a signal contradicts the direction of the lanes it is for."""
     return signal.orientation in ("+", "-") and (signal.orientation == "+") != forward
-
-
-def setback_of(objects: Iterable[MapObject]) -> float:
-    """Return the distance of the stopping line before the vertex [m]: the nearest stop line, else stop sign, else 0."""
-    lines, signs = math.inf, math.inf
-    for item in objects:
-        if item.setback is not None and item.kind is ObjectKind.LINE:
-            lines = min(lines, item.setback)
-        elif item.setback is not None:
-            signs = min(signs, item.setback)
-    return lines if lines < math.inf else signs if signs < math.inf else 0.0

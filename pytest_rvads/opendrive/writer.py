@@ -7,13 +7,13 @@ to the lanes it joins, so headings are continuous and there are no gaps.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.analysis import phase_groups
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl, phase_groups
+from pytest_rvads.maps.segment import Pose
 
 __all__ = ["Layout", "opendrive"]
 
@@ -95,30 +95,27 @@ def opendrive(layout: Layout, name: str = "junction") -> str:
     """
     root = Element("OpenDRIVE")
     reach = layout.stop + layout.approach
-    bounds = {side: _text(sign * reach) for side, sign in (("north", 1), ("south", -1), ("east", 1), ("west", -1))}
-    SubElement(
-        root, "header", {"revMajor": "1", "revMinor": "7", "name": name, "version": "1.00", **bounds, "vendor": "pytest-rvads"}
-    )
+    bounds = {"north": reach, "south": -reach, "east": reach, "west": -reach}
+    _add(root, "header", revMajor=1, revMinor=7, name=name, version="1.00", **bounds, vendor="pytest-rvads")
     for arm in range(layout.ways):
         _arm(root, layout, arm)
     junction = Element("junction", {"id": _JUNCTION, "name": name})
-    for entrance in range(layout.ways):
-        for exit in range(layout.ways):
-            if entrance != exit:
-                _movement(root, junction, layout, entrance, exit)
+    for entrance, exit in permutations(range(layout.ways), 2):
+        _movement(root, junction, layout, entrance, exit)
     if layout.control is JunctionControl.LIGHTS:
         for number, group in enumerate(phase_groups(layout.ways, layout.opposite)):
-            controller = SubElement(root, "controller", {"id": str(number), "name": f"phase {number}", "sequence": str(number)})
+            controller = _add(root, "controller", id=number, name=f"phase {number}", sequence=number)
             for arm in sorted(group):
-                SubElement(controller, "control", {"signalId": str(arm), "type": "vehicle"})
-            SubElement(junction, "controller", {"id": str(number), "type": "vehicle", "sequence": str(number)})
+                _add(controller, "control", signalId=arm, type="vehicle")
+            _add(junction, "controller", id=number, type="vehicle", sequence=number)
     root.append(junction)
     indent(root, "  ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="unicode") + "\n"
 
 
-def _text(value: float) -> str:
-    return f"{value + 0.0:.12g}"
+def _add(parent: Element, tag: str, **values: str | float) -> Element:
+    """Add an element with these attributes; numbers have up to 12 digits."""
+    return SubElement(parent, tag, {name: v if isinstance(v, str) else f"{v + 0.0:.12g}" for name, v in values.items()})
 
 
 def _lane(layout: Layout) -> int:
@@ -130,102 +127,83 @@ def _inbound(layout: Layout) -> int:
     return -_lane(layout) if layout.left_hand else _lane(layout)
 
 
-def _connecting_id(layout: Layout, entrance: int, exit: int) -> str:
-    return str(100 + entrance * layout.ways + exit)
-
-
-def _road(root: Element, layout: Layout, id: str, length: float, junction: str) -> Element:
-    rule = "LHT" if layout.left_hand else "RHT"
-    road = SubElement(root, "road", {"id": id, "length": _text(length), "junction": junction, "rule": rule})
-    SubElement(road, "link")
+def _road(root: Element, layout: Layout, id: int, length: float, junction: str) -> Element:
+    road = _add(root, "road", id=id, length=length, junction=junction, rule="LHT" if layout.left_hand else "RHT")
+    _add(road, "link")
     return road
 
 
-def _plan(road: Element, x: float, y: float, heading: float, length: float, curvature: float = 0.0) -> None:
-    plan = SubElement(road, "planView")
-    where = {"s": "0", "x": _text(x), "y": _text(y), "hdg": _text(heading), "length": _text(length)}
-    geometry = SubElement(plan, "geometry", where)
-    if curvature:
-        SubElement(geometry, "arc", {"curvature": _text(curvature)})
-    else:
-        SubElement(geometry, "line")
+def _plan(road: Element, start: Pose, length: float, curvature: float = 0.0) -> None:
+    geometry = _add(_add(road, "planView"), "geometry", s=0, x=start.x, y=start.y, hdg=start.heading, length=length)
+    _add(geometry, "arc", curvature=curvature) if curvature else _add(geometry, "line")
 
 
-def _add_lane(
-    side: Element, id: int, type: str, width: float, predecessor: int | None = None, successor: int | None = None
-) -> None:
-    lane = SubElement(side, "lane", {"id": str(id), "type": type, "level": "false"})
-    if predecessor is not None or successor is not None:
-        link = SubElement(lane, "link")
-        for tag, value in (("predecessor", predecessor), ("successor", successor)):
-            if value is not None:
-                SubElement(link, tag, {"id": str(value)})
+def _add_lane(side: Element, id: int, type: str, width: float, links: tuple[int, int] | None = None) -> None:
+    """Write a lane; `links` are the ids of the lanes before and after it."""
+    lane = _add(side, "lane", id=id, type=type, level="false")
+    if links:
+        link = _add(lane, "link")
+        _add(link, "predecessor", id=links[0])
+        _add(link, "successor", id=links[1])
     if id:
-        SubElement(lane, "width", {"sOffset": "0", "a": _text(width), "b": "0", "c": "0", "d": "0"})
+        _add(lane, "width", sOffset=0, a=width, b=0, c=0, d=0)
 
 
 def _arm(root: Element, layout: Layout, arm: int) -> None:
     """Write one arm: its reference line runs outward from the entrance vertex."""
     angle = layout.directions[arm]
-    road = _road(root, layout, str(arm), layout.approach, "-1")
-    SubElement(road[0], "predecessor", {"elementType": "junction", "elementId": _JUNCTION})
-    _plan(road, layout.stop * math.cos(angle), layout.stop * math.sin(angle), angle, layout.approach)
-    section = SubElement(SubElement(road, "lanes"), "laneSection", {"s": "0"})
+    road = _road(root, layout, arm, layout.approach, "-1")
+    _add(road[0], "predecessor", elementType="junction", elementId=_JUNCTION)
+    _plan(road, Pose(layout.stop * math.cos(angle), layout.stop * math.sin(angle), angle), layout.approach)
+    section = _add(_add(road, "lanes"), "laneSection", s=0)
     outer, median = _lane(layout), layout.lane_offset - layout.lane_width / 2
     for side, ids in (("left", range(outer, 0, -1)), ("center", (0,)), ("right", range(-1, -outer - 1, -1))):
-        group = SubElement(section, side)
+        group = _add(section, side)
         for id in ids:
             driving = abs(id) == outer
             _add_lane(group, id, "driving" if driving else "median" if id else "none", layout.lane_width if driving else median)
-    if layout.control is JunctionControl.NONE:
-        return
-    _stop_line(road, layout, arm)
-    _sign(road, layout, arm)
+    if layout.control is not JunctionControl.NONE:
+        _regulate(road, layout, arm)
 
 
-def _stop_line(road: Element, layout: Layout, arm: int) -> None:
-    side = math.copysign(1.0, _inbound(layout))
-    line = {
-        "id": f"line{arm}",
-        "name": "StopLine",
-        "type": "roadMark",
-        "s": _text(layout.setback),
-        "t": _text(side * layout.lane_offset),
-        "zOffset": "0",
-        "orientation": "-",
-        "length": "0.3",
-        "width": _text(layout.lane_width),
-        "height": "0",
-        "hdg": "0",
-        "pitch": "0",
-        "roll": "0",
-    }
-    element = SubElement(SubElement(road, "objects"), "object", line)
-    lane = str(_inbound(layout))
-    SubElement(element, "validity", {"fromLane": lane, "toLane": lane})
-
-
-def _sign(road: Element, layout: Layout, arm: int) -> None:
-    """Write the stop sign or light of the entrance; traffic towards the junction runs against the reference line."""
+def _regulate(road: Element, layout: Layout, arm: int) -> None:
+    """Write the stop line and the stop sign or light of an entrance; traffic enters against the reference line."""
+    inbound = _inbound(layout)
+    side = math.copysign(1.0, inbound)
+    flat: dict[str, float] = dict.fromkeys(("height", "hdg", "pitch", "roll"), 0)
+    line = _add(
+        _add(road, "objects"),
+        "object",
+        id=f"line{arm}",
+        name="StopLine",
+        type="roadMark",
+        s=layout.setback,
+        t=side * layout.lane_offset,
+        zOffset=0,
+        orientation="-",
+        length=0.3,
+        width=layout.lane_width,
+        **flat,
+    )
     light = layout.control is JunctionControl.LIGHTS
-    side = math.copysign(1.0, _inbound(layout))
-    sign = {
-        "id": str(arm),
-        "name": "light" if light else "stop sign",
-        "s": _text(layout.setback),
-        "t": _text(side * (layout.lane_offset + layout.lane_width / 2 + 0.8)),
-        "zOffset": "2.5",
-        "orientation": "-",
-        "dynamic": "yes" if light else "no",
-        "country": "OpenDRIVE",
-        "type": "1000001" if light else "206",
-        "subtype": "-1",
-        "height": "0.9",
-        "width": "0.9",
-    }
-    element = SubElement(SubElement(road, "signals"), "signal", sign)
-    lane = str(_inbound(layout))
-    SubElement(element, "validity", {"fromLane": lane, "toLane": lane})
+    sign = _add(
+        _add(road, "signals"),
+        "signal",
+        id=arm,
+        name="light" if light else "stop sign",
+        s=layout.setback,
+        t=side * (layout.lane_offset + layout.lane_width / 2 + 0.8),
+        zOffset=2.5,
+        orientation="-",
+        dynamic="yes" if light else "no",
+        country="OpenDRIVE",
+        type="1000001" if light else "206",
+        subtype="-1",
+        height=0.9,
+        width=0.9,
+    )
+    for element in (line, sign):
+        _add(element, "validity", fromLane=inbound, toLane=inbound)
 
 
 def _movement(root: Element, junction: Element, layout: Layout, entrance: int, exit: int) -> None:
@@ -246,21 +224,20 @@ def _movement(root: Element, junction: Element, layout: Layout, entrance: int, e
         )
     curvature = 0.0 if abs(turn) < 1e-9 else 2 * math.sin(turn / 2) / chord
     length = chord if curvature == 0.0 else turn / curvature
-    id = _connecting_id(layout, entrance, exit)
+    id = 100 + entrance * layout.ways + exit
     road = _road(root, layout, id, length, _JUNCTION)
     for tag, arm in (("predecessor", entrance), ("successor", exit)):
-        SubElement(road[0], tag, {"elementType": "road", "elementId": str(arm), "contactPoint": "start"})
-    _plan(road, x, y, heading, length, curvature)
-    lanes = SubElement(road, "lanes")
-    SubElement(lanes, "laneOffset", {"s": "0", "a": _text(side * layout.lane_width / 2), "b": "0", "c": "0", "d": "0"})
-    section = SubElement(lanes, "laneSection", {"s": "0"})
+        _add(road[0], tag, elementType="road", elementId=arm, contactPoint="start")
+    _plan(road, Pose(x, y, heading), length, curvature)
+    lanes = _add(road, "lanes")
+    _add(lanes, "laneOffset", s=0, a=side * layout.lane_width / 2, b=0, c=0, d=0)
+    section = _add(lanes, "laneSection", s=0)
     inbound, lane = _inbound(layout), 1 if layout.left_hand else -1
-    groups: Sequence[tuple[str, int]] = (("left", 1), ("center", 0)) if layout.left_hand else (("center", 0), ("right", -1))
-    for name, number in groups:
-        ends = (inbound, -inbound) if number else (None, None)
-        _add_lane(SubElement(section, name), number, "driving" if number else "none", layout.lane_width, *ends)
-    row = {"id": id, "incomingRoad": str(entrance), "connectingRoad": id, "contactPoint": "start"}
-    SubElement(SubElement(junction, "connection", row), "laneLink", {"from": str(inbound), "to": str(lane)})
+    for name, number in (("left", 1), ("center", 0)) if layout.left_hand else (("center", 0), ("right", -1)):
+        links = (inbound, -inbound) if number else None
+        _add_lane(_add(section, name), number, "driving" if number else "none", layout.lane_width, links)
+    row = _add(junction, "connection", id=id, incomingRoad=entrance, connectingRoad=id, contactPoint="start")
+    _add(row, "laneLink", **{"from": inbound}, to=lane)
 
 
 def _at(layout: Layout, angle: float, side: float) -> tuple[float, float]:

@@ -6,7 +6,6 @@ when it begins.
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
 from xml.etree import ElementTree
@@ -155,7 +154,7 @@ def number(element: Element, name: str, place: str, default: float | None = None
         value = float(text)
     except ValueError:
         raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is not a number") from None
-    if not math.isfinite(value) or abs(value) > 1e12:
+    if not -1e12 <= value <= 1e12:
         raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is not a finite number of sensible size")
     return value
 

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from pytest_rvads.decoding import decode
 from pytest_rvads.errors import MapError, RunError
-from pytest_rvads.junctions.junction import Junction, JunctionControl, Movement, Sign, cross
+from pytest_rvads.junctions.junction import Junction, Movement, cross
+from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone

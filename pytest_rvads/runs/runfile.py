@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError, RunError
-from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement, Sign
+from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
+from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Kind

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from pytest_rvads.errors import ScenarioError, suggest
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 
 __all__ = [
     "PAPER",

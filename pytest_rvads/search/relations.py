@@ -12,9 +12,10 @@ from types import MappingProxyType
 import numpy as np
 
 from pytest_rvads.drivers.renaming import renamed
-from pytest_rvads.junctions.junction import Junction, JunctionControl
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.classes import rotate
 from pytest_rvads.search.remap import mirrored, moved

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.finder import find, names
-from pytest_rvads.junctions.junction import Junction, JunctionControl
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.scenarios.classes import WAYS, Directions
 from pytest_rvads.scenarios.scenario import Scenario

@@ -16,7 +16,7 @@ import numpy as np
 
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.recorded import read_recorded
 from pytest_rvads.runs.run import Run

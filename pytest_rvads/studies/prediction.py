@@ -11,7 +11,7 @@ from msgspec import Struct
 from pytest_rvads.decoding import typed
 from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.errors import MapError, RvadsError, ScenarioError
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.recorded import Edge
 from pytest_rvads.runs.run import Run

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.analysis import opposite_pairs, phase_groups, right_of_pairs
-from pytest_rvads.junctions.junction import Junction, JunctionControl, Movement, Sign, cross
+from pytest_rvads.junctions.analysis import opposite_pairs, right_of_pairs
+from pytest_rvads.junctions.junction import Junction, Movement, cross
+from pytest_rvads.maps.control import JunctionControl, Sign, phase_groups
 from pytest_rvads.maps.segment import Segment, Turn
 
 __all__ = ["TOLERANCE", "Lengths", "build_junction", "fit_shape"]

@@ -18,9 +18,9 @@ from pytest_rvads.drivers.lgsvl.pilot import Pilot
 from pytest_rvads.drivers.lgsvl.scheduler import Scheduler
 from pytest_rvads.drivers.lgsvl.zone import Box, zone_of
 from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.scenarios.case import Case

@@ -14,9 +14,9 @@ import pytest
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import POLICIES, TIE, traffic
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case

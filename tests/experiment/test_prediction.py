@@ -15,7 +15,7 @@ from pytest_rvads import cli
 from pytest_rvads.drivers.lgsvl.zone import frame
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn, join
 from pytest_rvads.studies.prediction import Graph, answer, site_lengths
 from pytest_rvads.studies.site import Lengths, build_junction

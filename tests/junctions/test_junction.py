@@ -7,7 +7,8 @@ import pytest
 
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement, Sign
+from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
+from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Segment, Turn
 
 

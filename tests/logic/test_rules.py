@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.logic.check import check, extract, ground, simplify, unfold
 from pytest_rvads.logic.judging.ground import domain
 from pytest_rvads.logic.ltl import formula as f
@@ -16,6 +15,7 @@ from pytest_rvads.logic.rules.reading import parse
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulefile import load_rules
 from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
 

@@ -9,8 +9,8 @@ import pytest
 
 from pytest_rvads.junctions.builtin import LAYOUTS, path_of
 from pytest_rvads.junctions.finder import find, names
-from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.junctions.road_map import read_map
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.runs.itineraries import Itinerary
@@ -51,7 +51,7 @@ def test_priorities(name: str) -> None:
 
 def test_directions_are_right_straight_left() -> None:
     for entrance in range(4):
-        turns = [find("stop4").turn(entrance, find("stop4").leads(entrance, d).exit) for d in (1, 2, 3)]
+        turns = [find("stop4").leads(entrance, d).turn for d in (1, 2, 3)]
         assert turns == [Turn.RIGHT, Turn.STRAIGHT, Turn.LEFT]
 
 
@@ -89,8 +89,8 @@ def test_files_are_what_the_layouts_write(name: str) -> None:
     assert path_of(name).read_text(encoding="utf-8") == opendrive(LAYOUTS[name], name)
 
 
-def test_reading_a_built_in_junction_needs_no_graph_library() -> None:
-    code = "import sys; from pytest_rvads.junctions.finder import find; find('stop4'); sys.exit('networkx' in sys.modules)"
+def test_the_graph_library_waits_for_the_first_map() -> None:
+    code = "import sys, pytest_rvads.plugin, pytest_rvads.junctions.junction; sys.exit('networkx' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

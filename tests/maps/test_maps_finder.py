@@ -9,7 +9,7 @@ import pytest
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.junctions.finder import find, load, nearest
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.opendrive.writer import Layout, opendrive
 
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from pytest_rvads.draw.map_picture import draw_map
 from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.junctions.road_map import RoadMap, describe, read_map
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.opendrive.writer import Layout, opendrive
 
 VALUES = [

@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 from pathlib import Path
 
+import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +14,8 @@ from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.junctions.graph import MetricGraph, Position
 from pytest_rvads.junctions.road_map import RoadMap, read_map
-from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.maps.network import Edge, Network
+from pytest_rvads.maps.segment import Turn
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=60)
 
@@ -34,7 +36,10 @@ def test_vertices_and_edges_of_an_x(stop4: RoadMap) -> None:
     assert graph.number_of_nodes() == 16
     assert graph.number_of_edges() == 8 + 12
     assert sorted(d for _, d in graph.out_degree()) == [0] * 4 + [1] * 8 + [3] * 4
-    assert all(data["segment"].length == data["weight"] > 0 for _, _, data in graph.edges(data=True))
+    assert all(
+        stop4.graph.segment(id).length == pytest.approx(length) and length > 0
+        for _, _, id, length in graph.edges(keys=True, data="weight")
+    )
 
 
 def test_roads_are_maximal_paths(stop4: RoadMap) -> None:
@@ -70,16 +75,16 @@ def test_entex_joins_the_two_directions_of_an_arm(stop4: RoadMap) -> None:
     entex = stop4.entex("1")
     assert len(entex) == 4
     for entrance, exit in entex.items():
-        (into,) = stop4.graph.graph.in_edges(entrance, data="segment")
-        (out,) = stop4.graph.graph.out_edges(exit, data="segment")
-        assert math.dist(into[2].points[-1], out[2].points[0]) == pytest.approx(3.5)
+        ((_, _, into),) = stop4.graph.graph.in_edges(entrance, keys=True)
+        ((_, _, out),) = stop4.graph.graph.out_edges(exit, keys=True)
+        assert math.dist(stop4.graph.segment(into).points[-1], stop4.graph.segment(out).points[0]) == pytest.approx(3.5)
 
 
 def test_predicates_follow_the_table_of_semantics(stop4: RoadMap) -> None:
     """Evaluate right-of and opposite on the graph itself, by the paper's words."""
     graph, entex = stop4.graph, stop4.entex("1")
     junction = graph.junction("1")
-    moves = [(u, v, data["segment"].turn) for u, v, data in junction.edges(data=True)]
+    moves = [(u, v, graph.segment(id).turn) for u, v, id in junction.edges(keys=True)]
     report = stop4.report("1")
     number = {graph.ends(arm.entrances[0])[1]: i for i, arm in enumerate(report.arms)}
     right_of = {
@@ -158,14 +163,12 @@ def test_the_end_of_a_segment_is_the_start_of_the_next(stop4: RoadMap) -> None:
 
 
 def test_closed_loops_are_roads_too() -> None:
-    import networkx as nx
-
-    graph = nx.MultiDiGraph()
     corners = [(0.0, 0.0), (10.0, 0.0), (5.0, 8.0)]
+    edges = {}
     for i in range(3):
-        segment = Segment(f"s{i}", np.array([corners[i], corners[(i + 1) % 3]]))
-        graph.add_edge(i, (i + 1) % 3, key=segment.id, segment=segment, weight=segment.length)
-    loop = MetricGraph(graph)
+        one, two = corners[i], corners[(i + 1) % 3]
+        edges[f"s{i}"] = Edge(f"s{i}", f"r{i}", None, True, np.array([one, two]), 0.0, 3.5, math.dist(one, two))
+    loop = MetricGraph(Network(edges, nx.DiGraph([("s0", "s1"), ("s1", "s2"), ("s2", "s0")]), {}))
     (road,) = loop.roads()
     assert set(road.segments) == {"s0", "s1", "s2"}
     assert road.entrance == road.exit

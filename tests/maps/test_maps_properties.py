@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.junctions.analysis import JunctionReport
-from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.junctions.road_map import RoadMap, read_map
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.opendrive.writer import Layout, opendrive
 
 FILES = (

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.scenarios.classes import classes, label
 

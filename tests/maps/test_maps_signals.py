@@ -4,9 +4,9 @@ from xml.etree.ElementTree import Element, SubElement
 
 import pytest
 
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl, ObjectKind
 from pytest_rvads.opendrive.records import Signal
-from pytest_rvads.opendrive.signals import ObjectKind, kind_of
+from pytest_rvads.opendrive.signals import kind_of
 
 from .conftest import Read, Tree
 

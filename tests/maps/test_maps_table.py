@@ -124,7 +124,7 @@ def test_gaps_above_a_metre_make_a_junction_unusable(shared: Path) -> None:
     assert any(warning.kind == "gap" for warning in road_map.warnings)
     for report in road_map.junctions:
         if report.usable:
-            edges = road_map.network.edges
+            edges = road_map.graph.edges
             for way in report.movements:
                 first, last = edges[way.path.edges[0]], edges[way.path.edges[-1]]
                 x, y = first.points[0] - edges[way.path.entrance].points[-1]

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.junctions.road_map import RoadMap, read_map
+from pytest_rvads.opendrive.builder import build
+from pytest_rvads.opendrive.draft import Chain
+from pytest_rvads.opendrive.reader import read
 from pytest_rvads.opendrive.records import Road, Shape
 from pytest_rvads.opendrive.reference_line import evaluate
 
@@ -74,12 +76,13 @@ def distance(points: np.ndarray, place: np.ndarray) -> float:
     return float(np.hypot(*(place - one - along[:, None] * step).T).min())
 
 
-def deviations(road_map: RoadMap, text: str) -> tuple[np.ndarray, list[float]]:
+def deviations(path: Path) -> tuple[np.ndarray, list[float]]:
     """Return the distances of carla's lane centres from our lines, and of the definition's from ours where carla is off [m]."""
-    world = carla.Map("map", text)
+    document, world = read(path), carla.Map("map", path.read_text(encoding="utf-8"))
     found, third = [], []
-    for edge in road_map.network.edges.values():
-        road = road_map.document.roads[edge.road]
+    for edge in build(document).edges.values():
+        assert isinstance(edge, Chain)
+        road = document.roads[edge.road]
         joints = [shape.s for shape in road.shapes] + [section.s for section in road.sections] + [road.length]
         starts = [section.s for section in road.sections]
         for s in np.arange(0.25, road.length, max(0.5, road.length / 20)):
@@ -100,7 +103,7 @@ def deviations(road_map: RoadMap, text: str) -> tuple[np.ndarray, list[float]]:
 @pytest.mark.parametrize("stem", STEMS)
 def test_lane_centres(shared: Path, stem: str, record_property: Callable[[str, object], None]) -> None:
     path = shared / "maps" / f"{stem}.xodr"
-    off, third = deviations(read_map(path), path.read_text(encoding="utf-8"))
+    off, third = deviations(path)
     figures = f"median {np.median(off) * 1000:.2f} mm, largest {off.max() * 1000:.1f} mm, {len(third)} above 1 cm"
     ours = f"; there the definition lies within {max(third) * 1000:.2f} mm of ours" if third else ""
     print(f"{stem}: {len(off)} lane centres, {figures}{ours}")  # noqa: T201

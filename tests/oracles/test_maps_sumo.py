@@ -36,7 +36,7 @@ def connections(path: Path, out: Path) -> dict[tuple[str, str], set[str]]:
 def compare(path: Path, out: Path) -> tuple[int, list[tuple[object, ...]]]:
     """Return the number of movements at usable junctions, and those with another turn type than netconvert's."""
     road_map, theirs = read_map(path), connections(path, out)
-    edges = road_map.network.edges
+    edges = road_map.graph.edges
     compared, other = 0, list[tuple[object, ...]]()
     for report in road_map.junctions:
         if not report.usable:

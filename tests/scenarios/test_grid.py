@@ -5,7 +5,7 @@ import math
 import pytest
 
 from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.scenarios.configurations import configuration, explicit, grid, outside, probe
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.scenarios.classes import classes, count_scenarios, rotate, seats
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection

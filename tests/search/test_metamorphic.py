@@ -8,7 +8,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Control, Observation
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.metamorphic import compare, equivalent
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant

@@ -12,8 +12,8 @@ import pytest
 from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.conduct.validate import validate
 from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.logic.check import check
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.recorded import read_recorded
 from pytest_rvads.runs.states import Colour, Zone
 

@@ -1,7 +1,7 @@
 """The semantic model: zones, waiting times, signal plans, vehicles, runs."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np

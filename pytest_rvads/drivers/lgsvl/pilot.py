@@ -16,7 +16,7 @@ from pytest_rvads.drivers.lgsvl.scheduler import Scheduler
 from pytest_rvads.drivers.lgsvl.yielding import listed, oncoming, prior_on_red
 from pytest_rvads.drivers.lgsvl.zone import Guarded, zone_of
 from pytest_rvads.drivers.spacing import clear_of_bodies
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.states import Colour, Zone
 

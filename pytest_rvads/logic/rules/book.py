@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.following import Follower
 from pytest_rvads.errors import FormulaError, suggest
-from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.logic.rules.current import desk, here
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD, VARIANTS
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word
+from pytest_rvads.maps.control import JunctionControl
 
 __all__ = ["SHIPPED", "RuleBook", "current_book", "get_rule", "predicate", "rule", "rulebook", "rules_for"]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import desk
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
@@ -13,6 +12,7 @@ from pytest_rvads.logic.rules.reading import parse
 from pytest_rvads.logic.rules.shape import outermost, untimed
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word
+from pytest_rvads.maps.control import JunctionControl
 
 __all__ = ["Rule"]
 

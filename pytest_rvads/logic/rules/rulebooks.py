@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from pytest_rvads.conduct.standing import TIE
-from pytest_rvads.junctions.junction import JunctionControl
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.maps.control import JunctionControl
 
 __all__ = ["PAPER", "ROAD", "VARIANTS"]
 

@@ -10,7 +10,7 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
 from pytest_rvads.drivers.reference import Gate, Reference
 from pytest_rvads.drivers.stop_sign import HOLD, PATIENCE, StopSign
-from pytest_rvads.junctions.junction import JunctionControl
+from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 

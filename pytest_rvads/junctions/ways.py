@@ -1,0 +1,112 @@
+"""Ways on the line graph of a metric graph: through a junction, and along the roads before and after it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import networkx as nx
+
+from pytest_rvads.errors import MapError
+from pytest_rvads.junctions.graph import MetricGraph
+from pytest_rvads.maps.network import Edge
+from pytest_rvads.maps.segment import Turn
+
+__all__ = ["Path", "Way", "paths_of", "walk"]
+
+_MOST_STEPS = 300_000
+
+
+class Path(NamedTuple):
+    """One way through a junction, as the file has it."""
+
+    entrance: str
+    """Edge it comes from."""
+    exit: str
+    """Edge it goes to."""
+    edges: tuple[str, ...]
+    """Edges inside the junction."""
+    length: float
+    """Along the lane centre line [m]."""
+    turning: float
+    """Total unwrapped change of heading [rad]."""
+
+
+class Way(NamedTuple):
+    """A way through a junction between two arms."""
+
+    entrance: int
+    exit: int
+    turn: Turn
+    length: float
+    """Along the lane centre line [m]."""
+    turning: float
+    """Total unwrapped change of heading [rad]."""
+    path: Path
+
+
+def paths_of(graph: MetricGraph, junction: str) -> list[Path]:
+    """Return the shortest path from every entrance edge to every exit edge of `junction`.
+
+    Raises:
+        MapError: so many branches in a junction that no intersection can be meant.
+    """
+    edges, links, inside = graph.edges, graph.links, dict.fromkeys(graph.inside(junction))
+    starts = dict.fromkeys(one for id in inside for one in links.pred[id] if one not in inside)
+    # The junction's part of the line graph; an edge outside may both lead in and lead out, where a road comes back.
+    cut = nx.DiGraph()
+    for one in (*starts, *inside):
+        for two in links.succ[one]:
+            if two in inside:
+                cut.add_edge((one, "inside" if one in inside else "in"), (two, "inside"), weight=edges[two].length)
+            elif one in inside:
+                cut.add_edge((one, "inside"), (two, "out"), weight=0.0)
+    found: list[Path] = []
+    steps = 0
+    for start in starts:
+        before, length = nx.dijkstra_predecessor_and_distance(cut, (start, "in"))
+        steps += len(length)
+        if steps > _MOST_STEPS:
+            raise MapError(
+                f"the lanes of junction {junction!r} branch too often, {len(starts)} entrances lead to {len(inside)} lanes"
+            )
+        paths = []
+        for end in length:
+            if end[1] == "out":
+                way = [end]
+                while way[-1] != (start, "in"):
+                    way.append(before[way[-1]][0])
+                ids = tuple(id for id, _ in way[-2:0:-1])
+                paths.append(Path(start, end[0], ids, length[end], sum(edges[id].turning for id in ids)))
+        found += sorted(paths, key=lambda path: path.edges)
+    return found
+
+
+def walk(graph: MetricGraph, start: str, *, upstream: bool) -> list[str]:
+    """Walk from an edge over road links to the next junction or the end of the road.
+
+    Where lanes merge or fork, the walk keeps to the one that goes on straightest.
+
+    Returns:
+        The edges in the order of the walk.
+    """
+    onward = graph.links.pred if upstream else graph.links.succ
+    way = [start]
+    seen = {start}
+    while True:
+        here = graph.edges[way[-1]]
+        choices = [graph.edges[id] for id in onward[here.id]]
+        if any(choice.junction is not None for choice in choices):
+            return way
+        bends = [
+            (_bend(*((choice, here) if upstream else (here, choice))), choice.id) for choice in choices if choice.id not in seen
+        ]
+        if not bends:
+            return way
+        way.append(min(bends)[1])
+        seen.add(way[-1])
+
+
+def _bend(one: Edge, two: Edge) -> tuple[float, float, str, str]:
+    turn = abs(math.remainder(two.start_heading - one.end_heading, math.tau))
+    return round(turn, 3), math.dist(one.points[-1], two.points[0]), one.id, two.id
