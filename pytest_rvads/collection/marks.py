@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["known", "register_marks", "scenario"]
 
 
-def scenario(
+def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
     junction: str,
     *,
     map: str | None = None,

@@ -163,7 +163,7 @@ class Encounter:
         columns = (inside, better, bound, touching, there, rear, ahead, speed, green)
         return list(zip(*(column.tolist() for column in columns), strict=True))
 
-    def step(
+    def step(  # noqa: PLR0913 - the columns that `read` gives, each by its name
         self,
         inside: bool,
         better: bool,

@@ -56,7 +56,7 @@ class Dynamics:
         """Angle of the front wheels [rad]."""
         self._pull = 0.0
 
-    def forces(
+    def forces(  # noqa: PLR0913 - plain numbers: it is called in every step
         self, cos: float, sin: float, vx: float, vy: float, yaw_rate: float, throttle: float, brake: float, steering: float
     ) -> tuple[float, float, float]:
         """Move the actuators on by one step and return the forces on the body during it.

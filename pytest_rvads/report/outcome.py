@@ -32,7 +32,7 @@ class Outcome(StrEnum):
     letter: str
     """In pytest's line of progress, where pytest's own would mislead."""
 
-    def __new__(
+    def __new__(  # noqa: PLR0913 - what distinguishes outcomes, written out per member
         cls,
         value: str,
         severity: int = 0,

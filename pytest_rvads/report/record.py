@@ -212,7 +212,7 @@ def planned_record(
     )
 
 
-def conclude(
+def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
     record: Record,
     verdicts: Iterable[Mapping[str, Any]],
     when: str,

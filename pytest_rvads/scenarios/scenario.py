@@ -58,7 +58,7 @@ class Scenario:
     senses: Senses
     """How imperfectly the vehicle under test, or all of them, see and act."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - what a scenario consists of, by keyword
         self,
         place: Junction,
         directions: str | Sequence[int],

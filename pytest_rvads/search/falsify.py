@@ -121,7 +121,7 @@ def _traffic(given: str | Factory | None, subject: int | None) -> Factory | None
     return Policy.of("reference" if given is None else given).factory
 
 
-def look_for(
+def look_for(  # noqa: PLR0913 - keywords; a search has many settings
     junction: str,
     autopilot: Factory,
     rule: str | Rule,

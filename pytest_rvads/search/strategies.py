@@ -99,7 +99,7 @@ def waits(low: float = 0.0, high: float = LONGEST_WAIT) -> SearchStrategy[float]
     return st.one_of(st.sampled_from(whole), st.integers(math.ceil(100 * low), math.floor(100 * high)).map(lambda n: n / 100))
 
 
-def scenarios(
+def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     junction: str | Junction = "stop4",
     *,
     map: str | None = None,

@@ -147,7 +147,7 @@ def other_names() -> dict[str, Any]:
     [
         (without_start(), "needs a vehicle c0, a start for every vehicle"),
         (other_names(), "needs a vehicle c0"),
-        ({}, "'runs' is missing"),
+        ({}, "the field 'graph' is missing"),
     ],
 )
 def test_what_cannot_be_compared_is_told_in_one_line(

@@ -21,7 +21,7 @@ from pytest_rvads.report.triage import causes
 TOTALS = {4: (24, 81)}
 
 
-def record(
+def record(  # noqa: PLR0913 - what a cell is told by
     cls: int, cfg: str, rule: str, status: str, *, known: str | None = None, scenario: str = "1111", cause: str = "both in"
 ) -> Record:
     keys = {
