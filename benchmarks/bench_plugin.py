@@ -37,8 +37,8 @@ from pytest_rvads.fixtures.running import Simulated
 
 @pytest.fixture(scope="session")
 def rvads_runs():
-    start = rvads.Scenario("stop4", "1133", distance=0.3, duration=1.0)
-    one = Simulated(lambda: rvads.simulate(start, rvads.Reference))
+    scenario = rvads.Scenario(rvads.find("stop4"), "1133", distance=0.3, duration=1.0)
+    one = Simulated(lambda: rvads.simulate(rvads.Case(scenario, rvads.Reference)))
     return SimpleNamespace(get=lambda *args: one)
 
 here = rvads.scenario("stop4", cover="scenario", distances=[1.0, 2.0], rules="p4")
