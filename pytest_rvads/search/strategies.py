@@ -69,7 +69,11 @@ def abstract_scenarios(ways: int = 4, *, partial: bool = True) -> SearchStrategy
     """
     if ways not in WAYS:
         raise ScenarioError(f"the number of ways must be 3 to 8, got {ways!r}")
-    codes = st.tuples(*[st.integers(0 if partial else 1, ways - 1)] * ways)
+    return _codes(ways, ways, partial=partial)
+
+
+def _codes(ways: int, entrances: int, *, partial: bool) -> SearchStrategy[Directions]:
+    codes = st.tuples(*[st.integers(0 if partial else 1, ways - 1)] * entrances)
     return codes.filter(any) if partial else codes
 
 
@@ -135,14 +139,15 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     place = junction if isinstance(junction, Junction) else find(junction, map)
     reach = [min(far, place.approach(e)) for e in range(len(place.entrances))]
     spans = [distances(min(near, room), room) for room in reach]
-    codes, delays = abstract_scenarios(place.ways, partial=partial), waits(*wait)
+    codes, delays = _codes(place.ways, len(place.entrances), partial=partial), waits(*wait)
+    codes = codes.filter(lambda code: all(not d or (e, d) in place.by_direction for e, d in enumerate(code)))
     if subject is not None:
         codes = codes.filter(lambda code: code[subject] > 0)
 
     @st.composite
     def build(draw: Callable[[SearchStrategy[Any]], Any]) -> Scenario:
         code = draw(codes)
-        starts = [(20.0, 0.0)] * place.ways
+        starts = [(20.0, 0.0)] * len(code)
         for e, direction in enumerate(code):
             if direction:
                 distance = draw(spans[e])
