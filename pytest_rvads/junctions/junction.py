@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.conflicts import Key, Shared, stretches
-from pytest_rvads.maps.control import JunctionControl, Sign
+from pytest_rvads.maps.control import JunctionControl, Sign, control_of
 from pytest_rvads.maps.segment import Segment, Turn
 
 __all__ = ["Arm", "Entrance", "Exit", "Junction", "Movement", "cross"]
@@ -164,11 +164,7 @@ class Junction:
     @cached_property
     def control(self) -> JunctionControl:
         """What regulates the junction as a whole."""
-        signs = {entrance.sign for entrance in self.entrances}
-        for sign, control in ((Sign.STOP, JunctionControl.STOP), (Sign.LIGHTS, JunctionControl.LIGHTS)):
-            if signs == {sign}:
-                return control
-        return JunctionControl.PARTIAL if signs & {Sign.STOP, Sign.LIGHTS} else JunctionControl.NONE
+        return control_of(entrance.sign for entrance in self.entrances)
 
     @cached_property
     def phase_groups(self) -> tuple[frozenset[int], ...]:

@@ -101,6 +101,7 @@ class RoadMap:
             report = analyse(self.graph, id, report.objects, [], drop_uturns=True)
         if report.reason is not None:
             raise MapError(f"junction {id!r} of map file {self.path} cannot be used: {report.reason}")
+        # Every arm of a usable junction has one entrance and one exit, so their numbers are its own.
         movements: dict[tuple[int, int], Movement] = {}
         for way in reversed(report.movements):  # of several from one arm to another the shortest comes first
             parts = [Segment(e, self.graph.edges[e].points, way.turn, id) for e in way.path.edges]
