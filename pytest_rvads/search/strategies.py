@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hypothesis import strategies as st
+from hypothesis.strategies import SearchStrategy
 
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.finder import find, names
@@ -20,9 +21,6 @@ from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.scenarios.classes import WAYS, Directions
 from pytest_rvads.scenarios.scenario import Scenario
-
-if TYPE_CHECKING:
-    from hypothesis.strategies import SearchStrategy
 
 __all__ = ["abstract_scenarios", "distances", "junctions", "scenarios", "waits"]
 
@@ -46,7 +44,7 @@ def junctions(control: JunctionControl | str | None = None, ways: int | None = N
 
     Args:
         control: ``"stop"`` or ``"lights"``; any by default.
-        ways: number of entrances; any by default.
+        ways: number of arms; any by default.
 
     Raises:
         ScenarioError: no such junction.
@@ -61,7 +59,7 @@ def abstract_scenarios(ways: int = 4, *, partial: bool = True) -> SearchStrategy
     """Return a strategy for abstract scenarios: a direction per entrance, 0 where nobody stands.
 
     Args:
-        ways: number of entrances.
+        ways: number of arms, each with one entrance.
         partial: with empty entrances, of which there may be all but one.
 
     Raises:
