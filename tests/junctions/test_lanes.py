@@ -1,12 +1,16 @@
-"""Searches where an arm has several lanes: numbers of entrances, exits, arms and vehicles differ there."""
+"""Where an arm has several lanes: numbers of entrances, exits, arms and vehicles differ there."""
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 
 import pytest_rvads as rvads
+from pytest_rvads.conduct.predicates import extract
 from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
+from pytest_rvads.logic.judging.ground import ground
+from pytest_rvads.logic.rules.reading import parse
 from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.scenarios.case import Case
@@ -77,9 +81,24 @@ def test_generated_scenarios_take_only_movements_that_are_there() -> None:
     junction = rvads.find("stop4")
     narrow = replace(junction, movements={key: m for key, m in junction.movements.items() if key != (0, 1)})
 
+    @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
     @given(scenarios(narrow))
     def have_agents(scenario: rvads.Scenario) -> None:
         assert scenario.directions[0] != 1
         assert scenario.agents()
 
     have_agents()
+
+
+def test_rules_tell_lanes_apart() -> None:
+    junction = wide_x()
+    agents = tuple(rvads.Agent(junction.vehicle_at(e), junction.leads(e, d)) for e, d in ((1, 3), (5, 2)))
+    zone = np.array([[0, 0], [1, 1], [2, 2], [3, 3]], dtype=np.int8)
+    run = rvads.Run("hand", junction, agents, zone, np.zeros((4, 6), dtype=np.int8))
+    assert rvads.check(run, "p1").roles == "a left from entrance +0.1, a' straight from entrance +3"
+    found = ground(parse("forall a, j.en, j.ex. G(j.en entex j.ex -> !a@j.ex)"), extract(run))
+    # a0.1 leaves by exit 3, a3 by exit 1: each has one entrance beside it.
+    assert [[(name, element.name) for name, element in i.binding] for i in found.instances] == [
+        [("a", "a0.1"), ("j.en", "j.en5"), ("j.ex", "j.ex3")],
+        [("a", "a3"), ("j.en", "j.en2"), ("j.ex", "j.ex1")],
+    ]
