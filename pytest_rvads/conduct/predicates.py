@@ -33,6 +33,8 @@ class Static:
     control: JunctionControl
     right_of: frozenset[tuple[int, int]]
     opposite: frozenset[tuple[int, int]]
+    entex: frozenset[tuple[int, int]]
+    """Pairs of an entrance and an exit of one arm."""
     lights: tuple[int, ...]
     """Entrances with a light."""
     signs: tuple[int, ...]
@@ -73,6 +75,7 @@ def _extract(run: Run) -> Static:
         junction.control,
         junction.right_of,
         junction.opposite,
+        junction.entex,
         everywhere if junction.control is JunctionControl.LIGHTS else tuple(np.flatnonzero(run.lights.any(axis=0)).tolist()),
         everywhere if junction.control is JunctionControl.STOP else (),
         run.agents,

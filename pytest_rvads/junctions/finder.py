@@ -154,13 +154,8 @@ def _parse(text: str) -> _Wanted | None:
     match = _TYPE.fullmatch(text.strip())
     if match is None:
         return None
-    word = match["control"].lower()
-    if "stop" in word:
-        control = JunctionControl.STOP
-    elif "light" in word:
-        control = JunctionControl.LIGHTS
-    else:
-        control = JunctionControl.PARTIAL if word == "partial" else JunctionControl.NONE
+    words = {"stop": JunctionControl.STOP, "light": JunctionControl.LIGHTS, "partial": JunctionControl.PARTIAL}
+    control = next((kind for word, kind in words.items() if word in match["control"].lower()), JunctionControl.NONE)
     return _Wanted(int(match["ways"]), control, float(match["approach"] or 0.0))
 
 
