@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -121,7 +121,7 @@ def _builtin(junction: str, wanted: _Wanted | None) -> Junction:
         road_map, key = _load(path_of(name))
         report = road_map.junctions[0]
         if wanted is None or wanted.fits(report):
-            return _junction(road_map, key, report.id, name)
+            return replace(_junction(road_map, key, report.id, name), map=None)
     raise MapError(
         f"no built-in junction fits {junction!r}: they are {', '.join(LAYOUTS)}, with 120 m of approach; give a map file"
     )

@@ -120,7 +120,7 @@ class Junction:
     lane_width: float = 3.5
     """Width of the lanes [m]."""
     map: str | None = None
-    """File it was read from; no part of what is compared."""
+    """File it was read from; None for a built-in one, or one from no map. No part of what is compared."""
 
     def __post_init__(self) -> None:
         arms = {entrance.arm for entrance in self.entrances} | {exit.arm for exit in self.exits}

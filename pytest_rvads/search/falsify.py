@@ -17,7 +17,6 @@ from pytest_rvads.conduct.blame import cut_short_by
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.errors import OpenObligation, RuleViolation, RunError, ScenarioError
-from pytest_rvads.junctions.builtin import LAYOUTS
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule
@@ -267,7 +266,7 @@ def pasteable(scenario: Scenario, rule: str) -> str:
         return f"{values[0]:g}" if len(set(values)) == 1 else f"({', '.join(f'{v:g}' for v in values)})"
 
     place = scenario.place
-    built_in = place.name in LAYOUTS
+    built_in = place.map is None
     arguments = [repr(place.name if built_in else place.id), f"scenarios={label(scenario.directions)!r}"]
     arguments += [f"distances={text(scenario.distances)}", f"speeds={text(scenario.speeds)}", f"rules={rule!r}"]
     arguments += [] if built_in else [f"map={place.map!r}"]
