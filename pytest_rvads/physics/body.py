@@ -37,6 +37,9 @@ class Body:
         aggression: of the scenario.
     """
 
+    state: VehicleState
+    """The last one sampled."""
+
     def __init__(self, agent: Agent, itinerary: Itinerary, station: float, vehicle: Vehicle, aggression: int) -> None:
         self.agent = agent
         self.itinerary = itinerary
@@ -49,8 +52,8 @@ class Body:
         self._along = station + itinerary.origin
         self._ahead = vehicle.gravity_offset
         self._length, self._width = vehicle.length, vehicle.width
+        self._who = agent.name, agent.entrance, agent.turn
         self._motion: Motion | None = None
-        self._state: VehicleState | None = None
 
     def sample(self, motion: Motion) -> VehicleState:
         """Return what the semantic model says of `motion`, the next state after the last one sampled.
@@ -58,12 +61,12 @@ class Body:
         Raises:
             PlantFailure: it is not finite, or the vehicle was thrown away.
         """
-        if motion == self._motion and self._state is not None:
+        before, self._motion = self._motion, motion
+        if motion == before:
             # At rest, as vehicles that wait are most of the time.
-            if self._state.acceleration:
-                self._state = self._state._replace(acceleration=0.0)
-            return self._state
-        self._motion = motion
+            if self.state.acceleration:
+                self.state = self.state._replace(acceleration=0.0)
+            return self.state
         x, y, yaw, vx, vy, _ = motion
         cos = self.cos = math.cos(yaw)
         sin = self.sin = math.sin(yaw)
@@ -78,27 +81,23 @@ class Body:
             # Where lanes overlap at a joint, the nearest point may jump back; a vehicle that moves on does not.
             along = self._along
         self._along = along
-        last = self._state
         station = along - self._origin
         if not -MAX_OFFSET <= offset <= MAX_OFFSET:
             self.strayed = beside(self.itinerary, x, y, yaw, station, self._length)
-        agent = self.agent
-        self._state = VehicleState(
-            agent.name,
-            agent.entrance,
-            agent.turn,
+        self.state = VehicleState(
+            *self._who,
             self.itinerary.zone(station),
             station,
             x,
             y,
             yaw,
             speed,
-            (speed - last.speed) / DT if last is not None else 0.0,
+            (speed - self.state.speed) / DT if before is not None else 0.0,
             self._length,
             self._width,
-            agent.kind,
+            self.agent.kind,
         )
-        return self._state
+        return self.state
 
     def _check(self, motion: Motion) -> None:
         """Say what is wrong with a motion, if anything is."""

@@ -15,7 +15,7 @@ from pytest_rvads.physics.body import Body, start
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.physics.world import BulletWorld, World
 from pytest_rvads.runs.run import DT, Collision, Facts, Fault, Halt, Run
-from pytest_rvads.runs.states import GONE, Colour, VehicleState
+from pytest_rvads.runs.states import GONE, Colour
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
@@ -75,7 +75,6 @@ class _Loop:
         columns = {agent.entrance: column for column, agent in enumerate(self._agents)}
         self._active = [columns[entrance] for entrance in scenario.creation]
         """Vehicles still in the run, in creation order."""
-        self._states: dict[int, VehicleState] = {}
         self._lights: tuple[Colour, ...] = ()
         self._step = 0
         self.world: World = BulletWorld(self._vehicles, starts)
@@ -125,43 +124,39 @@ class _Loop:
 
     def _over(self) -> bool:
         """Tell whether the run is over before its time, and note why."""
-        self.strayed = tuple(self._agents[column].name for column in sorted(self._active) if self._bodies[column].strayed)
-        if self.strayed:
+        strayed = [column for column in self._active if self._bodies[column].strayed]
+        if strayed:
+            self.strayed = tuple(self._agents[column].name for column in sorted(strayed))
             self.end = "route"
         elif self.collisions:
             self.end = "collision"
-        elif all(self._states[i].station >= body.itinerary.leave for i, body in enumerate(self._bodies)):
+        elif all(body.state.station >= body.itinerary.leave for body in self._bodies):
             self.end = "left"
         return self.end != "duration"
 
     def _sample(self) -> None:
         """Take and record the current state of every vehicle; one that is gone stays as it was last seen."""
-        states = self._states
-        gone = []
-        for column in self._active:
-            state = states[column] = self._bodies[column].sample(self._motions[column])
-            if state.zone is GONE:
-                gone.append(column)
+        bodies, motions = self._bodies, self._motions
+        gone = [column for column in self._active if bodies[column].sample(motions[column]).zone is GONE]
         for column in gone:
             self._active.remove(column)
             self.world.remove(column)
         self._lights = self._signals.colours(self._step * DT, len(self.junction.entrances))
-        self.recorder.state([states[column] for column in range(len(states))], self._lights)
+        self.recorder.state([body.state for body in bodies], self._lights)
 
     def _decide(self, seats: dict[int, Seat]) -> list[Control]:
         """Ask every autopilot and return the controls by column."""
-        states = self._states
-        controls = [_IDLE] * len(states)
+        bodies, scenario = self._bodies, self.scenario
+        controls = [_IDLE] * len(bodies)
         time = self._step * DT
-        scenario = self.scenario
-        seen = tuple([states[column] for column in self._active])
+        seen = tuple([bodies[column].state for column in self._active])
         for i, column in enumerate(self._active):
             view = Observation(
                 time,
                 seen[i],
                 seen[:i] + seen[i + 1 :],
                 self._lights,
-                self._bodies[column].itinerary,
+                bodies[column].itinerary,
                 self.junction,
                 self._vehicles[column],
                 SPEED_LIMIT,
