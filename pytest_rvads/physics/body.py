@@ -12,7 +12,7 @@ from pytest_rvads.runs.run import DT, Halt
 from pytest_rvads.runs.states import Agent, VehicleState
 from pytest_rvads.runs.vehicle import Vehicle
 
-__all__ = ["MAX_SPEED", "Body", "PlantFailure", "start"]
+__all__ = ["MAX_SPEED", "Body", "start"]
 
 MAX_SPEED = 70.0
 """No vehicle here gets this fast by itself; one that does was thrown away [m/s]."""
@@ -20,10 +20,6 @@ _WINDOW = 0.75
 """How far around the last station the next one is looked for [m]: more than MAX_SPEED times the step."""
 _ROLLING_BACK = 0.01
 """A vehicle faster than this backwards really moves backwards, as after a collision [m/s]."""
-
-
-class PlantFailure(Halt):
-    """The plant is beyond what the simulation stands for: not finite, thrown away."""
 
 
 class Body:
@@ -59,7 +55,7 @@ class Body:
         """Return what the semantic model says of `motion`, the next state after the last one sampled.
 
         Raises:
-            PlantFailure: it is not finite, or the vehicle was thrown away.
+            Halt: it is not finite, or the vehicle was thrown away.
         """
         before, self._motion = self._motion, motion
         if motion == before:
@@ -103,10 +99,10 @@ class Body:
         """Say what is wrong with a motion, if anything is."""
         name = self.agent.name
         if not all(map(math.isfinite, motion)):
-            raise PlantFailure(name, f"the motion of {name} is no longer finite: {tuple(motion)}")
+            raise Halt(name, f"the motion of {name} is no longer finite: {tuple(motion)}")
         speed = math.hypot(motion.vx, motion.vy)
         if speed >= MAX_SPEED:
-            raise PlantFailure(name, f"{name} was thrown away: it moves at {speed:.0f} m/s")
+            raise Halt(name, f"{name} was thrown away: it moves at {speed:.0f} m/s")
 
 
 def start(itinerary: Itinerary, station: float, speed: float, vehicle: Vehicle) -> Motion:

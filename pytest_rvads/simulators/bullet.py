@@ -1,4 +1,4 @@
-"""The simulation loop: from a scenario and an autopilot to a run.
+"""The simulation loop: from a case to a run.
 
 In every step the state is sampled, every autopilot decides on that same state, then the world moves on by one step.
 """
@@ -50,7 +50,7 @@ bullet: Bullet = Bullet()
 
 
 class _Loop:
-    """What changes while a run is simulated; columns are agents by entrance."""
+    """What changes while a run is simulated; columns are the agents, in the order of the run."""
 
     def __init__(self, case: Case) -> None:
         scenario = case.scenario
@@ -60,7 +60,7 @@ class _Loop:
         self.end = "duration"
         """Why the run ended: left, duration, collision, route, fault."""
         self.strayed: tuple[str, ...] = ()
-        self.seats: tuple[Seat, ...] = ()
+        self._seats: dict[int, Seat] = {}
         self._signals = scenario.signals()
         self._agents = case.agents()
         self._vehicles = [case.fleet.of(agent.name) for agent in self._agents]
@@ -93,11 +93,10 @@ class _Loop:
             self._sample()
             order = [self._agents[column] for column in self._active]
             key = f"{self.junction.name} {scenario.placed} {scenario.configuration}"
-            crewed = crew(order, case.driver, case.traffic, scenario.under_test, scenario.senses, key)
-            seats = dict(zip(self._active, crewed, strict=True))
-            self.seats = tuple(seats.values())
+            seats = crew(order, case.driver, case.traffic, scenario.under_test, scenario.senses, key)
+            self._seats = dict(zip(self._active, seats, strict=True))
             while self._step < last and not self._over():
-                self._advance(self._decide(seats))
+                self._advance(self._decide())
                 self._sample()
             self._over()
         except Halt as halt:
@@ -116,7 +115,7 @@ class _Loop:
             "end": self.end,
             "versions": versions(),
         }
-        timed = {seat.agent.name: told for seat in self.seats if (told := seat.timing()) is not None}
+        timed = {seat.agent.name: told for seat in self._seats.values() if (told := seat.timing()) is not None}
         if timed:
             provenance["timing"] = timed
         facts = Facts(case.scenario.under_test, SPEED_LIMIT, self.strayed)
@@ -144,7 +143,7 @@ class _Loop:
         self._lights = self._signals.colours(self._step * DT, len(self.junction.entrances))
         self.recorder.state([body.state for body in bodies], self._lights)
 
-    def _decide(self, seats: dict[int, Seat]) -> list[Control]:
+    def _decide(self) -> list[Control]:
         """Ask every autopilot and return the controls by column."""
         bodies, scenario = self._bodies, self.scenario
         controls = [_IDLE] * len(bodies)
@@ -164,7 +163,7 @@ class _Loop:
                 scenario.wait,
                 i,
             )
-            controls[column] = seats[column].command(self._step, view)
+            controls[column] = self._seats[column].command(self._step, view)
         self.recorder.control(controls)
         return controls
 
