@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pytest_rvads.drivers.crossing import conflicts, exit_blocked, occupied, runs_through
+from pytest_rvads.drivers.crossing import conflicts, exit_blocked, runs_through
 from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.spacing import can_stop, time_to
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
-from pytest_rvads.runs.states import APPROACH, ENTRANCE, Colour, VehicleState
+from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, VehicleState
 
 __all__ = ["Light"]
 
@@ -56,11 +56,13 @@ class Light:
             return False
         if self._owed or not all(_leaves_time(seen, other) for other in prior):
             return False
-        if any(occupied(seen, other) for other in seen.others):
-            return False
-        if any(_comes_first(seen, other, k < seen.created) for k, other in enumerate(seen.others)):
-            return False
-        return not (exit_blocked(seen) or any(_runs_red(seen, other) for other in seen.others))
+        for k, other in enumerate(seen.others):
+            if other.zone is JUNCTION:
+                if conflicts(seen, other):
+                    return False
+            elif _comes_first(seen, other, k < seen.created) or _runs_red(seen, other):
+                return False
+        return not exit_blocked(seen)
 
     def _has_priority(self, seen: Observation, other: VehicleState, colour: Colour) -> bool:
         """Return whether `other`, on its way to the junction, goes first if it comes to it."""
@@ -76,9 +78,10 @@ class Light:
         """Keep whom to let in first: once both were at their entrances, it stays so whatever the lights show."""
         if seen.me.zone is ENTRANCE:
             self._owed |= {other.name for other in prior if other.zone is ENTRANCE}
-        self._owed &= {other.name for other in seen.others if other.zone is ENTRANCE}
+        if self._owed:
+            self._owed &= {other.name for other in seen.others if other.zone is ENTRANCE}
         self._watch(seen)
-        if seen.lights[seen.me.entrance] is _GREEN:
+        if self._owed and seen.lights[seen.me.entrance] is _GREEN:
             # Who turned right on red waited for them; on green they have no priority, and would be waited for in vain.
             self._owed -= self._parked - {other.name for other in prior}
 
@@ -118,9 +121,9 @@ def _comes_first(seen: Observation, other: VehicleState, earlier: bool) -> bool:
     Of two that are equally near it is the one that was created `earlier`. Both see the same, so exactly one of them waits.
     """
     me = seen.me
-    if other.zone is not APPROACH and other.zone is not ENTRANCE:
+    if other.turn is not me.turn or (me.entrance, other.entrance) not in seen.junction.opposite:
         return False
-    if (me.entrance, other.entrance) not in seen.junction.opposite or other.turn is not me.turn:
+    if other.zone is not APPROACH and other.zone is not ENTRANCE:
         return False
     if other.station < me.station or (other.station == me.station and not earlier):
         return False

@@ -6,7 +6,7 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION, VehicleState
 
-__all__ = ["RUNNER", "conflicts", "exit_blocked", "in_the_way", "occupied", "runs_through"]
+__all__ = ["RUNNER", "conflicts", "exit_blocked", "in_the_way", "runs_through"]
 
 RUNNER = 4.5
 """Who would have to brake harder than this to stop before the junction is not going to [m/s^2]."""
@@ -27,11 +27,6 @@ def conflicts(seen: Observation, other: VehicleState) -> list[Shared]:
 def in_the_way(seen: Observation, other: VehicleState) -> bool:
     """Return whether `other`, in the junction, has yet to leave where its movement and the own one conflict."""
     return other.zone is JUNCTION and any(other.station - other.length < found.yours.end for found in conflicts(seen, other))
-
-
-def occupied(seen: Observation, other: VehicleState) -> bool:
-    """Return whether `other` is in the junction on a movement that conflicts with the own one, wherever on it."""
-    return other.zone is JUNCTION and bool(conflicts(seen, other))
 
 
 def runs_through(other: VehicleState) -> bool:

@@ -12,7 +12,7 @@ __all__ = ["SignalPlan"]
 GREEN, YELLOW, CLEARANCE = 15.0, 3.0, 2.0
 """Durations [s] of the recorded junctions: green, yellow, all red before the next group."""
 _SLOT = GREEN + YELLOW + CLEARANCE
-_PHASES = Colour.GREEN, Colour.YELLOW, Colour.RED
+_NONE, *_PHASES = Colour  # green, yellow, red
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +29,12 @@ class SignalPlan:
 
     def colours(self, time: float, entrances: int) -> tuple[Colour, ...]:
         """Return the colour at each of so many entrances at `time` [s]; NONE for an entrance in no group."""
+        if not self.groups:
+            return (_NONE,) * entrances
         # Times are sums of steps of 0.01 s; rounding keeps a phase change on its tick.
         turn, within = divmod(round(time, 6), _SLOT)
         phase = 0 if within < GREEN else 1 if within < GREEN + YELLOW else 2
-        shown = _shown(self.groups, entrances)
-        return shown[(int(turn) + self.first) % len(shown)][phase]
+        return _shown(self.groups, entrances)[(int(turn) + self.first) % len(self.groups)][phase]
 
 
 @lru_cache(maxsize=256)  # asked for in every step, and changes every few seconds
@@ -42,5 +43,5 @@ def _shown(groups: tuple[frozenset[int], ...], entrances: int) -> list[list[tupl
     lit = frozenset[int]().union(*groups)
     return [
         [tuple(now if i in group else Colour.RED if i in lit else Colour.NONE for i in range(entrances)) for now in _PHASES]
-        for group in groups or (frozenset[int](),)
+        for group in groups
     ]
