@@ -6,7 +6,7 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION, VehicleState
 
-__all__ = ["RUNNER", "conflicts", "exit_blocked", "in_the_way", "runs_through"]
+__all__ = ["conflicts", "exit_blocked", "in_the_way", "runs_through"]
 
 RUNNER = 4.5
 """Who would have to brake harder than this to stop before the junction is not going to [m/s^2]."""

@@ -12,7 +12,7 @@ from pytest_rvads.drivers.pursuit import lookahead, pursue
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
 
-__all__ = ["Follower", "resistance"]
+__all__ = ["STANDING", "Follower", "resistance"]
 
 _GAIN = 4.0
 """Acceleration asked for per speed error [1/s]."""

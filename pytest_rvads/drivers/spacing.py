@@ -11,9 +11,7 @@ from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.runs.states import ENTRANCE, EXIT, JUNCTION, VehicleState
 
 __all__ = [
-    "COMFORT",
-    "FIRM",
-    "LAST_STOP",
+    "CREEP",
     "STAND_OFF",
     "Stopping",
     "behind_leader",

@@ -12,7 +12,7 @@ from pytest_rvads.runs.run import DT, Halt
 from pytest_rvads.runs.states import Agent, VehicleState
 from pytest_rvads.runs.vehicle import Vehicle
 
-__all__ = ["MAX_SPEED", "Body", "start"]
+__all__ = ["Body", "start"]
 
 MAX_SPEED = 70.0
 """No vehicle here gets this fast by itself; one that does was thrown away [m/s]."""

@@ -20,7 +20,7 @@ from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.states import Kind, VehicleState
 
-__all__ = ["ENTRANCES", "OTHERS", "POINTS", "Binary"]
+__all__ = ["Binary"]
 
 RESET, READY, OBSERVE, COMMAND, BYE = 1, 2, 3, 4, 5
 """Kinds of frames."""

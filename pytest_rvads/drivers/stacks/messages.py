@@ -23,7 +23,7 @@ from pytest_rvads.drivers.interface import Acceleration, Command, Control, Obser
 from pytest_rvads.drivers.stacks.child import Child, StackError
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 
-__all__ = ["VERSION", "Answer", "Format", "Hello", "Json", "Ready", "hello", "read", "stray"]
+__all__ = ["VERSION", "Format", "Hello", "Json", "hello", "read", "stray"]
 
 VERSION = 2
 """Of the protocol; a stack of another version is refused."""
