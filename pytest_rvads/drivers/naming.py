@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -11,17 +11,13 @@ if TYPE_CHECKING:
 
 __all__ = ["called", "in_ids", "name_of", "stand_in"]
 
-_STAND_IN: Factory | None = None
 
-
+@cache
 def stand_in() -> Factory:
     """Return the reference autopilot, as what drives where no fixture, option or command names anything."""
-    global _STAND_IN
-    if _STAND_IN is None:
-        from pytest_rvads.drivers.reference import Reference
+    from pytest_rvads.drivers.reference import Reference
 
-        _STAND_IN = partial(Reference)  # an object of its own, so that a fixture that returns Reference is told apart
-    return _STAND_IN
+    return partial(Reference)  # an object of its own, so that a fixture that returns Reference is told apart
 
 
 def name_of(driver: Any) -> str:

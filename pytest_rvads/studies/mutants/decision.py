@@ -56,8 +56,7 @@ class _Gated(Reference):
 
 class _Open:
     def allows(self, seen: Observation) -> bool:
-        mine = (seen.itinerary.entrance, seen.itinerary.exit)
-        return not any(in_the_way(seen.junction, mine, other) for other in seen.others)
+        return not any(in_the_way(seen, other) for other in seen.others)
 
 
 class IgnoresStop(_Gated):
@@ -148,9 +147,7 @@ class EqualPatience(_Gated):
 
 class _EarlySign(StopSign):
     def allows(self, seen: Observation) -> bool:
-        mine = (seen.itinerary.entrance, seen.itinerary.exit)
-        junction = seen.junction
-        left = [o for o in seen.others if o.zone is not Zone.JUNCTION or in_the_way(junction, mine, o)]
+        left = [o for o in seen.others if o.zone is not Zone.JUNCTION or in_the_way(seen, o)]
         return super().allows(seen._replace(others=tuple(left)))
 
 
