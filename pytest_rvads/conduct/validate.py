@@ -15,7 +15,7 @@ from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "agree", "damage", "validate"]
+__all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "damage", "validate"]
 
 PROGRESS_TOLERANCE = (0.005, 0.3)
 """Progress of a step may differ from speed times time by this much [m] and this share: the bumper swings in bends, where
@@ -220,31 +220,3 @@ def _bodies(run: Run) -> Iterator[Finding]:
         if frozenset(contact.agents) not in recorded:
             pair = " and ".join(contact.agents)
             yield Finding("collision", contact.time, f"{pair} touch at {contact.time:.2f} s, and no collision is recorded")
-
-
-def agree(one: Run, two: Run) -> tuple[Finding, ...]:
-    """Check that two runs between equal states take equal time and distance (paper, introduction).
-
-    Says nothing when the runs don't lead from one state to another that both have, or positions are not recorded.
-    """
-    if one.station is None or two.station is None or one.agents != two.agents or not one.steps or not two.steps:
-        return ()
-    if one.facts != two.facts or not np.array_equal(one.station[0], two.station[0]):
-        return ()
-    last = one.station[-1]
-    same = np.flatnonzero((np.abs(two.station - last) < 1e-9).all(axis=1))
-    if not len(same):
-        return ()
-    found = []
-    time, other = one.duration, float(same[0]) * two.dt
-    if abs(time - other) > max(one.dt, two.dt) / 2:
-        found.append(Finding("time", time, f"equal states are {time:.2f} s apart in one run and {other:.2f} s in the other"))
-    driven = [
-        np.abs(np.diff(r.station[: end + 1], axis=0)).sum(axis=0)
-        for r, end in ((one, one.steps - 1), (two, int(same[0])))
-        if r.station is not None
-    ]
-    for agent, mine, yours in zip(one.agents, *driven, strict=True):
-        if abs(mine - yours) > 1e-6:
-            found.append(Finding("distance", time, f"{agent.name} drives {mine:.3f} m in one run and {yours:.3f} m in the other"))
-    return tuple(found)

@@ -112,6 +112,7 @@ class _Loop:
             "autopilot": name_of(case.driver),
             "traffic": None if case.traffic is None else name_of(case.traffic),
             "vehicle": asdict(case.fleet.vehicle),
+            "others": {name: asdict(vehicle) for name, vehicle in case.fleet.others.items()},
             "end": self.end,
             "versions": versions(),
         }

@@ -52,6 +52,7 @@ def test_every_agent_has_the_body_that_the_fleet_gives_it(tmp_path: Path) -> Non
     case = Case(Scenario(find("stop4"), "2020", distance=15.0), Reference, fleet=Fleet(others={"a2": TRUCK}))
     run = simulate(case)
     assert [agent.size for agent in run.agents] == [(4.6, 1.86), (12.0, 2.5)]
+    assert list(run.provenance["others"]) == ["a2"]
     speed = run.need("speed")
     assert speed[150, 0] > 1.5 * speed[150, 1], "the truck accelerates half as hard"
     save_run(run, tmp_path / "run.npz")

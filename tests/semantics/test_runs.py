@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.conduct.kpis import describe, kpis
-from pytest_rvads.conduct.validate import agree, validate
+from pytest_rvads.conduct.validate import validate
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
@@ -244,27 +244,6 @@ def test_a_damaged_run_is_not_judged_as_if_it_were_fine() -> None:
         assert check(odd, "p1").reason.startswith("the size of a0 must be a positive length and width")
     for broken in (changed("zone", (7, 0), 9), replace(straight(), speed=np.zeros((5, 1))), replace(straight(), dt=np.nan)):
         assert check(broken, "p1").status == "ERROR"
-
-
-def test_two_runs_between_equal_states_agree() -> None:
-    one = straight()
-    assert agree(one, straight()) == ()
-    # The same two places, with a rest in between: the same way, more time.
-    slower = moving({(0, 2): (-5.0, [8.0] * 400)})
-    rest = np.repeat(np.arange(400), np.where(np.arange(400) == 50, 11, 1))
-    slower = replace(slower, **{n: getattr(slower, n)[rest] for n in ("zone", "lights", "station", "speed", "pose")})
-    (finding,) = agree(one, slower)
-    assert str(finding) == "equal states are 3.99 s apart in one run and 4.09 s in the other"
-    assert agree(one, moving({(0, 2): (-6.0, [8.0] * 400)})) == (), "they start elsewhere"
-    detour = straight()
-    station = detour.station
-    assert station is not None
-    station = station.copy()
-    station[10] -= 1.0
-    (finding,) = agree(one, replace(detour, station=station))
-    assert finding.kind == "distance"
-    on = moving({(0, 2): (-5.0, [8.0] * 500)})
-    assert agree(one, on) == (), "what comes after the equal state is no matter"
 
 
 # Key performance indicators
