@@ -124,3 +124,17 @@ def test_a_failure_is_told_by_the_envelope_of_what_made_its_run(pytester: pytest
     result = pytester.runpytest("--rvads-autopilot=lgsvl", "-p", "no:cacheprovider")
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["*a deliberate probe: at 5 m/s nobody stops within 20 m, v(d)max is 1.00 m/s"])
+
+
+def test_a_simulator_that_returns_no_run_is_an_error_of_the_item(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(own=OWN.replace("return bullet(case)", "return None"))
+    pytester.makepyfile("""
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=1, grid="C", rules="p1")
+        def test_it(rule, monitor):
+            monitor.check(rule)
+    """)
+    result = pytester.runpytest("--rvads-autopilot=reference", "--rvads-simulator=own:counting", "-p", "no:cacheprovider")
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines(["*what rvads_simulator returns must answer a case with a Run, got None"])
