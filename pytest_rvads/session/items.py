@@ -170,7 +170,7 @@ def _repeated(item: pytest.Item, record: Record, report: pytest.TestReport) -> R
 def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
     """Print what there is to say of a violation, and return the record with the page that shows it."""
     verdicts = item.stash[VERDICTS]
-    if not (report.failed and verdicts and str(verdicts[-1].status) in ("FAIL", "OPEN")):
+    if not (report.failed and verdicts and verdicts[-1].status in ("FAIL", "OPEN")):
         return record
     from msgspec.structs import replace
 

@@ -98,6 +98,7 @@ def test_the_option_chooses_what_simulates_and_how_fast_one_may_come(pytester: p
     options = ("--rvads-autopilot=reference", "-p", "no:cacheprovider")
     result = pytester.runpytest(*options, "--rvads-simulator=own:counting")
     result.assert_outcomes(passed=2)
+    result.stdout.fnmatch_lines(["rvads: simulated by --rvads-simulator=own:counting"])
     result = pytester.runpytest(*options, "--rvads-simulator=own:nothing")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines(["*simulator 'own:nothing' can't be loaded*"])
