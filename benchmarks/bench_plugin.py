@@ -37,9 +37,13 @@ from pytest_rvads.fixtures.running import Simulated
 
 @pytest.fixture(scope="session")
 def rvads_runs():
-    start = rvads.Scenario("stop4", "1133", distance=0.3, duration=1.0)
-    one = Simulated(lambda: rvads.simulate(start, rvads.Reference))
+    scenario = rvads.Scenario(rvads.find("stop4"), "1133", distance=0.3, duration=1.0)
+    one = Simulated(lambda: rvads.simulate(rvads.Case(scenario, rvads.Reference)))
     return SimpleNamespace(get=lambda *args: one)
+
+@pytest.fixture
+def rvads_autopilot():
+    return rvads.Reference
 
 here = rvads.scenario("stop4", cover="scenario", distances=[1.0, 2.0], rules="p4")
 
@@ -129,6 +133,7 @@ def test_the_profile_of_a_pull_request(tmp_path: Path, workers: tuple[str, ...],
         "-rN",
         "-p",
         "no:cacheprovider",
+        "--rvads-autopilot=reference",
         f"--rootdir={tmp_path}",
         "-c",
         "/dev/null",

@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -96,3 +97,15 @@ def test_links_lead_somewhere(page: str) -> None:
     links = [link for link in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", prose) if "://" not in link]
     missing = [link for link in links if not (ROOT / page).parent.joinpath(link).exists()]
     assert not missing
+
+
+def test_the_table_of_rooms_is_the_contract() -> None:
+    """A row per layer, in order; what is in one layer stands in one row."""
+    page = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").partition("## Rooms")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| ((?:`[\w.]+/?`(?:, )?)+) \|.*\|.*\|$", page.partition("Within `logic/`")[0], re.MULTILINE)
+    rooms = [re.findall(r"`(\w+)(?:\.py|/)`", row) for row in rows]
+    contract, within, *_ = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
+    assert rooms == [layer.split(" | ") for layer in contract["layers"]]
+    told = page.partition("Within `logic/`")[2].partition("\n\n")[0]
+    layers = [name for layer in within["layers"] for name in sorted(layer.split(" | "))]
+    assert [name for name in re.findall(r"`(\w+)/?`", told) if name in layers][: len(layers)] == layers

@@ -127,8 +127,8 @@ def _stood(run: Run, agent: int, tick: int, seconds: float) -> bool:
 def _in_the_wrong_lane(run: Run, agent: int, other: int, tick: int) -> bool:
     """Whether `agent` was outside its lane, and their ways don't meet, so that it would not have met `other` in it."""
     try:
-        ways = run.agents[agent], run.agents[other]
-        if shared(run, agent, other) is not None or ways[0].entrance == ways[1].entrance or ways[0].exit == ways[1].exit:
+        me, you = run.agents[agent], run.agents[other]
+        if shared(run, agent, other) is not None or me.entrance == you.entrance or me.exit == you.exit:
             return False
         return bool(off_lane(run, agent)[tick])
     except RunError:

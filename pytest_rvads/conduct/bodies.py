@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Zone
 
-__all__ = ["collide", "contacts", "overlap"]
+__all__ = ["collide", "contacts", "overlap", "tick_of", "velocity"]
 
 
 def contacts(run: Run) -> tuple[Collision, ...]:
@@ -26,7 +26,7 @@ def contacts(run: Run) -> tuple[Collision, ...]:
         touching = np.flatnonzero(overlap(run, one, two))
         if len(touching):
             tick = int(touching[0])
-            apart = _velocity(run, one, tick) - _velocity(run, two, tick)
+            apart = (velocity(run, one) - velocity(run, two))[tick]
             names = run.agents[one].name, run.agents[two].name
             found.append(Collision(tick * run.dt, names, round(float(np.hypot(*apart)), 9)))
     return tuple(sorted(found, key=lambda c: c.time))
@@ -69,10 +69,10 @@ def _box(pose: NDArray[np.float64], length: float, width: float) -> tuple[NDArra
     return pose[:, :2] - length / 2 * ahead, np.stack((length / 2 * ahead, width / 2 * left), axis=1)
 
 
-def _velocity(run: Run, agent: int, tick: int) -> NDArray[np.float64]:
-    """Return the velocity of an agent [m/s]; zero where speeds are not recorded."""
-    if run.speed is None or run.pose is None:
-        return np.zeros(2)
-    heading = run.pose[tick, agent, 2]
-    found: NDArray[np.float64] = run.speed[tick, agent] * np.array([np.cos(heading), np.sin(heading)])
+def velocity(run: Run, agent: int) -> NDArray[np.float64]:
+    """Return the velocity of an agent, shape ``(steps, 2)`` [m/s]; zero where speeds are not recorded."""
+    if run.speed is None:
+        return np.zeros((run.steps, 2))
+    heading = run.need("pose")[:, agent, 2]
+    found: NDArray[np.float64] = run.speed[:, agent, None] * np.stack((np.cos(heading), np.sin(heading)), axis=-1)
     return found

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.bodies import velocity
 from pytest_rvads.conduct.predicates import ticks
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.runs.run import Run
@@ -151,9 +152,7 @@ def describe(found: Kpis) -> list[str]:
 def _accelerations(run: Run, column: int) -> tuple[NDArray[np.float64], int]:
     """Return the mean acceleration over every window while the vehicle was there [m/s^2], and the window in steps."""
     step = max(ticks(run, WINDOW), 1)
-    if run.speed is None:  # excluded by the caller; tells the type checker
-        return np.empty(0), step
-    driven = run.speed[run.zone[:, column] != Zone.GONE, column]
+    driven = run.need("speed")[run.zone[:, column] != Zone.GONE, column]
     return (driven[step:] - driven[:-step]) / (step * run.dt), step
 
 
@@ -170,23 +169,20 @@ def _jerk(run: Run, column: int) -> float | None:
 
 def _delay(run: Run, column: int) -> float | None:
     left = np.flatnonzero(run.zone[:, column] >= Zone.EXIT)
-    if run.station is None or run.facts.speed_limit is None or not len(left):
+    if run.facts.speed_limit is None or not len(left):
         return None
-    agent = run.agents[column]
-    way = run.junction.movements[agent.entrance, agent.exit].length - float(run.station[0, column])
+    way = run.agents[column].route.length - float(run.need("station")[0, column])
     return _rounded(float(left[0]) * run.dt - way / run.facts.speed_limit)
 
 
 def _ttc(run: Run, one: int, two: int) -> float | None:
     """Return the shortest time until discs that cover the two bodies touch, at constant velocity."""
-    if run.pose is None or run.speed is None:
-        return None
     both = (run.zone[:, one] != Zone.GONE) & (run.zone[:, two] != Zone.GONE)
     sizes = run.size(one), run.size(two)
     reach = sum(float(np.hypot(length / _DISCS / 2, width / 2)) for length, width in sizes)
     first, second = (_discs(run, k, length)[both] for k, (length, _) in zip((one, two), sizes, strict=True))
     gap = second[:, None, :, :] - first[:, :, None, :]
-    closing = (_velocity(run, two) - _velocity(run, one))[both][:, None, None, :]
+    closing = (velocity(run, two) - velocity(run, one))[both][:, None, None, :]
     # |gap + t closing| = reach, solved for the first t >= 0
     a = (closing**2).sum(axis=-1)
     b = (gap * closing).sum(axis=-1)
@@ -201,31 +197,20 @@ def _ttc(run: Run, one: int, two: int) -> float | None:
 
 def _discs(run: Run, column: int, length: float) -> NDArray[np.float64]:
     """Return the centres of the discs of a body, shape ``(steps, discs, 2)`` [m]."""
-    if run.pose is None:  # excluded by the caller; tells the type checker
-        return np.empty((0, _DISCS, 2))
-    pose = run.pose[:, column]
+    pose = run.need("pose")[:, column]
     back = -(np.arange(_DISCS) + 0.5) / _DISCS * length
     ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
     found: NDArray[np.float64] = pose[:, None, :2] + back[None, :, None] * ahead[:, None, :]
     return found
 
 
-def _velocity(run: Run, column: int) -> NDArray[np.float64]:
-    """Return the velocity of an agent, shape ``(steps, 2)`` [m/s]."""
-    if run.pose is None or run.speed is None:  # excluded by the caller; tells the type checker
-        return np.empty((0, 2))
-    heading = run.pose[:, column, 2]
-    found: NDArray[np.float64] = run.speed[:, column, None] * np.stack((np.cos(heading), np.sin(heading)), axis=-1)
-    return found
-
-
 def _pet(run: Run, one: int, two: int) -> float | None:
     common = shared(run, one, two)
-    if common is None or run.station is None:
+    if common is None:
         return None
     spans = []
     for column, (start, end) in zip((one, two), (common.mine, common.yours), strict=True):
-        station = run.station[:, column]
+        station = run.need("station")[:, column]
         inside = np.flatnonzero(station >= start)
         outside = np.flatnonzero(station - run.size(column)[0] > end)
         if not len(inside):

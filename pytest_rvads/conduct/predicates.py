@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Agent, Colour, Zone
+from pytest_rvads.runs.states import Agent, Zone
 
-__all__ = ["Static", "at_entrance", "colour", "extract", "in_junction", "on_approach", "on_exit", "once", "speed", "ticks"]
+__all__ = ["Static", "at_entrance", "extract", "in_junction", "on_approach", "on_exit", "once", "speed", "ticks"]
 
 _Result = TypeVar("_Result")
 
@@ -33,6 +33,8 @@ class Static:
     control: JunctionControl
     right_of: frozenset[tuple[int, int]]
     opposite: frozenset[tuple[int, int]]
+    entex: frozenset[tuple[int, int]]
+    """Pairs of an entrance and an exit of one arm."""
     lights: tuple[int, ...]
     """Entrances with a light."""
     signs: tuple[int, ...]
@@ -73,6 +75,7 @@ def _extract(run: Run) -> Static:
         junction.control,
         junction.right_of,
         junction.opposite,
+        junction.entex,
         everywhere if junction.control is JunctionControl.LIGHTS else tuple(np.flatnonzero(run.lights.any(axis=0)).tolist()),
         everywhere if junction.control is JunctionControl.STOP else (),
         run.agents,
@@ -112,12 +115,6 @@ def on_approach(run: Run, agent: int) -> NDArray[np.bool_]:
 def on_exit(run: Run, agent: int) -> NDArray[np.bool_]:
     """Return ``a@j.ex`` and ``a@r`` for the road the agent leaves by; it begins with the exit vertex."""
     found: NDArray[np.bool_] = run.zone[:, agent] == Zone.EXIT
-    return found
-
-
-def colour(run: Run, entrance: int, wanted: Colour) -> NDArray[np.bool_]:
-    """Return ``lt.cl = wanted`` for the light of an entrance."""
-    found: NDArray[np.bool_] = run.lights[:, entrance] == wanted
     return found
 
 

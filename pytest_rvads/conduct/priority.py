@@ -130,7 +130,7 @@ class Encounter:
         self._hard = HARD_BRAKING if who.turn is Turn.STRAIGHT else BEND_BRAKING
         self._arrives, self._clear = common.yours.start, common.mine.end
         if common.merges:
-            self._arrives -= run.junction.movements[who.entrance, who.exit].length
+            self._arrives -= who.route.length
             self._clear = self._arrives
         self._speeds: deque[float] = deque(maxlen=max(round(_WINDOW / run.dt), 1) + 1)
         self._tick = 0
@@ -163,7 +163,7 @@ class Encounter:
         columns = (inside, better, bound, touching, there, rear, ahead, speed, green)
         return list(zip(*(column.tolist() for column in columns), strict=True))
 
-    def step(  # noqa: PLR0913 - the columns that `read` gives, each by its name
+    def step(  # noqa: PLR0913 - the columns that `rows` gives, each by its name
         self,
         inside: bool,
         better: bool,

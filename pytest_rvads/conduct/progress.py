@@ -13,7 +13,7 @@ from itertools import pairwise, permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.predicates import ticks
+from pytest_rvads.conduct.predicates import once, ticks
 from pytest_rvads.conduct.priority import due, may_owe, yields
 from pytest_rvads.conduct.standing import TIE
 from pytest_rvads.conduct.stretches import before_exit, on_stretch, position, shared
@@ -118,10 +118,7 @@ class _Waiting:
 
 def _waiting(run: Run) -> _Waiting:
     """Return who waits in a run, worked out once."""
-    known: _Waiting | None = run.__dict__.get("_waiting")
-    if known is None:
-        known = run.__dict__["_waiting"] = _work_out(run)
-    return known
+    return once(run, _work_out)
 
 
 def _work_out(run: Run) -> _Waiting:
@@ -178,8 +175,7 @@ def _behind(run: Run, agent: int, other: int, common: Shared | None) -> NDArray[
         found |= (before | (me.exit == you.exit)) & (ahead > front) & (behind - front < GAP)
     if me.exit == you.exit:
         (front, _), (ahead, behind) = before_exit(run, agent), before_exit(run, other)
-        length = run.junction.movements[you.entrance, you.exit].length
-        merged = ahead >= (common.yours.start - length if common else 0.0)
+        merged = ahead >= (common.yours.start - you.route.length if common else 0.0)
         found |= (zone >= Zone.JUNCTION) & merged & (ahead > front) & (behind - front < GAP)
         found |= (zone == Zone.ENTRANCE) & (run.zone[:, other] == Zone.EXIT) & (behind < run.size(agent)[0] + ROOM)
     found &= slow

@@ -239,12 +239,12 @@ def agree(one: Run, two: Run) -> tuple[Finding, ...]:
     time, other = one.duration, float(same[0]) * two.dt
     if abs(time - other) > max(one.dt, two.dt) / 2:
         found.append(Finding("time", time, f"equal states are {time:.2f} s apart in one run and {other:.2f} s in the other"))
-    ways = [
+    driven = [
         np.abs(np.diff(r.station[: end + 1], axis=0)).sum(axis=0)
         for r, end in ((one, one.steps - 1), (two, int(same[0])))
         if r.station is not None
     ]
-    for agent, mine, yours in zip(one.agents, *ways, strict=True):
+    for agent, mine, yours in zip(one.agents, *driven, strict=True):
         if abs(mine - yours) > 1e-6:
             found.append(Finding("distance", time, f"{agent.name} drives {mine:.3f} m in one run and {yours:.3f} m in the other"))
     return tuple(found)

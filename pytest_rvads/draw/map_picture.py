@@ -103,15 +103,14 @@ def _panel(road_map: RoadMap, report: JunctionReport) -> str:
     def place(east: float, north: float) -> tuple[float, float]:
         return _PANEL / 2 + (east - x) * scale, _PANEL / 2 - (north - y) * scale
 
-    lanes = [(edge, True) for edge in inside] + _roads(road_map, report, reach)
+    roads = _roads(road_map, report, reach)
     parts = ['<rect width="100%" height="100%" fill="#f4f4ee"/>']
     for extra, colour in ((0.5, "#999"), (0.0, "#d8d8d8")):
-        for edge, _ in lanes:
+        for edge in (*inside, *roads):
             width = max((max(edge.width, 1.0) + extra) * scale, 1.0)
             parts.append(polyline((place(*p) for p in _near(edge, x, y, reach)), stroke=colour, stroke_width=f"{width:.1f}"))
-    for edge, in_junction in lanes:
-        if not in_junction:
-            parts += _directions(edge, place, x, y, reach)
+    for edge in roads:
+        parts += _directions(edge, place, x, y, reach)
     for way in report.movements:
         line = [place(*p) for id in way.path.edges for p in edges[id].points]
         parts.append(polyline(line, stroke=_TURNS[way.turn], stroke_width=1.5, marker_end=f"url(#{way.turn.value})"))
@@ -121,7 +120,7 @@ def _panel(road_map: RoadMap, report: JunctionReport) -> str:
     return "".join(parts)
 
 
-def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[tuple[Edge, bool]]:
+def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[Edge]:
     """Return the lanes outside the junction as far as they may show."""
     found: dict[str, Edge] = {}
     for upstream, starts in (
@@ -135,7 +134,7 @@ def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[tupl
                     break
                 found[id] = road_map.graph.edges[id]
                 total += found[id].length
-    return [(edge, False) for edge in found.values()]
+    return list(found.values())
 
 
 def _near(edge: Edge, x: float, y: float, reach: float) -> Iterable[tuple[float, float]]:

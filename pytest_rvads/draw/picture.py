@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from html import escape
 
-from pytest_rvads.draw.scene import PALETTE, Scene, body, path
+from pytest_rvads.draw.scene import Scene, body, ink, path
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
@@ -41,12 +41,10 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
     left, top, wide, high = scene.view
     parts = [scene.road(), scene.lights(run.lights[tick])]
     for column, agent in enumerate(run.agents):
-        colour = PALETTE[agent.entrance % len(PALETTE)]
-        parts.append(f'<polyline class="trail" stroke="{colour}" points="{path(run.pose[: tick + 1 : 5, column, :2])}"/>')
+        parts.append(f'<polyline class="trail" stroke="{ink(agent)}" points="{path(run.pose[: tick + 1 : 5, column, :2])}"/>')
     for column, agent in enumerate(run.agents):
         if run.zone[tick, column] != Zone.GONE:
-            colour = PALETTE[agent.entrance % len(PALETTE)]
-            parts.append(body(run.pose[tick, column], *size(run, column), colour, agent.name, agent.name in broken))
+            parts.append(body(run.pose[tick, column], *size(run, column), ink(agent), agent.name, agent.name in broken))
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide * 10:.0f}" height="{(high + 5) * 10:.0f}" '
         f'viewBox="{left:.2f} {top - 5:.2f} {wide:.2f} {high + 5:.2f}"><style>{STYLE}</style>'

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.draw.picture import STYLE, size
-from pytest_rvads.draw.scene import PALETTE, Scene, body
+from pytest_rvads.draw.scene import Scene, body, ink
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
@@ -61,8 +61,8 @@ def replay(
         raise RunError(f"run {run.label!r} has no states, so there is nothing to replay")
     scene = Scene(run.junction)
     left, top, wide, high = scene.view
-    inks = [PALETTE[a.entrance % len(PALETTE)] for a in run.agents]
-    trails = "".join(f'<polyline class="trail" stroke="{ink}"/>' for ink in inks)
+    inks = [ink(a) for a in run.agents]
+    trails = "".join(f'<polyline class="trail" stroke="{colour}"/>' for colour in inks)
     bodies = "".join(
         body(run.pose[0, i], *size(run, i), inks[i], a.name, a.name in responsible) for i, a in enumerate(run.agents)
     )

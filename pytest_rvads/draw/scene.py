@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import Sign
-from pytest_rvads.runs.states import Colour
+from pytest_rvads.runs.states import Agent, Colour
 
-__all__ = ["PALETTE", "Scene"]
+__all__ = ["Scene", "body", "ink", "path"]
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00", "#555555")
 """Okabe and Ito's palette, distinguishable by colour-blind people; one per entrance."""
@@ -81,6 +81,11 @@ class Scene:
                 f'<circle r="1.3" fill="{_LIGHTS[colour]}"/><text class="letter" y="0.65">{colour.name[0]}</text></g>'
             )
         return "".join(parts)
+
+
+def ink(agent: Agent) -> str:
+    """Return the colour that a vehicle is drawn in."""
+    return PALETTE[agent.entrance % len(PALETTE)]
 
 
 def body(pose: NDArray[np.float64], length: float, width: float, colour: str, name: str, broken: bool = False) -> str:

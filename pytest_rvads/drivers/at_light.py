@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pytest_rvads.drivers.crossing import conflict, exit_blocked, movements, occupied, runs_through
+from pytest_rvads.drivers.crossing import conflicts, exit_blocked, runs_through
 from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.spacing import can_stop, time_to
@@ -24,6 +24,9 @@ PARKED = 8.0
 """Who stands at green for so long is not going to go [s]."""
 MARGIN = 1.0
 """Time kept between leaving a place and the arrival there of one who has priority [s]."""
+_GREEN, _YELLOW, _RED = Colour.GREEN, Colour.YELLOW, Colour.RED
+_STRAIGHT, _RIGHT = Turn.STRAIGHT, Turn.RIGHT
+"""By themselves, as the zones are: they are asked for in every step."""
 
 
 class Light:
@@ -44,21 +47,22 @@ class Light:
         if me.zone is ENTRANCE and me.speed < STANDING:
             self._stood = True
         prior = []
-        if me.turn is not Turn.STRAIGHT:
+        if me.turn is not _STRAIGHT:
             prior = [other for other in seen.others if self._has_priority(seen, other, colour)]
         self._remember(seen, prior)
-        if colour is Colour.YELLOW:
+        if colour is _YELLOW:
             return not can_stop(seen, YELLOW)
-        if colour is Colour.RED and not (self._stood and me.turn is Turn.RIGHT and not seen.junction.left_hand):
+        if colour is _RED and not (self._stood and me.turn is _RIGHT and not seen.junction.left_hand):
             return False
         if self._owed or not all(_leaves_time(seen, other) for other in prior):
             return False
-        mine = (seen.itinerary.entrance, seen.itinerary.exit)
-        if any(other.zone is JUNCTION and occupied(seen.junction, mine, other) for other in seen.others):
-            return False
-        if any(_comes_first(seen, mine, other, k < seen.created) for k, other in enumerate(seen.others)):
-            return False
-        return not (exit_blocked(seen) or any(_runs_red(seen, mine, other) for other in seen.others))
+        for k, other in enumerate(seen.others):
+            if other.zone is JUNCTION:
+                if conflicts(seen, other):
+                    return False
+            elif _comes_first(seen, other, k < seen.created) or _runs_red(seen, other):
+                return False
+        return not exit_blocked(seen)
 
     def _has_priority(self, seen: Observation, other: VehicleState, colour: Colour) -> bool:
         """Return whether `other`, on its way to the junction, goes first if it comes to it."""
@@ -68,15 +72,16 @@ class Light:
         far = junction.far
         if me.turn is far and other.turn is not far and (me.entrance, other.entrance) in junction.opposite:
             return True
-        return colour is Colour.RED and me.turn is Turn.RIGHT and (me.entrance, other.entrance) in junction.right_of
+        return colour is _RED and me.turn is _RIGHT and (me.entrance, other.entrance) in junction.right_of
 
     def _remember(self, seen: Observation, prior: list[VehicleState]) -> None:
         """Keep whom to let in first: once both were at their entrances, it stays so whatever the lights show."""
         if seen.me.zone is ENTRANCE:
             self._owed |= {other.name for other in prior if other.zone is ENTRANCE}
-        self._owed &= {other.name for other in seen.others if other.zone is ENTRANCE}
+        if self._owed:
+            self._owed &= {other.name for other in seen.others if other.zone is ENTRANCE}
         self._watch(seen)
-        if seen.lights[seen.me.entrance] is Colour.GREEN:
+        if self._owed and seen.lights[seen.me.entrance] is _GREEN:
             # Who turned right on red waited for them; on green they have no priority, and would be waited for in vain.
             self._owed -= self._parked - {other.name for other in prior}
 
@@ -85,7 +90,7 @@ class Light:
             if other.zone is not ENTRANCE or other.speed > STANDING:
                 self._idle.pop(other.name, None)
                 self._parked.discard(other.name)
-            elif seen.lights[other.entrance] is not Colour.GREEN:
+            elif seen.lights[other.entrance] is not _GREEN:
                 self._idle.pop(other.name, None)
             elif seen.time - self._idle.setdefault(other.name, seen.time) >= PARKED:
                 self._parked.add(other.name)
@@ -95,43 +100,35 @@ def _leaves_time(seen: Observation, other: VehicleState) -> bool:
     """Return whether one can pass before `other`, who has priority, needs the place."""
     if other.zone is ENTRANCE:
         return False
-    me, junction = seen.me, seen.junction
+    me = seen.me
     delay = SET_OFF if me.speed < 1.0 else 0.0
     cruise = min(seen.speed_limit, 5.0)
     # It must not come to its entrance while the own vehicle is still at the own one.
-    entrance = -junction.setbacks[other.entrance] - ENTRANCE_ZONE - other.station
+    entrance = -seen.junction.setbacks[other.entrance] - ENTRANCE_ZONE - other.station
     enter = delay + time_to(-me.station, me.speed, DRIVE, cruise)
     if time_to(entrance, other.speed, EAGER, seen.speed_limit) < enter + MARGIN / 2:
         return False
-    for movement in movements(junction, other.entrance, other.turn):
-        found = conflict(junction, (seen.itinerary.entrance, seen.itinerary.exit), (movement.entrance, movement.exit))
-        if found is None:
-            continue
-        leave = delay + time_to(found[0].end + me.length - me.station, me.speed, DRIVE, cruise)
-        if time_to(found[1].start - other.station, other.speed, EAGER, seen.speed_limit) < leave + MARGIN:
+    for found in conflicts(seen, other):
+        leave = delay + time_to(found.mine.end + me.length - me.station, me.speed, DRIVE, cruise)
+        if time_to(found.yours.start - other.station, other.speed, EAGER, seen.speed_limit) < leave + MARGIN:
             return False
     return True
 
 
-def _comes_first(seen: Observation, mine: tuple[int, int], other: VehicleState, earlier: bool) -> bool:
+def _comes_first(seen: Observation, other: VehicleState, earlier: bool) -> bool:
     """Return whether `other`, with the same right to go, is nearer to the junction: two left turns may cross each other.
 
     Of two that are equally near it is the one that was created `earlier`. Both see the same, so exactly one of them waits.
     """
     me = seen.me
-    if other.zone is not APPROACH and other.zone is not ENTRANCE:
+    if other.turn is not me.turn or (me.entrance, other.entrance) not in seen.junction.opposite:
         return False
-    if (me.entrance, other.entrance) not in seen.junction.opposite or other.turn is not me.turn:
+    if other.zone is not APPROACH and other.zone is not ENTRANCE:
         return False
     if other.station < me.station or (other.station == me.station and not earlier):
         return False
-    paths = movements(seen.junction, other.entrance, other.turn)
-    crosses = any(conflict(seen.junction, mine, (m.entrance, m.exit)) is not None for m in paths)
-    return crosses and not _leaves_time(seen, other)
+    return bool(conflicts(seen, other)) and not _leaves_time(seen, other)
 
 
-def _runs_red(seen: Observation, mine: tuple[int, int], other: VehicleState) -> bool:
-    if seen.lights[other.entrance] is not Colour.RED or not runs_through(other):
-        return False
-    paths = movements(seen.junction, other.entrance, other.turn)
-    return any(conflict(seen.junction, mine, (m.entrance, m.exit)) is not None for m in paths)
+def _runs_red(seen: Observation, other: VehicleState) -> bool:
+    return seen.lights[other.entrance] is _RED and runs_through(other) and bool(conflicts(seen, other))

@@ -10,11 +10,10 @@ import math
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.pursuit import lookahead, pursue
 from pytest_rvads.drivers.way_ahead import Track
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
 
-__all__ = ["Follower", "resistance"]
+__all__ = ["STANDING", "Follower", "resistance"]
 
-_GRAVITY = 9.81
 _GAIN = 4.0
 """Acceleration asked for per speed error [1/s]."""
 _FIRM = 3.0
@@ -110,4 +109,4 @@ class Follower(Autopilot):
 
 def resistance(vehicle: Vehicle, speed: float) -> float:
     """Return the deceleration that tyres and air cause at `speed` [m/s] without any brake [m/s^2]."""
-    return vehicle.rolling * _GRAVITY + vehicle.drag * speed * speed / vehicle.mass
+    return vehicle.rolling * GRAVITY + vehicle.drag * speed * speed / vehicle.mass

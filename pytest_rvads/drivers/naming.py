@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
@@ -15,17 +15,13 @@ if TYPE_CHECKING:
 
 __all__ = ["at", "called", "in_ids", "name_of", "stand_in"]
 
-_STAND_IN: Factory | None = None
 
-
+@cache
 def stand_in() -> Factory:
     """Return the reference autopilot, as what drives where no fixture, option or command names anything."""
-    global _STAND_IN
-    if _STAND_IN is None:
-        from pytest_rvads.drivers.reference import Reference
+    from pytest_rvads.drivers.reference import Reference
 
-        _STAND_IN = partial(Reference)  # an object of its own, so that a fixture that returns Reference is told apart
-    return _STAND_IN
+    return partial(Reference)  # an object of its own, so that a fixture that returns Reference is told apart
 
 
 def at(name: str, here: Path | None = None) -> Any:

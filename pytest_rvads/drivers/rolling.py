@@ -69,8 +69,7 @@ class _RightOnRed(Light):
     def allows(self, seen: Observation) -> bool:
         if not _turns_on_red(seen):
             return super().allows(seen)
-        mine = (seen.itinerary.entrance, seen.itinerary.exit)
-        return not any(in_the_way(seen.junction, mine, other) for other in seen.others)
+        return not any(in_the_way(seen, other) for other in seen.others)
 
 
 def _turns_on_red(seen: Observation) -> bool:

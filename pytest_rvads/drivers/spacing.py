@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 
-from pytest_rvads.drivers.crossing import conflict, movements
+from pytest_rvads.drivers.crossing import conflicts
 from pytest_rvads.drivers.follower import resistance
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.runs.states import ENTRANCE, EXIT, JUNCTION, VehicleState
 
 __all__ = [
-    "COMFORT",
-    "FIRM",
-    "LAST_STOP",
+    "CREEP",
     "STAND_OFF",
     "Stopping",
     "behind_leader",
@@ -106,7 +104,7 @@ def behind_leader(seen: Observation) -> float:
         zone = other.zone
         if zone is not JUNCTION and zone is not EXIT:
             continue
-        for movement in movements(seen.junction, other.entrance, other.turn):
+        for movement in seen.junction.by_turn[other.entrance, other.turn]:
             left = movement.length - other.station
             if movement.exit == itinerary.exit and left < remaining:
                 least = min(least, _follow(me.speed, remaining - left - other.length, other.speed))
@@ -119,21 +117,19 @@ def clear_of_crossing(seen: Observation) -> float:
     Both in the junction already: whoever comes to the common place later stops before it. Who drives into the same exit is
     followed instead.
     """
-    me, itinerary = seen.me, seen.itinerary
+    me = seen.me
     least = math.inf
     for k, other in enumerate(seen.others):
         if other.zone is not JUNCTION:
             continue
-        for movement in movements(seen.junction, other.entrance, other.turn):
-            if movement.exit == itinerary.exit:
+        for found in conflicts(seen, other):
+            place = found.mine.start
+            if found.merges or me.station >= place or other.station - other.length >= found.yours.end:
                 continue
-            found = conflict(seen.junction, (itinerary.entrance, itinerary.exit), (movement.entrance, movement.exit))
-            if found is None or me.station >= found[0].start or other.station - other.length >= found[1].end:
-                continue
-            mine = (found[0].start - me.station) / max(me.speed, 1.0)
-            theirs = max(found[1].start - other.station, 0.0) / max(other.speed, 1.0)
+            mine = (place - me.station) / max(me.speed, 1.0)
+            theirs = max(found.yours.start - other.station, 0.0) / max(other.speed, 1.0)
             if theirs < mine or (theirs == mine and k < seen.created):
-                least = min(least, _stop_before(me.speed, found[0].start - BEFORE - me.station))
+                least = min(least, _stop_before(me.speed, place - BEFORE - me.station))
     return least
 
 

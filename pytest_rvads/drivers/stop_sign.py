@@ -8,7 +8,7 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
 from pytest_rvads.runs.states import ENTRANCE, JUNCTION, Colour
 
-__all__ = ["StopSign"]
+__all__ = ["HOLD", "PATIENCE", "PATIENCE_STEP", "StopSign"]
 
 HOLD = 0.5
 """How long to stand at the sign, at least [s]."""

@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from pytest_rvads.junctions.arms import Arm, arms_of, sort_arms, turns_in_order
+from pytest_rvads.junctions.arms import RoadArm, arms_of, sort_arms, turns_in_order
 from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.junctions.usability import MOST, unusable
 from pytest_rvads.junctions.ways import Way, paths_of, walk
-from pytest_rvads.maps.control import JunctionControl, MapObject, ObjectKind, Sign, control_of, phase_groups, setback_of
+from pytest_rvads.maps.control import JunctionControl, MapObject, ObjectKind, Sign, control_of, phase_groups, setback_of, signs_of
 from pytest_rvads.maps.doubts import Doubt, MapWarning
 from pytest_rvads.maps.network import Network
 from pytest_rvads.maps.segment import Turn
@@ -25,11 +25,12 @@ class JunctionReport:
     """A junction of a file, usable or not."""
 
     id: str
-    arms: tuple[Arm, ...]
+    arms: tuple[RoadArm, ...]
     """Counter-clockwise."""
     movements: tuple[Way, ...]
     """Sorted by entrance and exit."""
-    control: JunctionControl
+    signs: tuple[Sign, ...]
+    """What regulates every arm that has an entrance."""
     reason: str | None
     """Why it cannot be used, None where it can."""
     approach: tuple[float, ...]
@@ -48,14 +49,9 @@ class JunctionReport:
         return len(self.arms)
 
     @property
-    def signs(self) -> tuple[Sign, ...]:
-        """What regulates every arm."""
-        if self.control in (JunctionControl.STOP, JunctionControl.LIGHTS):
-            return (Sign(self.control.value),) * self.ways
-        kinds = [{item.kind for item in self.objects if item.edge in arm.entrances} for arm in self.arms]
-        return tuple(
-            Sign.LIGHTS if ObjectKind.LIGHT in here else Sign.STOP if ObjectKind.STOP in here else Sign.NONE for here in kinds
-        )
+    def control(self) -> JunctionControl:
+        """What regulates the junction as a whole."""
+        return control_of(self.signs)
 
     @property
     def usable(self) -> bool:
@@ -80,7 +76,7 @@ def analyse(
     pairs = [(path.entrance, path.exit) for path in paths] + [*network.junctions[id].direct]
     arms = arms_of(graph, pairs)
 
-    def numbered(order: Sequence[Arm]) -> list[tuple[int, int, float]]:
+    def numbered(order: Sequence[RoadArm]) -> list[tuple[int, int, float]]:
         entrances = {edge: i for i, arm in enumerate(order) for edge in arm.entrances}
         exits = {edge: i for i, arm in enumerate(order) for edge in arm.exits}
         return [(entrances[p.entrance], exits[p.exit], p.turning) for p in paths]
@@ -94,26 +90,25 @@ def analyse(
     ways.sort(key=lambda way: (way.entrance, way.exit, way.length, way.path.edges))
     left_hand = any(road in network.left_hand for arm in arms for road, _ in arm.ends)
     turns = {(way.entrance, way.exit): way.turn for way in reversed(ways)}
-    controlled = [{item.kind for item in objects if item.edge in arm.entrances} for arm in arms if arm.entrances]
+    signs = signs_of([{item.kind for item in objects if item.edge in arm.entrances} for arm in arms if arm.entrances])
     # With more arms than the model has room for there may be thousands, and their priorities mean nothing.
     ranked = turns if len(arms) <= MOST else {}
     opposite, right_of = opposite_pairs(ranked), right_of_pairs(ranked, left_hand=left_hand)
-    control = control_of(controlled)
     reason = unusable(graph, id, arms, ways, pairs)
     if reason is None:
-        for kind, message in _doubts(id, ways, len(arms), controlled, right_of):
+        for kind, message in _doubts(id, ways, signs, right_of):
             warnings.append(MapWarning(kind, message, None, id))
-    groups = phase_groups(len(arms), opposite, _controllers(network, arms, objects)) if control is JunctionControl.LIGHTS else ()
+    lit = control_of(signs) is JunctionControl.LIGHTS
     return JunctionReport(
         id,
         arms,
         tuple(ways),
-        control,
+        signs,
         reason,
         tuple(min((_walked(graph, edge) for edge in arm.entrances), default=0.0) for arm in arms),
         right_of,
         opposite,
-        groups,
+        phase_groups(len(arms), opposite, _controllers(network, arms, objects)) if lit else (),
         tuple(setback_of(item for item in objects if item.edge in arm.entrances) for arm in arms),
         tuple(objects),
         left_hand,
@@ -143,7 +138,7 @@ def opposite_pairs(turns: dict[tuple[int, int], Turn]) -> Pairs:
     )
 
 
-def _controllers(network: Network, arms: Sequence[Arm], objects: Sequence[MapObject]) -> list[frozenset[int]]:
+def _controllers(network: Network, arms: Sequence[RoadArm], objects: Sequence[MapObject]) -> list[frozenset[int]]:
     number = {edge: i for i, arm in enumerate(arms) for edge in arm.entrances}
     lights: dict[str, set[int]] = {}
     for item in objects:
@@ -156,10 +151,8 @@ def _walked(graph: MetricGraph, edge: str) -> float:
     return sum(graph.edges[id].length for id in walk(graph, edge, upstream=True))
 
 
-def _doubts(
-    id: str, ways: Sequence[Way], arms: int, controlled: Sequence[set[ObjectKind]], right_of: Pairs
-) -> Iterator[tuple[Doubt, str]]:
-    if not turns_in_order(((w.entrance, w.exit, w.turning) for w in ways), arms):
+def _doubts(id: str, ways: Sequence[Way], signs: Sequence[Sign], right_of: Pairs) -> Iterator[tuple[Doubt, str]]:
+    if not turns_in_order(((w.entrance, w.exit, w.turning) for w in ways), len(signs)):
         yield Doubt.ORDER, f"the movements of junction {id!r}, sorted by turn, do not follow the order of its exits"
     if not right_of:
         yield (
@@ -170,8 +163,8 @@ def _doubts(
     for entrance, exit in sorted(pair for pair in count if count[pair] > 1):
         message = f"junction {id!r} has several movements from entrance {entrance} to exit {exit}; the shortest was taken"
         yield Doubt.TABLE, message
-    if control_of(controlled) is JunctionControl.PARTIAL:
-        bare = [f"e{i}" for i, kinds in enumerate(controlled) if not kinds & {ObjectKind.LIGHT, ObjectKind.STOP}]
+    if control_of(signs) is JunctionControl.PARTIAL:
+        bare = [f"e{i}" for i, sign in enumerate(signs) if sign is Sign.NONE]
         what = (
             f"entrances {', '.join(bare)} of junction {id!r} have no stop sign or light"
             if bare

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from pytest_rvads.junctions.graph import MetricGraph
-from pytest_rvads.maps.network import Edge
+from pytest_rvads.maps.network import Edge, facing
 
-__all__ = ["FIRST", "Arm", "arms_of", "sort_arms", "turns_in_order"]
+__all__ = ["FIRST", "RoadArm", "arms_of", "sort_arms", "turns_in_order"]
 
 FIRST = math.radians(-112.5)
 """Direction from which arms are counted [rad]."""
@@ -27,8 +27,8 @@ RoadEnd = tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class Arm:
-    """A road end, or a pair of one-way road ends."""
+class RoadArm:
+    """An arm as the map has it: a road end, or a pair of one-way road ends."""
 
     ends: tuple[RoadEnd, ...]
     entrances: tuple[str, ...]
@@ -43,7 +43,7 @@ class Arm:
     """Direction away from the junction [rad]."""
 
 
-def arms_of(graph: MetricGraph, pairs: Sequence[tuple[str, str]]) -> tuple[Arm, ...]:
+def arms_of(graph: MetricGraph, pairs: Sequence[tuple[str, str]]) -> tuple[RoadArm, ...]:
     """Return the arms of a junction, numbered counter-clockwise.
 
     Args:
@@ -75,7 +75,7 @@ def arms_of(graph: MetricGraph, pairs: Sequence[tuple[str, str]]) -> tuple[Arm, 
     return tuple(arms)
 
 
-def sort_arms(arms: Sequence[Arm], in_order: Callable[[Sequence[Arm]], bool]) -> tuple[Arm, ...]:
+def sort_arms(arms: Sequence[RoadArm], in_order: Callable[[Sequence[RoadArm]], bool]) -> tuple[RoadArm, ...]:
     """Number the arms counter-clockwise.
 
     Args:
@@ -112,10 +112,10 @@ def turns_in_order(turning: Iterable[tuple[int, int, float]], ways: int) -> bool
     return all([d for _, d in sorted(rows)] == sorted(d for _, d in rows) for rows in table.values())
 
 
-def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[Edge]) -> Arm:
+def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[Edge]) -> RoadArm:
     points = [edge.points[-1] for edge in entering] + [edge.points[0] for edge in leaving]
     headings = [edge.end_heading + math.pi for edge in entering] + [edge.start_heading for edge in leaving]
-    return Arm(
+    return RoadArm(
         ends,
         tuple(edge.id for edge in entering),
         tuple(edge.id for edge in leaving),
@@ -127,11 +127,7 @@ def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[
 
 def _beside(entrance: Edge, exit: Edge, left_hand: bool) -> float | None:
     """Return the cost of pairing a one-way entrance with a one-way exit, or None where they are no pair."""
-    heading = entrance.end_heading
-    angle = abs(math.remainder(exit.start_heading - heading - math.pi, math.tau))
-    (x, y), (u, v) = entrance.points[-1], exit.points[0]
-    distance = math.hypot(u - x, v - y)
-    side = math.cos(heading) * (v - y) - math.sin(heading) * (u - x)
-    if angle > _FACING or distance > _BESIDE or (side < 0) != left_hand:
+    distance, angle, left = facing(entrance, exit)
+    if angle > _FACING or distance > _BESIDE or left is left_hand:
         return None
-    return float(distance + _PER_DEGREE * math.degrees(angle))
+    return distance + _PER_DEGREE * math.degrees(angle)

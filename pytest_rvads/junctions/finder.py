@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -121,7 +121,7 @@ def _builtin(junction: str, wanted: _Wanted | None) -> Junction:
         road_map, key = _load(path_of(name))
         report = road_map.junctions[0]
         if wanted is None or wanted.fits(report):
-            return _junction(road_map, key, report.id, name)
+            return replace(_junction(road_map, key, report.id, name), map=None)
     raise MapError(
         f"no built-in junction fits {junction!r}: they are {', '.join(LAYOUTS)}, with 120 m of approach; give a map file"
     )
@@ -154,13 +154,8 @@ def _parse(text: str) -> _Wanted | None:
     match = _TYPE.fullmatch(text.strip())
     if match is None:
         return None
-    word = match["control"].lower()
-    if "stop" in word:
-        control = JunctionControl.STOP
-    elif "light" in word:
-        control = JunctionControl.LIGHTS
-    else:
-        control = JunctionControl.PARTIAL if word == "partial" else JunctionControl.NONE
+    words = {"stop": JunctionControl.STOP, "light": JunctionControl.LIGHTS, "partial": JunctionControl.PARTIAL}
+    control = next((kind for word, kind in words.items() if word in match["control"].lower()), JunctionControl.NONE)
     return _Wanted(int(match["ways"]), control, float(match["approach"] or 0.0))
 
 

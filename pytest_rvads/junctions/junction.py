@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.conflicts import Key, Shared, stretches
-from pytest_rvads.maps.control import JunctionControl, Sign
+from pytest_rvads.maps.control import JunctionControl, Sign, control_of
 from pytest_rvads.maps.segment import Segment, Turn
 
 __all__ = ["Arm", "Entrance", "Exit", "Junction", "Movement", "cross"]
@@ -32,8 +32,9 @@ def _table(items: dict[Any, Any]) -> MappingProxyType[Any, Any]:
 copyreg.pickle(MappingProxyType, lambda table: (_table, (dict(table),)))
 
 
-_RANK = {Sign.STOP: 0, Sign.YIELD: 1, Sign.NONE: 2, Sign.LIGHTS: 2, Sign.PRIORITY: 3}
-"""Whoever comes past a sign of lower rank gives way (Vienna Convention on Road Signs and Signals 1968, signs B,1 to B,3)."""
+_RANK = {Sign.STOP: 0, Sign.YIELD: 0, Sign.NONE: 1, Sign.LIGHTS: 1, Sign.PRIORITY: 2}
+"""Whoever comes past a sign of lower rank gives way (Vienna Convention on Road Signs and Signals 1968, signs B,1 to B,3). Stop
+and yield signs both say to give way to the road ahead; between two who come past them, sides decide."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +120,7 @@ class Junction:
     lane_width: float = 3.5
     """Width of the lanes [m]."""
     map: str | None = None
-    """File it was read from; no part of what is compared."""
+    """File it was read from; None for a built-in one, or one from no map. No part of what is compared."""
 
     def __post_init__(self) -> None:
         arms = {entrance.arm for entrance in self.entrances} | {exit.arm for exit in self.exits}
@@ -163,11 +164,7 @@ class Junction:
     @cached_property
     def control(self) -> JunctionControl:
         """What regulates the junction as a whole."""
-        signs = {entrance.sign for entrance in self.entrances}
-        for sign, control in ((Sign.STOP, JunctionControl.STOP), (Sign.LIGHTS, JunctionControl.LIGHTS)):
-            if signs == {sign}:
-                return control
-        return JunctionControl.PARTIAL if signs & {Sign.STOP, Sign.LIGHTS} else JunctionControl.NONE
+        return control_of(entrance.sign for entrance in self.entrances)
 
     @cached_property
     def phase_groups(self) -> tuple[frozenset[int], ...]:
@@ -198,13 +195,13 @@ class Junction:
         return None if self.stretches is None else frozenset(self.stretches)
 
     @cached_property
-    def yields(self) -> frozenset[tuple[Key, Key]]:
+    def yields(self) -> frozenset[tuple[Key, Key]] | None:
         """Pairs (one, other) of conflicting movements: whoever makes the first gives way to whoever makes the second.
 
         Signs decide, else right before left, else a turn across oncoming traffic gives way to it; lights, while both have
-        green. At an all-way stop: in a tie.
+        green. At an all-way stop: in a tie. None without centre lines.
         """
-        return frozenset((one, other) for one, other in self.conflicts or () if self._gives_way(one, other))
+        return None if self.conflicts is None else frozenset(pair for pair in self.conflicts if self._gives_way(*pair))
 
     def _gives_way(self, one: Key, other: Key) -> bool:
         mine, yours = self.entrances[one[0]], self.entrances[other[0]]
@@ -214,6 +211,20 @@ class Junction:
             return (other[0], one[0]) in self.right_of
         across = self.movements[one].turn is self.far and self.movements[other].turn is not self.far
         return across and (one[0], other[0]) in self.opposite
+
+    @cached_property
+    def by_direction(self) -> Mapping[tuple[int, int], Movement]:
+        """Per entrance and symbolic direction the movement there; of several, that to the exit nearest to the kerb."""
+        found: dict[tuple[int, int], Movement] = {}
+        for (entrance, exit), movement in sorted(self.movements.items()):
+            direction = (self.exits[exit].arm - self.entrances[entrance].arm) % self.ways
+            found.setdefault((entrance, direction), movement)
+        return MappingProxyType(found)
+
+    @cached_property
+    def entex(self) -> frozenset[tuple[int, int]]:
+        """Pairs of an entrance and an exit of one arm, the paper's relation of this name."""
+        return frozenset((entrance, exit) for arm in self.arms for entrance in arm.entrances for exit in arm.exits)
 
     @cached_property
     def by_turn(self) -> Mapping[tuple[int, Turn], tuple[Movement, ...]]:
@@ -249,11 +260,15 @@ class Junction:
             raise ScenarioError(
                 f"direction {direction} is not one of 1..{self.ways - 1} of the {self.ways}-way junction {self.name!r}"
             )
-        arm = (self.entrances[entrance].arm + direction) % self.ways
-        for exit in self.arms[arm].exits:
-            if (entrance, exit) in self.movements:
-                return self.movements[entrance, exit]
-        raise ScenarioError(f"no movement of junction {self.name!r} leads from entrance {entrance} to arm {arm}")
+        movement = self.by_direction.get((entrance, direction))
+        if movement is None:
+            arm = (self.entrances[entrance].arm + direction) % self.ways
+            raise ScenarioError(f"no movement of junction {self.name!r} leads from entrance {entrance} to arm {arm}")
+        return movement
+
+    def directions(self, entrance: int) -> tuple[int, ...]:
+        """Return the symbolic directions that movements from `entrance` lead into."""
+        return tuple(direction for direction in range(1, self.ways) if (entrance, direction) in self.by_direction)
 
     def vehicle_at(self, entrance: int) -> str:
         """Return the name of the first vehicle at an entrance: ``a0``; ``a0.1`` on lane 1 of an arm that has several."""

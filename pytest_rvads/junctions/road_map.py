@@ -101,6 +101,7 @@ class RoadMap:
             report = analyse(self.graph, id, report.objects, [], drop_uturns=True)
         if report.reason is not None:
             raise MapError(f"junction {id!r} of map file {self.path} cannot be used: {report.reason}")
+        # Every arm of a usable junction has one entrance and one exit, so their numbers are its own.
         movements: dict[tuple[int, int], Movement] = {}
         for way in reversed(report.movements):  # of several from one arm to another the shortest comes first
             parts = [Segment(e, self.graph.edges[e].points, way.turn, id) for e in way.path.edges]
@@ -128,18 +129,14 @@ class RoadMap:
         )
 
     def _road(self, start: str, *, upstream: bool) -> Segment:
-        """Join the edges of a walk, at most `WALK_LIMIT` of them, into one segment."""
-        edges = [self.graph.edges[id] for id in walk(self.graph, start, upstream=upstream)]
-        total = 0.0
-        kept = []
-        for edge in edges:
-            kept.append(edge)
-            total += edge.length
+        """Join the segments of a walk, at most `WALK_LIMIT` of them, into one."""
+        total, kept = 0.0, []
+        for id in walk(self.graph, start, upstream=upstream):
+            kept.append(self.graph.segment(id))
+            total += self.graph.edges[id].length
             if total >= WALK_LIMIT:
                 break
-        if upstream:
-            kept.reverse()
-        segment = self._joined([Segment(edge.id, edge.points) for edge in kept])
+        segment = self._joined(kept[::-1] if upstream else kept)
         if segment.length <= WALK_LIMIT:
             return segment
         return segment.tail(WALK_LIMIT) if upstream else segment.head(WALK_LIMIT)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-from pytest_rvads.junctions.arms import Arm
+from pytest_rvads.junctions.arms import RoadArm
 from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.junctions.ways import Way
 from pytest_rvads.maps.segment import GAP_LIMIT
@@ -18,7 +18,7 @@ FEWEST, MOST = 3, 8
 
 
 def unusable(
-    graph: MetricGraph, id: str, arms: Sequence[Arm], ways: Sequence[Way], pairs: Sequence[tuple[str, str]]
+    graph: MetricGraph, id: str, arms: Sequence[RoadArm], ways: Sequence[Way], pairs: Sequence[tuple[str, str]]
 ) -> str | None:
     """Return the first reason why junction `id` cannot be used, None where it can.
 
@@ -46,7 +46,7 @@ def unusable(
     return _of_arms(arms) or _of_movements(ways, len(arms)) or _of_gaps(graph, ways)
 
 
-def _of_arms(arms: Sequence[Arm]) -> str | None:
+def _of_arms(arms: Sequence[RoadArm]) -> str | None:
     for i, arm in enumerate(arms):
         if not (arm.entrances and arm.exits):
             roads = " and ".join(f"road {road!r}" for road, _ in arm.ends)

@@ -36,7 +36,9 @@ class Way(NamedTuple):
     """A way through a junction between two arms."""
 
     entrance: int
+    """Number of the arm that it comes from."""
     exit: int
+    """Number of the arm that it goes to."""
     turn: Turn
     length: float
     """Along the lane centre line [m]."""

@@ -1,4 +1,4 @@
-"""Judging a run by a rule: Algorithm 1 of the paper, and what it leaves open (facts on finite runs)."""
+"""Judging a run by a rule: Algorithm 1 of the paper, and what it leaves open at the end of a finite run."""
 
 from __future__ import annotations
 

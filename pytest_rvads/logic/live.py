@@ -108,7 +108,20 @@ class RuleMonitor:
         Raises:
             RunError: an array of another shape, or one missing that the rule asks for.
         """
-        run = self._state(zone, lights, station, speed, pose, collisions)
+        count, entrances = len(self._agents), len(self._junction.entrances)
+        run = Run(
+            "live",
+            self._junction,
+            self._agents,
+            _row("zone", zone, (count,)).astype(np.int8),
+            _row("lights", np.zeros(entrances) if lights is None else lights, (entrances,)).astype(np.int8),
+            self._dt,
+            station=None if station is None else _row("station", station, (count,)),
+            speed=None if speed is None else _row("speed", speed, (count,)),
+            pose=None if pose is None else _row("pose", pose, (count, 3)),
+            collisions=None if collisions is None else tuple(Collision(0.0, pair, 0.0) for pair in collisions),
+            facts=self._facts,
+        )
         self._past.carry(run)
         if self._monitors is None:
             templates = prepare(self.rule.formula, extract(run), self.rule.bound).templates
@@ -121,31 +134,6 @@ class RuleMonitor:
             true = (f"p{k}" for k, a in enumerate(template.atoms) if (past[a] if a in past else values[a][0]))
             monitor.step(frozenset(true))
         return self.verdict
-
-    def _state(
-        self,
-        zone: ArrayLike,
-        lights: ArrayLike | None,
-        station: ArrayLike | None,
-        speed: ArrayLike | None,
-        pose: ArrayLike | None,
-        collisions: Iterable[tuple[str, str]] | None,
-    ) -> Run:
-        """Return a run of one state."""
-        count, ways = len(self._agents), len(self._junction.entrances)
-        return Run(
-            "live",
-            self._junction,
-            self._agents,
-            _row("zone", zone, (count,)).astype(np.int8),
-            _row("lights", np.zeros(ways) if lights is None else lights, (ways,)).astype(np.int8),
-            self._dt,
-            station=None if station is None else _row("station", station, (count,)),
-            speed=None if speed is None else _row("speed", speed, (count,)),
-            pose=None if pose is None else _row("pose", pose, (count, 3)),
-            collisions=None if collisions is None else tuple(Collision(0.0, pair, 0.0) for pair in collisions),
-            facts=self._facts,
-        )
 
 
 def _sizes(given: tuple[float, float] | Sequence[tuple[float, float]], count: int) -> tuple[tuple[float, float], ...]:

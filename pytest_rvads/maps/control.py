@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-__all__ = ["JunctionControl", "MapObject", "ObjectKind", "Sign", "control_of", "phase_groups", "setback_of"]
+__all__ = ["JunctionControl", "MapObject", "ObjectKind", "Sign", "control_of", "phase_groups", "setback_of", "signs_of"]
 
 
 class JunctionControl(StrEnum):
@@ -51,15 +51,21 @@ class MapObject:
     """Distance of a stop line or stop sign before the entrance vertex, None where it is too far away and for lights [m]."""
 
 
-def control_of(controlled: Sequence[set[ObjectKind]]) -> JunctionControl:
-    """Return the control of a junction from the kinds of objects at each entrance."""
-    if controlled and all(ObjectKind.LIGHT in kinds for kinds in controlled):
-        return JunctionControl.LIGHTS
-    if controlled and all(ObjectKind.STOP in kinds for kinds in controlled):
-        return JunctionControl.STOP
-    if any(kinds & {ObjectKind.LIGHT, ObjectKind.STOP} for kinds in controlled):
-        return JunctionControl.PARTIAL
-    return JunctionControl.NONE
+def signs_of(controlled: Sequence[set[ObjectKind]]) -> tuple[Sign, ...]:
+    """Return what regulates each entrance, from the kinds of objects there; what all have counts, else a light before a sign."""
+    regulating = {ObjectKind.LIGHT: Sign.LIGHTS, ObjectKind.STOP: Sign.STOP}
+    common = set(regulating).intersection(*controlled)
+    kinds = ((here & common) or here for here in controlled)
+    return tuple(next((sign for kind, sign in regulating.items() if kind in here), Sign.NONE) for here in kinds)
+
+
+def control_of(signs: Iterable[Sign]) -> JunctionControl:
+    """Return what regulates a junction as a whole, from what regulates its entrances."""
+    found = set(signs)
+    for sign, control in ((Sign.STOP, JunctionControl.STOP), (Sign.LIGHTS, JunctionControl.LIGHTS)):
+        if found == {sign}:
+            return control
+    return JunctionControl.PARTIAL if found & {Sign.STOP, Sign.LIGHTS} else JunctionControl.NONE
 
 
 def setback_of(objects: Iterable[MapObject]) -> float:

@@ -14,7 +14,7 @@ from pytest_rvads.errors import MapError
 from pytest_rvads.maps.control import MapObject
 from pytest_rvads.maps.doubts import MapWarning
 
-__all__ = ["DeclaredJunction", "Edge", "Network"]
+__all__ = ["DeclaredJunction", "Edge", "Network", "facing"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +58,15 @@ class Edge:
     def head(self) -> tuple[str, str]:
         """The road end where travel arrives."""
         return self.road, "end" if self.forward else "start"
+
+
+def facing(entrance: Edge, exit: Edge) -> tuple[float, float, bool]:
+    """Return how an exit lies to an entrance: gap [m], angle missing to leading straight back [rad], whether on the left."""
+    heading = entrance.end_heading
+    (x, y), (u, v) = entrance.points[-1], exit.points[0]
+    angle = abs(math.remainder(exit.start_heading - heading - math.pi, math.tau))
+    left = math.cos(heading) * (v - y) - math.sin(heading) * (u - x) >= 0
+    return math.hypot(u - x, v - y), angle, bool(left)
 
 
 @dataclass(frozen=True, slots=True)

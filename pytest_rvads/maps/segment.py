@@ -18,7 +18,7 @@ from pytest_rvads.errors import MapError
 __all__ = ["GAP_LIMIT", "Pose", "Segment", "Turn"]
 
 GAP_LIMIT = 1.0
-"""Widest gap [m] between two segments that still counts as consecutive (facts on OpenDRIVE files)."""
+"""Widest gap [m] between two segments that still counts as consecutive; writers of maps leave some."""
 _WELD = 0.01
 _BEND = math.radians(44.0)
 """Change of heading from which on a movement is a turn [rad]; as in SUMO's netconvert, one degree below the arms of a regular

@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from pytest_rvads.maps.doubts import Doubt, MapWarning
-from pytest_rvads.maps.network import Edge
+from pytest_rvads.maps.network import Edge, facing
 from pytest_rvads.opendrive.draft import Draft
 from pytest_rvads.opendrive.records import Document, Road
 
@@ -142,19 +142,8 @@ def _pair_votes(draft: Draft) -> Iterator[bool]:
         outward = leaving.get(junction, {})
         ways_out = [edge for road, edge in outward.items() if road not in inward]
         for road, way_in in inward.items():
-            facing = [] if road in outward else [(gap, other) for other in ways_out if (gap := _gap(way_in, other)) is not None]
-            if facing:
-                _, back = min(facing, key=lambda row: row[0])
-                yield _on_right(way_in, back)
-
-
-def _gap(entrance: Edge, exit: Edge) -> float | None:
-    """Return the distance of an exit that leads back beside an entrance, None where it is none [m]."""
-    gap = math.dist(entrance.points[-1], exit.points[0])
-    angle = abs(math.remainder(exit.start_heading - entrance.end_heading - math.pi, math.tau))
-    return gap if gap <= _BESIDE and angle <= _BACK else None
-
-
-def _on_right(entrance: Edge, exit: Edge) -> bool:
-    (x, y), (u, v), heading = entrance.points[-1], exit.points[0], entrance.end_heading
-    return bool(math.cos(heading) * (v - y) - math.sin(heading) * (u - x) < 0)
+            lying = [] if road in outward else [facing(way_in, other) for other in ways_out]
+            back = [(gap, left) for gap, angle, left in lying if gap <= _BESIDE and angle <= _BACK]
+            if back:
+                _, left = min(back, key=lambda row: row[0])
+                yield not left

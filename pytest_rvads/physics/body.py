@@ -12,7 +12,7 @@ from pytest_rvads.runs.run import DT, Halt
 from pytest_rvads.runs.states import Agent, VehicleState
 from pytest_rvads.runs.vehicle import Vehicle
 
-__all__ = ["MAX_SPEED", "Body", "PlantFailure", "start"]
+__all__ = ["Body", "start"]
 
 MAX_SPEED = 70.0
 """No vehicle here gets this fast by itself; one that does was thrown away [m/s]."""
@@ -20,10 +20,6 @@ _WINDOW = 0.75
 """How far around the last station the next one is looked for [m]: more than MAX_SPEED times the step."""
 _ROLLING_BACK = 0.01
 """A vehicle faster than this backwards really moves backwards, as after a collision [m/s]."""
-
-
-class PlantFailure(Halt):
-    """The plant is beyond what the simulation stands for: not finite, thrown away."""
 
 
 class Body:
@@ -37,6 +33,9 @@ class Body:
         aggression: of the scenario.
     """
 
+    state: VehicleState
+    """The last one sampled."""
+
     def __init__(self, agent: Agent, itinerary: Itinerary, station: float, vehicle: Vehicle, aggression: int) -> None:
         self.agent = agent
         self.itinerary = itinerary
@@ -49,21 +48,21 @@ class Body:
         self._along = station + itinerary.origin
         self._ahead = vehicle.gravity_offset
         self._length, self._width = vehicle.length, vehicle.width
+        self._who = agent.name, agent.entrance, agent.turn
         self._motion: Motion | None = None
-        self._state: VehicleState | None = None
 
     def sample(self, motion: Motion) -> VehicleState:
         """Return what the semantic model says of `motion`, the next state after the last one sampled.
 
         Raises:
-            PlantFailure: it is not finite, or the vehicle was thrown away.
+            Halt: it is not finite, or the vehicle was thrown away.
         """
-        if motion == self._motion and self._state is not None:
+        before, self._motion = self._motion, motion
+        if motion == before:
             # At rest, as vehicles that wait are most of the time.
-            if self._state.acceleration:
-                self._state = self._state._replace(acceleration=0.0)
-            return self._state
-        self._motion = motion
+            if self.state.acceleration:
+                self.state = self.state._replace(acceleration=0.0)
+            return self.state
         x, y, yaw, vx, vy, _ = motion
         cos = self.cos = math.cos(yaw)
         sin = self.sin = math.sin(yaw)
@@ -78,36 +77,32 @@ class Body:
             # Where lanes overlap at a joint, the nearest point may jump back; a vehicle that moves on does not.
             along = self._along
         self._along = along
-        last = self._state
         station = along - self._origin
         if not -MAX_OFFSET <= offset <= MAX_OFFSET:
             self.strayed = beside(self.itinerary, x, y, yaw, station, self._length)
-        agent = self.agent
-        self._state = VehicleState(
-            agent.name,
-            agent.entrance,
-            agent.turn,
+        self.state = VehicleState(
+            *self._who,
             self.itinerary.zone(station),
             station,
             x,
             y,
             yaw,
             speed,
-            (speed - last.speed) / DT if last is not None else 0.0,
+            (speed - self.state.speed) / DT if before is not None else 0.0,
             self._length,
             self._width,
-            agent.kind,
+            self.agent.kind,
         )
-        return self._state
+        return self.state
 
     def _check(self, motion: Motion) -> None:
         """Say what is wrong with a motion, if anything is."""
         name = self.agent.name
         if not all(map(math.isfinite, motion)):
-            raise PlantFailure(name, f"the motion of {name} is no longer finite: {tuple(motion)}")
+            raise Halt(name, f"the motion of {name} is no longer finite: {tuple(motion)}")
         speed = math.hypot(motion.vx, motion.vy)
         if speed >= MAX_SPEED:
-            raise PlantFailure(name, f"{name} was thrown away: it moves at {speed:.0f} m/s")
+            raise Halt(name, f"{name} was thrown away: it moves at {speed:.0f} m/s")
 
 
 def start(itinerary: Itinerary, station: float, speed: float, vehicle: Vehicle) -> Motion:

@@ -10,12 +10,10 @@ from __future__ import annotations
 import math
 
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
 
-__all__ = ["GRAVITY", "Dynamics"]
+__all__ = ["Dynamics"]
 
-GRAVITY = 9.81
-"""[m/s^2]."""
 _LATERAL_CAP = 0.5
 """Share of an axle's lateral motion that its tyres may undo in one step."""
 _REST = 1e-9

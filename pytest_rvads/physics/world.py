@@ -137,8 +137,8 @@ class BulletWorld:
         self._check()
         joints = self._bullet.getJointStates(self._body, self._joints, physicsClientId=self._client)
         return [
-            Motion(x[0], y[0], yaw[0], x[1], y[1], yaw[1])
-            for x, y, yaw in zip(joints[::3], joints[1::3], joints[2::3], strict=True)
+            Motion(x, y, yaw, vx, vy, rate)
+            for (x, vx, _, _), (y, vy, _, _), (yaw, rate, _, _) in zip(*[iter(joints)] * 3, strict=True)
         ]
 
     def step(self, forces: Sequence[float]) -> None:

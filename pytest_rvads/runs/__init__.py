@@ -1,1 +1,1 @@
-"""Runs: the states of vehicles and lights (paper, section 4.2), their files, their indicators."""
+"""Runs: the states of vehicles and lights (paper, section 4.2), their files."""

@@ -81,7 +81,7 @@ def _first(one: Run, other: Run, field: str) -> Divergence | None:
     if not differs.any():
         return None
     tick, column, *part = (int(i) for i in np.argwhere(differs)[0])
-    name = f"{_PARTS[field][part[0]]}" if part else field
+    name = _PARTS[field][part[0]] if part else field
     where = f"light of entrance {column}" if field == "lights" else f"{name} of {one.agents[column].name}"
     index = (tick, column, *part)
     return Divergence(where, _value(field, a[index]), _value(field, b[index]), tick, round(tick * one.dt, 9))

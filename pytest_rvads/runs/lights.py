@@ -11,6 +11,8 @@ __all__ = ["SignalPlan"]
 
 GREEN, YELLOW, CLEARANCE = 15.0, 3.0, 2.0
 """Durations [s] of the recorded junctions: green, yellow, all red before the next group."""
+_SLOT = GREEN + YELLOW + CLEARANCE
+_NONE, *_PHASES = Colour  # green, yellow, red
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,20 +27,21 @@ class SignalPlan:
     first: int = 0
     """Group that has green at t = 0."""
 
-    def colours(self, time: float, ways: int) -> tuple[Colour, ...]:
-        """Return the colour at each of `ways` entrances at `time` [s]; NONE for an entrance in no group."""
-        slot = GREEN + YELLOW + CLEARANCE
-        # Times are sums of steps of 0.01 s; rounding keeps a phase change on its tick.
-        turn, within = divmod(round(time, 6), slot)
+    def colours(self, time: float, entrances: int) -> tuple[Colour, ...]:
+        """Return the colour at each of so many entrances at `time` [s]; NONE for an entrance in no group."""
         if not self.groups:
-            return (Colour.NONE,) * ways
-        active = (int(turn) + self.first) % len(self.groups)
-        now = Colour.GREEN if within < GREEN else Colour.YELLOW if within < GREEN + YELLOW else Colour.RED
-        return _shown(self.groups, active, now, ways)
+            return (_NONE,) * entrances
+        # Times are sums of steps of 0.01 s; rounding keeps a phase change on its tick.
+        turn, within = divmod(round(time, 6), _SLOT)
+        phase = 0 if within < GREEN else 1 if within < GREEN + YELLOW else 2
+        return _shown(self.groups, entrances)[(int(turn) + self.first) % len(self.groups)][phase]
 
 
 @lru_cache(maxsize=256)  # asked for in every step, and changes every few seconds
-def _shown(groups: tuple[frozenset[int], ...], active: int, now: Colour, ways: int) -> tuple[Colour, ...]:
-    """Return the colour at each entrance while the group `active` shows `now`."""
+def _shown(groups: tuple[frozenset[int], ...], entrances: int) -> list[list[tuple[Colour, ...]]]:
+    """Return the colour at each entrance while a group has its turn, and it is green, yellow and red there."""
     lit = frozenset[int]().union(*groups)
-    return tuple(now if i in groups[active] else Colour.RED if i in lit else Colour.NONE for i in range(ways))
+    return [
+        [tuple(now if i in group else Colour.RED if i in lit else Colour.NONE for i in range(entrances)) for now in _PHASES]
+        for group in groups
+    ]

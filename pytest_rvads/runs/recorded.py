@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pytest_rvads.decoding import decode
 from pytest_rvads.errors import MapError, RunError
 from pytest_rvads.junctions.junction import Junction, Movement, cross
-from pytest_rvads.maps.control import JunctionControl, Sign
+from pytest_rvads.maps.control import JunctionControl, Sign, phase_groups
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
@@ -159,7 +159,7 @@ class _Topology:
             junction = Junction(
                 graph.junction,
                 graph.junction,
-                *cross(signs, phase_groups=_groups(len(nodes), pairs) if set(signs) == {Sign.LIGHTS} else ()),
+                *cross(signs, phase_groups=phase_groups(len(nodes), pairs) if set(signs) == {Sign.LIGHTS} else ()),
                 {m.key: m for m in movements.values()},
                 frozenset((numbers[a], numbers[b]) for a, b in file.right_of),
                 pairs,
@@ -194,12 +194,13 @@ class _Topology:
 
     def _vehicle(self, vehicle: _Vehicle, steps: int, where: str) -> tuple[Movement, NDArray[np.int8]]:
         itinerary = vehicle.itinerary
-        ways = [k for k, e in enumerate(itinerary) if e in self.edges]
-        if len(ways) != 1:
-            raise RunError(f"{where}: the itinerary {itinerary} must pass the junction once, it does {len(ways)} times")
-        movement = self.edges[itinerary[ways[0]]]
-        order = {e: Zone.APPROACH if k < ways[0] else Zone.EXIT for k, e in enumerate(itinerary)}
-        order[itinerary[ways[0]]] = Zone.JUNCTION
+        passed = [k for k, e in enumerate(itinerary) if e in self.edges]
+        if len(passed) != 1:
+            raise RunError(f"{where}: the itinerary {itinerary} must pass the junction once, it does {len(passed)} times")
+        (here,) = passed
+        movement = self.edges[itinerary[here]]
+        order = {e: Zone.APPROACH if k < here else Zone.EXIT for k, e in enumerate(itinerary)}
+        order[itinerary[here]] = Zone.JUNCTION
         zone = np.empty(steps, dtype=np.int8)
         for tick, edge in _covering(vehicle.edge, steps, f"{where}: the series 'edge'"):
             if edge not in order:
@@ -255,15 +256,3 @@ def _told(file: _File) -> dict[str, int]:
             if rotation and number and source is not None:
                 told.setdefault(source, (int(number[1]) + int(rotation[1])) % len(nodes))
     return told
-
-
-def _groups(ways: int, opposite: frozenset[tuple[int, int]]) -> tuple[frozenset[int], ...]:
-    """Return the connected components of `opposite`, that of entrance 0 first."""
-    groups: list[set[int]] = []
-    for i in range(ways):
-        home = next((g for g in groups if any((i, k) in opposite or (k, i) in opposite for k in g)), None)
-        if home is None:
-            groups.append({i})
-        else:
-            home.add(i)
-    return tuple(map(frozenset, groups))

@@ -7,7 +7,10 @@ from dataclasses import dataclass, fields
 
 from pytest_rvads.errors import ScenarioError
 
-__all__ = ["Vehicle"]
+__all__ = ["GRAVITY", "Vehicle"]
+
+GRAVITY = 9.81
+"""[m/s^2]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -193,10 +193,10 @@ class Scenario:
         """Return the start in one line: name, movements, distances, speeds."""
         agents = self.agents()
         starts = [self.start(a.entrance) for a in agents]
-        ways = " ".join(f"{a.entrance}->{a.exit}" for a in agents)
+        movements = " ".join(f"{a.entrance}->{a.exit}" for a in agents)
         distances = " ".join(f"{d:g}" for d, _ in starts)
         speeds = " ".join(f"{v:g}" for _, v in starts)
-        return f"{self.name} ({ways})  d=({distances}) m  v=({speeds}) m/s"
+        return f"{self.name} ({movements})  d=({distances}) m  v=({speeds}) m/s"
 
     def record(self) -> dict[str, Any]:
         """Return the fields as builtins, for records and run files; of the junction its name and the file it is from."""

@@ -1,4 +1,4 @@
-"""Beyond the tables: metamorphic checks, falsification, strategies, chance, consistency of rules, power."""
+"""Beyond the tables: metamorphic checks, falsification, strategies, chance, consistency of rules."""
 
 from importlib import import_module
 

@@ -157,7 +157,7 @@ def _advances(places: int, agents: int) -> list[int]:
 
 @lru_cache(maxsize=64)
 def _table(agents: int, junction: Junction) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
-    """Return zones, shape ``(size, agents)``, and colours, shape ``(size, ways)``, of all configurations."""
+    """Return zones, shape ``(size, agents)``, and colours, shape ``(size, entrances)``, of all configurations."""
     plan = SignalPlan(junction.phase_groups)
     slots = [g * (GREEN + YELLOW + CLEARANCE) + t for g in range(len(plan.groups)) for t in (0.0, GREEN, GREEN + YELLOW)]
     colours = np.array([plan.colours(time, len(junction.entrances)) for time in slots or [0.0]], dtype=np.int8)

@@ -101,7 +101,7 @@ def sweep(case: Case, rule: str | Rule, low: float, high: float, *, step: float 
         ScenarioError: an empty range, or a step below one tick.
         RunError: a run ended by a fault.
     """
-    chosen = get_rule(rule) if isinstance(rule, str) else rule
+    chosen = get_rule(rule)
 
     def status(wait: float) -> Status:
         verdict = check(simulator(case.but(wait=wait)), chosen)

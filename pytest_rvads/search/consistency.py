@@ -167,7 +167,7 @@ class _Part:
     """
 
     def __init__(self, members: Sequence[tuple[Template, Abstracted]], settled: Mapping[f.Atom, bool]) -> None:
-        machines = [_machine(part) for part, _ in members]
+        machines = [synthesize(with_ending(template(part.formula)[0])) for part, _ in members]
         self._delta = [machine.delta.tolist() for machine in machines]
         self._output = [machine.output.tolist() for machine in machines]
         self._letters = _letters(members, machines, settled, True)
@@ -204,11 +204,6 @@ class _Part:
             for state in states
             for choice in choices
         }
-
-
-def _machine(part: Template) -> Machine:
-    renamed, _ = template(part.formula)
-    return synthesize(with_ending(renamed))
 
 
 def _letters(

@@ -17,7 +17,6 @@ from pytest_rvads.conduct.blame import cut_short_by
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.errors import OpenObligation, RuleViolation, RunError, ScenarioError
-from pytest_rvads.junctions.builtin import LAYOUTS
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule
@@ -78,7 +77,7 @@ def falsify(
     """
     if not isinstance(budget, int) or budget < 1:
         raise ScenarioError(f"budget must be a number of simulations, at least 1, got {budget!r}")
-    around = _traffic(traffic, space.get("subject"))
+    around = _traffic(traffic, space)
 
     def decorate(test: Callable[..., None]) -> Callable[..., None]:
         wanted = inspect.signature(test)
@@ -113,9 +112,9 @@ def falsify(
     return decorate
 
 
-def _traffic(given: str | Factory | None, subject: int | None) -> Factory | None:
-    """Return what drives the vehicles around a subject, None without one."""
-    if subject is None:
+def _traffic(given: str | Factory | None, space: Mapping[str, Any]) -> Factory | None:
+    """Return what drives the vehicles around a subject, None where there is none in the space to search."""
+    if space.get("subject") is None:
         if given is not None:
             raise ScenarioError("traffic= drives the vehicles beside a subject: say subject=0, or leave traffic= out")
         return None
@@ -133,7 +132,6 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
     fleet: Fleet | None = None,
     name: str | None = None,
     simulator: Simulator = bullet,
-    guided: bool = True,
     **space: Any,
 ) -> Counterexample | None:
     """Look for a scenario in which a rule is broken.
@@ -148,7 +146,6 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
         fleet: the bodies of the vehicles; passenger cars by default.
         name: under which counterexamples are kept in the example database; None keeps none.
         simulator: what makes the runs.
-        guided: follow the margin of the rule.
         space: where to look, see `strategies.scenarios`.
 
     Returns:
@@ -157,14 +154,12 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
     Raises:
         RunError: a run ended by a fault; the scenario is in the message.
     """
-    around = _traffic(traffic, space.get("subject"))
+    around = _traffic(traffic, space)
     trial = _Trial(rule, budget, lambda s: Case(s, autopilot, around, fleet or Fleet()), simulator)
-    return _search(junction, trial, seed, name, space, guided=guided)
+    return _search(junction, trial, seed, name, space)
 
 
-def _search(
-    junction: str, trial: _Trial, seed: int, name: str | None, space: Mapping[str, Any], *, guided: bool = True
-) -> Counterexample | None:
+def _search(junction: str, trial: _Trial, seed: int, name: str | None, space: Mapping[str, Any]) -> Counterexample | None:
     """Have Hypothesis try scenarios until one breaks the rule of `trial`; see `look_for`."""
     from hypothesis import HealthCheck, Phase, Verbosity, given, settings, target
     from hypothesis import seed as seeded
@@ -180,8 +175,7 @@ def _search(
         if trial.counts[scenario]:
             simplest[:] = [scenario]
             raise _Broken
-        if guided:
-            target(score(verdict))
+        target(score(verdict))
 
     # Hypothesis tells stored examples apart by the name of the function.
     attempt.__name__ = re.sub(r"\W", "_", f"{name}__{junction}__{trial.rule.name}")
@@ -212,7 +206,7 @@ class _Trial:
     """Simulates every scenario once, and no more than the budget allows."""
 
     def __init__(self, rule: str | Rule, budget: int, case: Callable[[Scenario], Case], simulator: Simulator) -> None:
-        self.rule = get_rule(rule) if isinstance(rule, str) else rule
+        self.rule = get_rule(rule)
         self.budget = budget
         self.simulations = 0
         self.triggered = False
@@ -273,7 +267,7 @@ def pasteable(scenario: Scenario, rule: str) -> str:
         return f"{values[0]:g}" if len(set(values)) == 1 else f"({', '.join(f'{v:g}' for v in values)})"
 
     place = scenario.place
-    built_in = place.name in LAYOUTS
+    built_in = place.map is None
     arguments = [repr(place.name if built_in else place.id), f"scenarios={label(scenario.directions)!r}"]
     arguments += [f"distances={text(scenario.distances)}", f"speeds={text(scenario.speeds)}", f"rules={rule!r}"]
     arguments += [] if built_in else [f"map={place.map!r}"]

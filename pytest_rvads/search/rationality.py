@@ -129,9 +129,8 @@ def _restarted(case: Case, run: Run, at: float) -> Case:
     if not 0 < tick < run.steps:
         raise ScenarioError(f"the run lasts {run.duration:.2f} s, so it can't be restarted at {at!r} s")
     distances, speeds = [0.0] * scenario.ways, [0.0] * scenario.ways
-    lines = {i.entrance: i.line for i in scenario.itineraries()}
     for k, agent in enumerate(run.agents):
-        left = lines[agent.entrance] - float(run.station[tick, k])
+        left = -scenario.place.setbacks[agent.entrance] - float(run.station[tick, k])
         if run.zone[tick, k] > Zone.ENTRANCE or left < 0:
             raise ScenarioError(f"{agent.name} is past the stopping line at {at:g} s: restart the run earlier")
         distances[agent.entrance], speeds[agent.entrance] = left, max(float(run.speed[tick, k]), 0.0)
@@ -146,6 +145,5 @@ def _restarted(case: Case, run: Run, at: float) -> Case:
 def _violation(run: Run, one: Verdict, other: Run, two: Verdict, what: str, broken: str | None = None) -> MetamorphicViolation:
     change = f"changes {broken}" if broken else f"turns {one.rule} from {one.status} into {two.status}"
     error = MetamorphicViolation(f"{what}: {change} in {run.label}")
-    image = {a.entrance: a.entrance for a in run.agents}
-    error.add_note(side_by_side(run, one, other, two, [image.get(e, e) for e in range(run.junction.ways)], what))
+    error.add_note(side_by_side(run, one, other, two, range(len(run.junction.entrances)), what))
     return error

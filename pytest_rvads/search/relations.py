@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pytest_rvads.drivers.renaming import renamed
 from pytest_rvads.junctions.junction import Junction
@@ -66,18 +67,18 @@ def names_sides(rule: Rule) -> bool:
 def rotation(case: Case) -> Iterator[Variant | Incomparable]:
     """The members of the structural equivalence class, light phase included (the relation of the paper)."""
     scenario, junction = case.scenario, case.scenario.place
-    swaps = {symmetry.rows: symmetry.swaps for symmetry in rotations_of(junction)}
-    for rows in range(1, scenario.ways):
-        what = f"rotation by {rows}"
+    symmetries = {symmetry.arms: symmetry for symmetry in rotations_of(junction)}
+    for arms in range(1, junction.ways):
+        what, found = f"rotation by {arms}", symmetries.get(arms)
         # Rows of a class swap the phase when they are odd; a junction may need something else.
-        if rows not in swaps:
-            yield Incomparable(what, f"{junction.name} has other {' and '.join(broken_by(junction, rows))} there")
-        elif len(junction.phase_groups) > 1 and swaps[rows] != bool(rows % 2):
+        if found is None:
+            yield Incomparable(what, f"{junction.name} has other {' and '.join(broken_by(junction, arms))} there")
+        elif len(junction.phase_groups) > 1 and found.swaps != bool(found.rows % 2):
             yield Incomparable(what, f"the lights of {junction.name} do not follow the rotation")
         else:
-            image = tuple((e + rows) % scenario.ways for e in range(scenario.ways))
+            image = rotate(_same(case), -found.rows)
             seat = None if scenario.subject is None else image[scenario.subject]
-            yield Variant(what, case.but(rotation=(scenario.rotation + rows) % scenario.ways, subject=seat), image)
+            yield Variant(what, case.but(rotation=(scenario.rotation + found.rows) % scenario.ways, subject=seat), image)
 
 
 def creation(case: Case) -> Iterator[Variant | Incomparable]:
@@ -90,7 +91,12 @@ def creation(case: Case) -> Iterator[Variant | Incomparable]:
 
 def renaming(case: Case) -> Iterator[Variant]:
     """Other names of the agents, in another alphabetical order."""
-    names = {agent.name: f"v{case.scenario.ways - agent.entrance}" for agent in case.agents()}
+    # What tells those at one entrance apart stays.
+    place = case.scenario.place
+    names = {
+        agent.name: f"v{len(place.entrances) - agent.entrance}{agent.name.removeprefix(place.vehicle_at(agent.entrance))}"
+        for agent in case.agents()
+    }
     traffic = case.traffic and renamed(case.traffic, names)
     yield Variant("renaming", replace(case, driver=renamed(case.driver, names), traffic=traffic), _same(case))
 
@@ -147,40 +153,45 @@ def _elsewhere(
 ) -> Variant | Incomparable:
     """Return the case at the same junction on another map, entrance by entrance where `place` puts them."""
     scenario, before = case.scenario, case.scenario.place
-    image = _match(before, after, place)
-    ways = scenario.ways
-    back = {image[e]: e for e in range(ways)}
-    placed = [0] * ways
+    arms = _match(before, after, place)
+    numbers = {(lane.arm, lane.lane): e for e, lane in enumerate(after.entrances)}
+    image = tuple(numbers[arms[lane.arm], lane.lane] for lane in before.entrances)
+    count = len(image)
+    placed = [0] * count
     for e, direction in enumerate(scenario.placed):
         if direction:
-            placed[image[e]] = (image[(e + direction) % ways] - image[e]) % ways
+            arm = before.entrances[e].arm
+            placed[image[e]] = (arms[(arm + direction) % before.ways] - arms[arm]) % before.ways
     row = 0
     if before.phase_groups:
         green = frozenset(image[e] for e in before.phase_groups[scenario.signals().first])
         if green not in after.phase_groups:
             return Incomparable(what, "the lights are grouped in another way there")
         row = after.phase_groups.index(green) % 2
-    starts = [scenario.start(back[e]) for e in range(ways)]
+    starts = [scenario.start(image.index(e)) for e in range(count)]
     # Row 1 of a class swaps the phase; everything else is turned back first, so that it ends where it has to be.
-    order = [image[(e + scenario.rotation) % ways] for e in scenario.order]
+    order = [image[(e + scenario.rotation) % count] for e in scenario.order]
     there = case.but(
         place=after,
         directions=rotate(tuple(placed), -row),
         distance=rotate(tuple(d for d, _ in starts), -row),
         speed=rotate(tuple(v for _, v in starts), -row),
         rotation=row,
-        order=[(e - row) % ways for e in order],
+        order=[(e - row) % count for e in order],
         subject=None if scenario.subject is None else image[scenario.subject],
     )
     return Variant(what, there, image, sided=sided)
 
 
 def _match(before: Junction, after: Junction, place: Callable[[float, float], tuple[float, float]]) -> tuple[int, ...]:
-    """Return per entrance the one that lies where `place` puts it."""
+    """Return per arm the one that lies where `place` puts it."""
 
-    def vertices(junction: Junction) -> list[tuple[float, float]]:
-        lines = map(junction.way_in, range(len(junction.entrances)))
-        return [line.pose(line.length)[:2] for line in lines]
+    def middles(junction: Junction) -> list[NDArray[np.float64]]:
+        ends = [
+            [junction.way_in(e).points[-1] for e in arm.entrances] + [junction.way_out(x).points[0] for x in arm.exits]
+            for arm in junction.arms
+        ]
+        return [np.mean(points, axis=0) for points in ends]
 
-    there = np.array(vertices(after))
-    return tuple(int(np.argmin(np.hypot(*(there - place(x, y)).T))) for x, y in vertices(before))
+    there = np.array(middles(after))
+    return tuple(int(np.argmin(np.hypot(*(there - place(x, y)).T))) for x, y in middles(before))

@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from pytest_rvads.errors import MapError
+from pytest_rvads.junctions.builtin import LAYOUTS, path_of
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
 
@@ -54,6 +55,8 @@ def mirrored(junction: Junction) -> Junction:
 
 
 def _source(junction: Junction) -> Path:
+    if junction.map is None and junction.name in LAYOUTS:
+        return path_of(junction.name)
     if junction.map is None:
         raise MapError(f"junction {junction.name!r} is from no map file, so it can't be moved")
     return Path(junction.map)

@@ -24,10 +24,12 @@ def side_by_side(one: Run, first: Verdict, other: Run, second: Verdict, image: S
         image: per entrance of `one` the one that corresponds to it in `other`.
         what: what was changed between them.
     """
-    columns = {agent.entrance: k for k, agent in enumerate(other.agents)}
+    columns: dict[int, list[int]] = {}
+    for k, agent in enumerate(other.agents):
+        columns.setdefault(agent.entrance, []).append(k)
     rows = [("", "first run", what), ("scenario", one.label, other.label), (first.rule, str(first.status), str(second.status))]
     for k, agent in enumerate(one.agents):
-        rows.append(("vehicle", _fate(one, k), _fate(other, columns[image[agent.entrance]])))
+        rows.append(("vehicle", _fate(one, k), _fate(other, columns[image[agent.entrance]].pop(0))))
     widths = [max(len(row[i]) for row in rows) for i in range(2)]
     lines = [f"{a:{widths[0]}}  {b:{widths[1]}}  {c}".rstrip() for a, b, c in rows]
     lines += [f"{name:{widths[0]}}  {text}" for name, text in (("first run", first.message), (what, second.message))]

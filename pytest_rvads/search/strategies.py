@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hypothesis import strategies as st
+from hypothesis.strategies import SearchStrategy
 
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.finder import find, names
@@ -20,9 +21,6 @@ from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.scenarios.classes import WAYS, Directions
 from pytest_rvads.scenarios.scenario import Scenario
-
-if TYPE_CHECKING:
-    from hypothesis.strategies import SearchStrategy
 
 __all__ = ["abstract_scenarios", "distances", "junctions", "scenarios", "waits"]
 
@@ -46,7 +44,7 @@ def junctions(control: JunctionControl | str | None = None, ways: int | None = N
 
     Args:
         control: ``"stop"`` or ``"lights"``; any by default.
-        ways: number of entrances; any by default.
+        ways: number of arms; any by default.
 
     Raises:
         ScenarioError: no such junction.
@@ -61,7 +59,7 @@ def abstract_scenarios(ways: int = 4, *, partial: bool = True) -> SearchStrategy
     """Return a strategy for abstract scenarios: a direction per entrance, 0 where nobody stands.
 
     Args:
-        ways: number of entrances.
+        ways: number of arms, each with one entrance.
         partial: with empty entrances, of which there may be all but one.
 
     Raises:
@@ -69,7 +67,11 @@ def abstract_scenarios(ways: int = 4, *, partial: bool = True) -> SearchStrategy
     """
     if ways not in WAYS:
         raise ScenarioError(f"the number of ways must be 3 to 8, got {ways!r}")
-    codes = st.tuples(*[st.integers(0 if partial else 1, ways - 1)] * ways)
+    return _codes(ways, ways, partial=partial)
+
+
+def _codes(ways: int, entrances: int, *, partial: bool) -> SearchStrategy[Directions]:
+    codes = st.tuples(*[st.integers(0 if partial else 1, ways - 1)] * entrances)
     return codes.filter(any) if partial else codes
 
 
@@ -135,14 +137,15 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     place = junction if isinstance(junction, Junction) else find(junction, map)
     reach = [min(far, place.approach(e)) for e in range(len(place.entrances))]
     spans = [distances(min(near, room), room) for room in reach]
-    codes, delays = abstract_scenarios(place.ways, partial=partial), waits(*wait)
+    codes, delays = _codes(place.ways, len(place.entrances), partial=partial), waits(*wait)
+    codes = codes.filter(lambda code: all(not d or (e, d) in place.by_direction for e, d in enumerate(code)))
     if subject is not None:
         codes = codes.filter(lambda code: code[subject] > 0)
 
     @st.composite
     def build(draw: Callable[[SearchStrategy[Any]], Any]) -> Scenario:
         code = draw(codes)
-        starts = [(20.0, 0.0)] * place.ways
+        starts = [(20.0, 0.0)] * len(code)
         for e, direction in enumerate(code):
             if direction:
                 distance = draw(spans[e])

@@ -57,7 +57,7 @@ def survey(
     Args:
         place: the junction.
         rules: those about another kind of junction don't count.
-        scenarios: abstract scenarios; all full ones by default.
+        scenarios: abstract scenarios; by default all full ones.
         arrivals: when the vehicle at each entrance arrives [s]; all weak orders by default.
         progress: called with the number of pairs done and their total.
 
@@ -65,10 +65,10 @@ def survey(
         ScenarioError: another number of arrivals than of entrances.
         FormulaError: a rule that can't be monitored.
     """
-    ways = len(place.entrances)
-    chosen = list(scenarios) if scenarios is not None else list(product(range(1, ways), repeat=ways))
-    if arrivals is not None and len(arrivals) != ways:
-        raise ScenarioError(f"arrivals needs one time per entrance ({ways}), got {len(arrivals)}: {tuple(arrivals)!r}")
+    count = len(place.entrances)
+    chosen = list(product(*map(place.directions, range(count)))) if scenarios is None else list(scenarios)
+    if arrivals is not None and len(arrivals) != count:
+        raise ScenarioError(f"arrivals needs one time per entrance ({count}), got {len(arrivals)}: {tuple(arrivals)!r}")
     turns = [symmetry.rows for symmetry in rotations_of(place)]
     known: dict[tuple[Directions, tuple[float, ...]], tuple[str, ...]] = {}
     found = []

@@ -1,12 +1,12 @@
-"""Which rotations and reflections of a junction change nothing that rules can see."""
+"""Which rotations of a junction change nothing that rules can see."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.junction import Entrance, Exit, Junction
 
 __all__ = ["Symmetry", "broken_by", "rotations_of"]
 
@@ -15,6 +15,8 @@ __all__ = ["Symmetry", "broken_by", "rotations_of"]
 class Symmetry:
     """A rotation of a junction onto itself."""
 
+    arms: int
+    """Every arm moves on by this many."""
     rows: int
     """Every entrance moves on by this many."""
     swaps: bool
@@ -23,40 +25,46 @@ class Symmetry:
 
 @lru_cache(maxsize=64)
 def rotations_of(junction: Junction) -> tuple[Symmetry, ...]:
-    """Return the rotations that preserve right-of, opposite, turns and, as a set, the phase groups; identity first.
+    """Return the rotations that preserve lanes, signs, right-of, opposite, turns and, as a set, the phase groups; identity first.
 
     All four in an X, none but the identity in a T.
     """
     found = []
-    for rows in range(junction.ways):
-        if not broken_by(junction, rows):
-            moved = frozenset((e + rows) % junction.ways for e in junction.phase_groups[0]) if junction.phase_groups else None
-            found.append(Symmetry(rows, moved is not None and moved != junction.phase_groups[0]))
+    for arms in range(junction.ways):
+        image = _image(junction.entrances, arms, junction.ways)
+        if image and not broken_by(junction, arms):
+            swaps = any(image[e] not in group for group in junction.phase_groups[:1] for e in group)
+            found.append(Symmetry(arms, image[0], swaps))
     return tuple(found)
 
 
-def broken_by(junction: Junction, rows: int) -> tuple[str, ...]:
-    """Return what a rotation by `rows` entrances changes; empty for a symmetry."""
+def broken_by(junction: Junction, arms: int) -> tuple[str, ...]:
+    """Return what a rotation by `arms` arms changes; empty for a symmetry."""
+    entrances, exits = (_image(lanes, arms, junction.ways) for lanes in (junction.entrances, junction.exits))
+    if entrances is None or exits is None:
+        return ("lanes",)
 
-    def turned(entrance: int) -> int:
-        return (entrance + rows) % junction.ways
-
-    return _changed(junction, turned)
-
-
-def _changed(junction: Junction, image: Callable[[int], int]) -> tuple[str, ...]:
     def pairs(relation: frozenset[tuple[int, int]]) -> frozenset[tuple[int, int]]:
-        return frozenset((image(a), image(b)) for a, b in relation)
+        return frozenset((entrances[a], entrances[b]) for a, b in relation)
 
     changed = []
+    if any(lane.sign is not junction.entrances[entrances[e]].sign for e, lane in enumerate(junction.entrances)):
+        changed.append("signs")
     if pairs(junction.right_of) != junction.right_of:
         changed.append("right-of")
     if pairs(junction.opposite) != junction.opposite:
         changed.append("opposite")
     turns = {key: m.turn for key, m in junction.movements.items()}
-    if {(image(a), image(b)): turn for (a, b), turn in turns.items()} != turns:
+    if {(entrances[a], exits[b]): turn for (a, b), turn in turns.items()} != turns:
         changed.append("turns")
     groups = frozenset(junction.phase_groups)
-    if frozenset(frozenset(image(e) for e in group) for group in groups) != groups:
+    if frozenset(frozenset(entrances[e] for e in group) for group in groups) != groups:
         changed.append("light groups")
     return tuple(changed)
+
+
+def _image(lanes: Sequence[Entrance | Exit], arms: int, ways: int) -> list[int] | None:
+    """Return, per lane, the number of the one in its place when every arm moves on; None where a lane has none."""
+    numbers = {(lane.arm, lane.lane): number for number, lane in enumerate(lanes)}
+    places = [((lane.arm + arms) % ways, lane.lane) for lane in lanes]
+    return [numbers[place] for place in places] if numbers.keys() == set(places) else None

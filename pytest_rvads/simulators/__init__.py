@@ -1,1 +1,1 @@
-"""From a scenario and its drivers to a run."""
+"""From a case to a run."""

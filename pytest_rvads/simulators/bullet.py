@@ -1,4 +1,4 @@
-"""The simulation loop: from a scenario and an autopilot to a run.
+"""The simulation loop: from a case to a run.
 
 In every step the state is sampled, every autopilot decides on that same state, then the world moves on by one step.
 """
@@ -15,7 +15,7 @@ from pytest_rvads.physics.body import Body, start
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.physics.world import BulletWorld, World
 from pytest_rvads.runs.run import DT, Collision, Facts, Fault, Halt, Run
-from pytest_rvads.runs.states import GONE, Colour, VehicleState
+from pytest_rvads.runs.states import GONE, Colour
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
@@ -50,7 +50,7 @@ bullet: Bullet = Bullet()
 
 
 class _Loop:
-    """What changes while a run is simulated; columns are agents by entrance."""
+    """What changes while a run is simulated; columns are the agents, in the order of the run."""
 
     def __init__(self, case: Case) -> None:
         scenario = case.scenario
@@ -60,7 +60,7 @@ class _Loop:
         self.end = "duration"
         """Why the run ended: left, duration, collision, route, fault."""
         self.strayed: tuple[str, ...] = ()
-        self.seats: tuple[Seat, ...] = ()
+        self._seats: dict[int, Seat] = {}
         self._signals = scenario.signals()
         self._agents = case.agents()
         self._vehicles = [case.fleet.of(agent.name) for agent in self._agents]
@@ -75,7 +75,6 @@ class _Loop:
         columns = {agent.entrance: column for column, agent in enumerate(self._agents)}
         self._active = [columns[entrance] for entrance in scenario.creation]
         """Vehicles still in the run, in creation order."""
-        self._states: dict[int, VehicleState] = {}
         self._lights: tuple[Colour, ...] = ()
         self._step = 0
         self.world: World = BulletWorld(self._vehicles, starts)
@@ -94,11 +93,10 @@ class _Loop:
             self._sample()
             order = [self._agents[column] for column in self._active]
             key = f"{self.junction.name} {scenario.placed} {scenario.configuration}"
-            crewed = crew(order, case.driver, case.traffic, scenario.under_test, scenario.senses, key)
-            seats = dict(zip(self._active, crewed, strict=True))
-            self.seats = tuple(seats.values())
+            seats = crew(order, case.driver, case.traffic, scenario.under_test, scenario.senses, key)
+            self._seats = dict(zip(self._active, seats, strict=True))
             while self._step < last and not self._over():
-                self._advance(self._decide(seats))
+                self._advance(self._decide())
                 self._sample()
             self._over()
         except Halt as halt:
@@ -117,7 +115,7 @@ class _Loop:
             "end": self.end,
             "versions": versions(),
         }
-        timed = {seat.agent.name: told for seat in self.seats if (told := seat.timing()) is not None}
+        timed = {seat.agent.name: told for seat in self._seats.values() if (told := seat.timing()) is not None}
         if timed:
             provenance["timing"] = timed
         facts = Facts(case.scenario.under_test, SPEED_LIMIT, self.strayed)
@@ -125,43 +123,39 @@ class _Loop:
 
     def _over(self) -> bool:
         """Tell whether the run is over before its time, and note why."""
-        self.strayed = tuple(self._agents[column].name for column in sorted(self._active) if self._bodies[column].strayed)
-        if self.strayed:
+        strayed = [column for column in self._active if self._bodies[column].strayed]
+        if strayed:
+            self.strayed = tuple(self._agents[column].name for column in sorted(strayed))
             self.end = "route"
         elif self.collisions:
             self.end = "collision"
-        elif all(self._states[i].station >= body.itinerary.leave for i, body in enumerate(self._bodies)):
+        elif all(body.state.station >= body.itinerary.leave for body in self._bodies):
             self.end = "left"
         return self.end != "duration"
 
     def _sample(self) -> None:
         """Take and record the current state of every vehicle; one that is gone stays as it was last seen."""
-        states = self._states
-        gone = []
-        for column in self._active:
-            state = states[column] = self._bodies[column].sample(self._motions[column])
-            if state.zone is GONE:
-                gone.append(column)
+        bodies, motions = self._bodies, self._motions
+        gone = [column for column in self._active if bodies[column].sample(motions[column]).zone is GONE]
         for column in gone:
             self._active.remove(column)
             self.world.remove(column)
         self._lights = self._signals.colours(self._step * DT, len(self.junction.entrances))
-        self.recorder.state([states[column] for column in range(len(states))], self._lights)
+        self.recorder.state([body.state for body in bodies], self._lights)
 
-    def _decide(self, seats: dict[int, Seat]) -> list[Control]:
+    def _decide(self) -> list[Control]:
         """Ask every autopilot and return the controls by column."""
-        states = self._states
-        controls = [_IDLE] * len(states)
+        bodies, scenario = self._bodies, self.scenario
+        controls = [_IDLE] * len(bodies)
         time = self._step * DT
-        scenario = self.scenario
-        seen = tuple([states[column] for column in self._active])
+        seen = tuple([bodies[column].state for column in self._active])
         for i, column in enumerate(self._active):
             view = Observation(
                 time,
                 seen[i],
                 seen[:i] + seen[i + 1 :],
                 self._lights,
-                self._bodies[column].itinerary,
+                bodies[column].itinerary,
                 self.junction,
                 self._vehicles[column],
                 SPEED_LIMIT,
@@ -169,7 +163,7 @@ class _Loop:
                 scenario.wait,
                 i,
             )
-            controls[column] = seats[column].command(self._step, view)
+            controls[column] = self._seats[column].command(self._step, view)
         self.recorder.control(controls)
         return controls
 

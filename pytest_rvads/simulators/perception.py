@@ -109,5 +109,5 @@ def _blurred(state: VehicleState, junction: Junction, along: float, across: floa
 def _zone(state: VehicleState, junction: Junction, station: float) -> Zone:
     if station <= 0.0:
         return Zone.ENTRANCE if station >= -junction.setbacks[state.entrance] - ENTRANCE_ZONE else Zone.APPROACH
-    lengths = [m.length for m in junction.movements.values() if m.entrance == state.entrance and m.turn is state.turn]
-    return Zone.JUNCTION if station < min(lengths) else Zone.EXIT
+    shortest = min(movement.length for movement in junction.by_turn[state.entrance, state.turn])
+    return Zone.JUNCTION if station < shortest else Zone.EXIT

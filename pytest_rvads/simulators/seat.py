@@ -39,11 +39,11 @@ class Seat:
         self.agent = agent
         self.name = name_of(autopilot)
         self.autopilot = autopilot
-        misspelt = spelling(autopilot, OF_AUTOPILOTS, Autopilot)
-        if not callable(getattr(autopilot, "control", None)):
-            raise self._unfit(misspelt or "an autopilot needs a method control(seen: Observation) -> Control")
-        if misspelt:
-            raise self._unfit(misspelt)
+        wrong = spelling(autopilot, OF_AUTOPILOTS, Autopilot)
+        if not wrong and not callable(getattr(autopilot, "control", None)):
+            wrong = "an autopilot needs a method control(seen: Observation) -> Control"
+        if wrong:
+            raise self._unfit(wrong)
         self._ask = autopilot.control
         self._every = self._steps(getattr(autopilot, "period", DT))
         self._held: Command = Control()

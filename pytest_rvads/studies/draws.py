@@ -7,7 +7,6 @@ import numpy as np
 from pytest_rvads.drivers.lgsvl.constants import RED_WAIT, TURN_WAIT
 from pytest_rvads.errors import RunError
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.studies.experiment import LIGHT, Entry, Setup, run_entry
 
@@ -49,14 +48,9 @@ def crossing_wait(setup: Setup | None = None) -> float:
     entry = dry.entry(1)
     if not len(crossing) or entry is None:
         raise RunError(f"the dry run {dry.label} ended before a vehicle crossed, so it tells no wait")
-    start_up = entry - longest - _standing(dry, 1)
+    # At its entrance it stands from the start.
+    standing = float(np.flatnonzero(dry.need("speed")[:, 1] < 0.05)[0]) * dry.dt
+    start_up = entry - longest - standing
     # An entry breaks the rule from one step after the other's arrival up to the step in which the other enters.
     middle = int(crossing[0] + crossing[-1] + 2) // 2
     return round(middle * dry.dt - start_up, 2)
-
-
-def _standing(run: Run, column: int) -> float:
-    """Return since when a vehicle at its entrance counts as standing: here it stands from the start [s]."""
-    if run.speed is None:
-        raise RunError(f"the dry run {run.label} holds no speeds")
-    return float(np.flatnonzero(run.speed[:, column] < 0.05)[0]) * run.dt

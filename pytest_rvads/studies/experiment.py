@@ -25,6 +25,7 @@ __all__ = [
     "WAIT",
     "Entry",
     "Job",
+    "Key",
     "Setup",
     "Table",
     "entries",
@@ -60,6 +61,10 @@ LIGHT = Table("light4", "paper_light4", {3: "1233", 4: "2121"}, "FGHIJ", ("p4", 
 TABLES = (STOP, LIGHT)
 
 
+Key = tuple[int, int, str, str]
+"""A cell of a table: class, row (0 for row 1), configuration, rule."""
+
+
 @dataclass(frozen=True, slots=True)
 class Entry:
     """One run of a table, which fills one cell per rule."""
@@ -70,6 +75,10 @@ class Entry:
     row: int
     """Rotation, 0 for row 1."""
     configuration: str
+
+    def key(self, rule: str) -> Key:
+        """Return which cell a rule fills."""
+        return self.number, self.row, self.configuration, rule
 
     def scenario(self, wait: float = WAIT) -> Scenario:
         """Return the concrete scenario; `wait` is the random draw [s]."""

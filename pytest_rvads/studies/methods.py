@@ -84,7 +84,7 @@ METHODS: Mapping[str, Method] = {
 
 def _points(junction: str) -> tuple[Configuration, ...]:
     place = find(junction)
-    return grid("paper", place.ways, place.control)
+    return grid("paper", len(place.entrances), place.control)
 
 
 def _wait(junction: str, random: Random) -> float:

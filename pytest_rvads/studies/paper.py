@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 from pytest_rvads.scenarios.classes import label, parse, rotate
 from pytest_rvads.studies.draws import draw_range
-from pytest_rvads.studies.experiment import ROWS, TABLES, Job, Setup, Table, entries, judge
+from pytest_rvads.studies.experiment import ROWS, TABLES, Job, Key, Setup, Table, entries, judge
 from pytest_rvads.studies.pool import Progress, spread
-from pytest_rvads.studies.published import Key
 
 __all__ = ["Shares", "compute", "nested", "sweep"]
 
@@ -47,7 +46,7 @@ def compute(
     verdicts: dict[Key, str] = {}
     for entry, found in zip(wanted, spread(judge, jobs, workers, progress), strict=True):
         for rule, value in found.items():
-            verdicts[entry.number, entry.row, entry.configuration, rule] = value
+            verdicts[entry.key(rule)] = value
     return verdicts
 
 
@@ -65,7 +64,7 @@ def sweep(setup: Setup | None = None, *, workers: int | None = None, progress: P
     seen: dict[Key, list[str]] = {}
     for (entry, _), found in zip(jobs, spread(judge, jobs, workers, progress), strict=True):
         for rule, value in found.items():
-            seen.setdefault((entry.number, entry.row, entry.configuration, rule), []).append(value)
+            seen.setdefault(entry.key(rule), []).append(value)
     return {key: {word: values.count(word) / len(values) for word in ("FAIL", "PASS", "NA")} for key, values in seen.items()}
 
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 
 from pytest_rvads.draw.svg import document, polyline, text
 from pytest_rvads.scenarios.classes import parse, rotate
-from pytest_rvads.studies.experiment import ROWS, TABLES, WAIT, Table
+from pytest_rvads.studies.experiment import ROWS, TABLES, WAIT, Key, Table
 from pytest_rvads.studies.paper import Shares
-from pytest_rvads.studies.published import FITTED, Key, agreement, null_models, published
+from pytest_rvads.studies.published import FITTED, agreement, null_models, published
 
 __all__ = ["MARK", "disagreements", "svg_tables", "text_sweep", "text_tables"]
 
@@ -66,9 +66,8 @@ def svg_tables(verdicts: Mapping[Key, str]) -> str:
             body += [text(20, y, str(number) if row == 0 else ""), text(50, y, scenario)]
             for k, (letter, rule) in enumerate(columns):
                 key = number, row, letter, rule
-                wrong = key in published() and published()[key] != verdicts[key]
-                word = _WORDS[verdicts[key]] + (MARK if wrong else "")
-                style = {"font_weight": "bold"} if wrong else {}
+                word = _word(verdicts, key)
+                style = {"font_weight": "bold"} if word.endswith(MARK) else {}
                 body.append(text(_x(k), y, word, fill=_COLOURS[verdicts[key]], **style))
             if row == ROWS - 1:
                 body.append(polyline([(20, y + 6), (wide, y + 6)], stroke="#bbb"))
@@ -102,12 +101,11 @@ def _rows(table: Table) -> Iterator[tuple[int, int, str]]:
 
 
 def _group(verdicts: Mapping[Key, str], table: Table, number: int, row: int, letter: str) -> str:
-    says = published()
-    words = []
-    for rule in table.rules:
-        key = number, row, letter, rule
-        words.append(f"{_WORDS[verdicts[key]]}{MARK if key in says and says[key] != verdicts[key] else ''}")
-    return " ".join(f"{word:<5}" for word in words)
+    return " ".join(f"{_word(verdicts, (number, row, letter, rule)):<5}" for rule in table.rules)
+
+
+def _word(verdicts: Mapping[Key, str], key: Key) -> str:
+    return _WORDS[verdicts[key]] + ("" if published().get(key, verdicts[key]) == verdicts[key] else MARK)
 
 
 def _summary(verdicts: Mapping[Key, str]) -> list[str]:

@@ -6,7 +6,7 @@ without the deficiency does not break there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -133,8 +133,8 @@ def _race(orders: list[list[Job]], known: dict[Job, bool], workers: int | None, 
     return [done.get(i, budget + 1) for i in range(len(orders))]
 
 
-def interval(values: tuple[int, ...], statistic: Callable[[list[int]], float] = median) -> tuple[float, float]:
-    """Return the 95 % bootstrap percentile interval of a statistic."""
+def interval(values: tuple[int, ...]) -> tuple[float, float]:
+    """Return the 95 % bootstrap percentile interval of the median."""
     random = Random(0)
-    found = sorted(statistic(random.choices(values, k=len(values))) for _ in range(RESAMPLES))
+    found = sorted(median(random.choices(values, k=len(values))) for _ in range(RESAMPLES))
     return found[round(0.025 * RESAMPLES)], found[round(0.975 * RESAMPLES) - 1]

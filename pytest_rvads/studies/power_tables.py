@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from statistics import median
 
+from pytest_rvads.draw.svg import document, polyline, text
 from pytest_rvads.studies.killing import Killing
 from pytest_rvads.studies.power import Power, interval
 
@@ -25,11 +26,11 @@ def table_of_power(measured: Sequence[Power]) -> str:
 
 
 def _cell(power: Power) -> str:
-    def text(value: float) -> str:
+    def shown(value: float) -> str:
         return f"> {power.budget}" if value > power.budget else f"{value:g}"
 
     low, high = interval(power.simulations)
-    return f"{text(median(power.simulations))} ({text(low)} to {text(high)}), {power.found:.0%}"
+    return f"{shown(median(power.simulations))} ({shown(low)} to {shown(high)}), {power.found:.0%}"
 
 
 def table_of_mutants(killings: Sequence[Killing]) -> str:
@@ -50,26 +51,18 @@ def plot(measured: Sequence[Power]) -> str:
     def x(value: float) -> float:
         return _LEFT + (_WIDTH - _LEFT - 40) * math.log(value) / math.log(budget + 1)
 
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {height}" font-family="sans-serif" font-size="11">',
-        f'<rect width="{_WIDTH}" height="{height}" fill="white"/>',
-        f'<text x="{_LEFT}" y="14">simulations until detection: median and 95 % interval</text>',
-    ]
+    parts = [text(_LEFT, 14, "simulations until detection: median and 95 % interval")]
     for tick in [t for t in (1, 2, 5, 10, 20, 50, 100, 200) if t <= budget] + [budget + 1]:
-        label = f"&gt; {budget}" if tick > budget else str(tick)
-        parts.append(f'<line x1="{x(tick):.1f}" y1="{_TOP - 8}" x2="{x(tick):.1f}" y2="{height - 30}" stroke="#ddd"/>')
-        parts.append(f'<text x="{x(tick):.1f}" y="{height - 16}" text-anchor="middle">{label}</text>')
+        parts.append(polyline([(x(tick), _TOP - 8), (x(tick), height - 30)], stroke="#ddd"))
+        parts.append(text(x(tick), height - 16, f"> {budget}" if tick > budget else str(tick), text_anchor="middle"))
     y = _TOP
     for name in names:
         y += _ROW
-        parts.append(f'<text x="8" y="{y}" font-weight="bold">{name}</text>')
+        parts.append(text(8, y, name, font_weight="bold"))
         for power in (p for p in measured if p.deficiency == name):
             low, high = interval(power.simulations)
-            middle = median(power.simulations)
-            parts.append(f'<text x="{_LEFT - 8}" y="{y}" text-anchor="end">{power.method}</text>')
-            parts.append(
-                f'<line x1="{x(low):.1f}" y1="{y - 4}" x2="{x(high):.1f}" y2="{y - 4}" stroke="#1f5fa8" stroke-width="3"/>'
-            )
-            parts.append(f'<circle cx="{x(middle):.1f}" cy="{y - 4}" r="4.5" fill="#1f5fa8"/>')
+            parts.append(text(_LEFT - 8, y, power.method, text_anchor="end"))
+            parts.append(polyline([(x(low), y - 4), (x(high), y - 4)], stroke="#1f5fa8", stroke_width=3))
+            parts.append(f'<circle cx="{x(median(power.simulations)):.1f}" cy="{y - 4}" r="4.5" fill="#1f5fa8"/>')
             y += _ROW
-    return "\n".join([*parts, "</svg>", ""])
+    return document(_WIDTH, height, parts)

@@ -67,7 +67,7 @@ def answer(line: str) -> str:
             raise ScenarioError(f"the id of a request must be a JSON value, which infinity and NaN are not: {error}") from error
         run, rotation = predict(request)
         control = run.junction.control
-        entry = {f"c{(a.entrance - rotation) % run.junction.ways}": run.entry(k) for k, a in enumerate(run.agents)}
+        entry = {f"c{(a.entrance - rotation) % len(run.junction.entrances)}": run.entry(k) for k, a in enumerate(run.agents)}
         found: dict[str, Any] = {
             "id": id,
             "verdicts": outcome(run, RULES[control]),

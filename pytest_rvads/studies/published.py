@@ -9,12 +9,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 
-from pytest_rvads.studies.experiment import LIGHT, ROWS, STOP, TABLES, Entry, entries
+from pytest_rvads.studies.experiment import LIGHT, ROWS, STOP, Key
 
-__all__ = ["FITTED", "Key", "agreement", "null_models", "published"]
-
-Key = tuple[int, int, str, str]
-"""Class, row (0 for row 1), configuration, rule."""
+__all__ = ["FITTED", "agreement", "null_models", "published"]
 
 FITTED = (1, 3)
 """Classes that the constants were fitted on."""
@@ -68,13 +65,3 @@ def null_models() -> dict[str, int]:
             seen.setdefault(group(key), Counter())[value] += 1
         score[name] = sum(max(counter.values()) for counter in seen.values())
     return score
-
-
-def key_of(entry: Entry, rule: str) -> Key:
-    """Return the key of a cell."""
-    return entry.number, entry.row, entry.configuration, rule
-
-
-def keys() -> list[Key]:
-    """Return all cells of both tables in the order of the paper."""
-    return [key_of(entry, rule) for table in TABLES for entry in entries(table) for rule in table.rules]

@@ -14,9 +14,9 @@ from pytest_rvads.drivers.lgsvl import Constants
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.studies.draws import crossing_wait
-from pytest_rvads.studies.experiment import LIGHT, ROWS, STOP, TABLES, Entry, Setup, Table, entries, judge, run_entry
+from pytest_rvads.studies.experiment import LIGHT, ROWS, STOP, TABLES, Entry, Key, Setup, Table, entries, judge, run_entry
 from pytest_rvads.studies.pool import Progress, spread
-from pytest_rvads.studies.published import FITTED, Key, null_models, published
+from pytest_rvads.studies.published import FITTED, null_models, published
 
 __all__ = [
     "FREE",
@@ -119,9 +119,8 @@ def ablation(
     found: dict[str, list[tuple[Key, str, str]]] = {name: [] for name in names}
     for (entry, setup), verdicts in zip(jobs, spread(judge, jobs, workers, progress), strict=True):
         for rule, value in verdicts.items():
-            key = entry.number, entry.row, entry.configuration, rule
-            if base[key] != value:
-                found[setup.off[0]].append((key, base[key], value))
+            if base[entry.key(rule)] != value:
+                found[setup.off[0]].append((entry.key(rule), base[entry.key(rule)], value))
     return found
 
 
@@ -202,8 +201,4 @@ def _same(free: Free, by: float, base: Mapping[Key, str]) -> bool:
     order = [
         entry for letters in ("CFJ", "BEG", "ADHI") for t in free.tables for entry in entries(t) if entry.configuration in letters
     ]
-    return all(
-        base[entry.number, entry.row, entry.configuration, rule] == value
-        for entry in order
-        for rule, value in judge((entry, setup)).items()
-    )
+    return all(base[entry.key(rule)] == value for entry in order for rule, value in judge((entry, setup)).items())

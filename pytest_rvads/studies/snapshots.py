@@ -65,9 +65,9 @@ class _LastFirst(Scheduler):
         return self._queue[-1].name if len(self._queue) > len(seen.others) else ""
 
 
-def snapshots(constants: Constants | None = None) -> dict[str, Snapshot]:
+def snapshots() -> dict[str, Snapshot]:
     """Return a snapshot of a violation of every rule of the paper."""
-    setup = Setup(constants or Constants())
+    setup = Setup()
     found = {}
     for rule, entry in SHOWN.items():
         system: Any = LastFirst if rule == "p3" else setup.system()

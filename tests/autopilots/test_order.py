@@ -4,7 +4,6 @@ from itertools import permutations, product
 
 import pytest
 
-from pytest_rvads.drivers.crossing import conflict, movements
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
 from pytest_rvads.junctions.finder import find
@@ -113,14 +112,14 @@ MEET = [((0, 2), (1, 3)), ((0, 2), (2, 1)), ((0, 1), (3, 1)), ((0, 3), (1, 3)), 
 
 @pytest.mark.parametrize(("one", "two"), PASS_EACH_OTHER)
 def test_movements_that_pass_each_other(one: tuple[int, int], two: tuple[int, int]) -> None:
-    assert conflict(JUNCTION, one, two) is None
+    assert JUNCTION.stretches.get((one, two)) is None
 
 
 @pytest.mark.parametrize(("one", "two"), MEET)
 def test_movements_that_meet_and_where(one: tuple[int, int], two: tuple[int, int]) -> None:
-    found = conflict(JUNCTION, one, two)
+    found = JUNCTION.stretches.get((one, two))
     assert found is not None
-    back = conflict(JUNCTION, two, one)
+    back = JUNCTION.stretches.get((two, one))
     assert back is not None
     assert (back.mine, back.yours) == (found.yours, found.mine)
     for stretch, movement in zip(found[:2], (one, two), strict=True):
@@ -131,11 +130,11 @@ def test_movements_that_meet_and_where(one: tuple[int, int], two: tuple[int, int
 
 def test_straight_ways_cross_where_the_lanes_do() -> None:
     # Lanes at 1.75 m from the centre cross 15 + 1.75 and 15 - 1.75 m after the vertices.
-    found = conflict(JUNCTION, (0, 2), (1, 3))
+    found = JUNCTION.stretches.get(((0, 2), (1, 3)))
     assert (found[0].start + found[0].end) / 2 in (pytest.approx(16.75, abs=0.5), pytest.approx(13.25, abs=0.5))
     assert found[0].end - found[0].start == pytest.approx(2 * 2.6, abs=1.0)
 
 
 def test_an_indicator_tells_the_movement() -> None:
-    assert [m.exit for m in movements(JUNCTION, 1, Turn.LEFT)] == [0]
-    assert [m.exit for m in movements(JUNCTION, 1, Turn.RIGHT)] == [2]
+    assert [m.exit for m in JUNCTION.by_turn[1, Turn.LEFT]] == [0]
+    assert [m.exit for m in JUNCTION.by_turn[1, Turn.RIGHT]] == [2]

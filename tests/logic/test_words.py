@@ -103,10 +103,10 @@ def test_what_cannot_be_answered_says_why(line: str, name: object, message: str)
 def test_a_blow_up_is_refused_with_the_size() -> None:
     # The least monitor of this formula has to remember the last 13 values of p: more than 2^13 states.
     formula = parse_ltl("G(p -> " + "X " * 13 + "q)")
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(FormulaError, match=r"of size 17, needs a monitor too large to build"):
         synthesize(formula)
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
 
 
 @pytest.mark.parametrize(

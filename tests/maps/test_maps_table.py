@@ -1,4 +1,4 @@
-"""The table "Which file shows what" of the facts on maps: ids, arity, control, approach, refusals."""
+"""The table "Which file shows what" of maps from elsewhere: ids, arity, control, approach, refusals."""
 
 from functools import cache
 from pathlib import Path

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.physics.dynamics import GRAVITY, Dynamics
+from pytest_rvads.physics.dynamics import Dynamics
 from pytest_rvads.physics.world import BulletWorld, Motion
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
 
 pytest.importorskip("vehiclemodels")
 integrate = pytest.importorskip("scipy.integrate")

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 
 from pytest_rvads.errors import RunError, ScenarioError
 from pytest_rvads.physics.braking import envelope, greatest_safe, stopping_distance, vmax
-from pytest_rvads.physics.dynamics import GRAVITY
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
 from pytest_rvads.scenarios.configurations import PAPER, configuration, outside
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 

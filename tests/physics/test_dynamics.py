@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.physics.dynamics import GRAVITY, Dynamics
+from pytest_rvads.physics.dynamics import Dynamics
 from pytest_rvads.physics.world import BulletWorld, Motion
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
 
 IDEAL = Vehicle(brake=(50.0, 50.0, 50.0), brake_lag=1e-6, drive_lag=1e-6, drag=1e-9, rolling=1e-9)
 """No resistance, no lag, brakes that only the tyres limit."""

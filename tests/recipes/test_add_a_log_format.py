@@ -26,7 +26,7 @@ def read_zones(path: str | Path) -> list[Run]:
         zone = np.array([[ZONES[word] for word in row] for row in rows], dtype=np.int8)
     except KeyError as error:
         raise RunError(f"{path.name}: a zone must be one of {', '.join(ZONES)}, got {error}") from error
-    return [Run(path.stem, place, agents, zone, np.zeros((len(rows), place.ways), dtype=np.int8))]
+    return [Run(path.stem, place, agents, zone, np.zeros((len(rows), len(place.entrances)), dtype=np.int8))]
 
 
 @pytest.fixture(autouse=True)
@@ -47,11 +47,3 @@ def test_what_can_not_be_read_is_told(tmp_path: Path) -> None:
     file.write_text("0-2\nasleep", encoding="utf-8")
     with pytest.raises(RunError, match=r"odd.csv: a zone must be one of .*, got 'asleep'"):
         read_runs(file)
-
-
-def test_the_recipe_names_files_that_are_there() -> None:
-    root = Path(__file__).parents[2]
-    recipe = (root / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("### Add a log format")[2].partition("\n#")[0]
-    for name in ("pytest_rvads/runs/readers.py", "tests/semantics/test_recorded.py", "docs/bring-recorded-runs.md"):
-        assert name in recipe
-        assert (root / name).is_file()

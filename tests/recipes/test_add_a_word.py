@@ -36,13 +36,6 @@ def follow_crawls(_first: rvads.Run, agent: int) -> Callable[[rvads.Run], bool]:
 CRAWLS = rvads.Word("crawls", ("agent",), crawls, "{0} has crawled", "{0} has not crawled", follow_crawls)
 
 
-def test_the_recipe_names_files_that_are_there() -> None:
-    recipe = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("### Add a word")[2].partition("###")[0]
-    for file in ("pytest_rvads/logic/rules/lexicon.py", "pytest_rvads/conduct/following.py", "docs/rules.md"):
-        assert f"`{file}`" in recipe
-        assert (ROOT / file).is_file()
-
-
 def test_the_page_on_rules_knows_every_word() -> None:
     page = (ROOT / "docs" / "rules.md").read_text(encoding="utf-8")
     assert [name for name in BUILT_IN if f"{name}(" not in page and f" {name} " not in page and name != "@"] == []

@@ -71,7 +71,7 @@ def test_a_recorded_junction_has_nowhere_to_drive() -> None:
 
 
 def test_two_groups_show_the_recorded_plan() -> None:
-    # One shows green 15, yellow 3, red 22 s; the other red 20, green 15, yellow 3, red 2 s (facts on the recordings).
+    # One shows green 15, yellow 3, red 22 s; the other red 20, green 15, yellow 3, red 2 s, as recorded.
     plan = SignalPlan((frozenset({0, 2}), frozenset({1, 3})))
 
     def spans(entrance: int) -> list[tuple[str, float]]:

@@ -20,7 +20,7 @@ def listed(seen: Observation) -> bool:
     on counts, also in the junction; a right turn counts only as long as it is on the road.
     """
     return any(
-        (other.zone is Zone.JUNCTION and other.turn is Turn.STRAIGHT and in_the_way(seen.junction, _mine(seen), other))
+        (other.zone is Zone.JUNCTION and other.turn is Turn.STRAIGHT and in_the_way(seen, other))
         or (other.zone in (Zone.APPROACH, Zone.ENTRANCE) and other.turn is not Turn.LEFT and _comes(seen, other))
         for other in seen.others
         if (seen.me.entrance, other.entrance) in seen.junction.opposite
@@ -30,7 +30,7 @@ def listed(seen: Observation) -> bool:
 def oncoming(seen: Observation) -> bool:
     """Return whether a left turn has to wait before its line: what is done instead of I5."""
     for other in seen.others:
-        if in_the_way(seen.junction, _mine(seen), other):
+        if in_the_way(seen, other):
             return True
         if (seen.me.entrance, other.entrance) in seen.junction.opposite and other.turn is not Turn.LEFT and _comes(seen, other):
             return True
@@ -40,7 +40,7 @@ def oncoming(seen: Observation) -> bool:
 def prior_on_red(seen: Observation) -> bool:
     """Return whether a right turn on red has to wait: what is done instead of I4."""
     for other in seen.others:
-        if in_the_way(seen.junction, _mine(seen), other):
+        if in_the_way(seen, other):
             return True
         if (seen.me.entrance, other.entrance) in seen.junction.right_of and _comes(seen, other):
             return True
@@ -54,7 +54,3 @@ def _comes(seen: Observation, other: VehicleState) -> bool:
     if seen.lights[other.entrance] is Colour.RED and other.speed < 1.0:
         return False
     return other.station > -NEAR
-
-
-def _mine(seen: Observation) -> tuple[int, int]:
-    return seen.itinerary.entrance, seen.itinerary.exit

@@ -101,7 +101,7 @@ def frame(junction: Junction) -> Pose:
         bx, by = bx + s * s * x - s * c * y, by + c * c * y - s * c * x
         headings.append(enter.heading + math.pi)
     scale = xx * yy - xy * xy
-    straight = {m.entrance for m in junction.movements.values() if m.turn is Turn.STRAIGHT}
+    straight = {junction.entrances[m.entrance].arm for m in junction.movements.values() if m.turn is Turn.STRAIGHT}
     # x leads along the stem of a T, from which nobody goes straight on, and along arm 1 of an X.
     stem = next((i for i in range(junction.ways) if i not in straight), 1)
     return Pose((yy * bx - xy * by) / scale, (xx * by - xy * bx) / scale, headings[stem])

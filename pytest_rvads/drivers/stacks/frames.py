@@ -14,13 +14,13 @@ from typing import Any
 from msgspec import json
 
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
-from pytest_rvads.drivers.stacks.child import StackError
-from pytest_rvads.drivers.stacks.messages import Format
+from pytest_rvads.drivers.stacks import messages
+from pytest_rvads.drivers.stacks.child import Child, StackError
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.states import Kind, VehicleState
 
-__all__ = ["COMMAND", "ENTRANCES", "HEADER", "OTHERS", "POINTS", "READY", "Binary"]
+__all__ = ["Binary"]
 
 RESET, READY, OBSERVE, COMMAND, BYE = 1, 2, 3, 4, 5
 """Kinds of frames."""
@@ -36,17 +36,18 @@ _SEEN = struct.Struct("<d4I")
 _VEHICLE = struct.Struct("<6I8d")
 _LIGHTS = struct.Struct(f"<{ENTRANCES}I")
 _COMMAND = struct.Struct("<4I4d")
+_SIZES = {READY: 0, COMMAND: _COMMAND.size + 3 * 8 * POINTS}
+"""Of the frames that a stack sends [bytes]."""
 _TURNS = {turn: number for number, turn in enumerate((Turn.RIGHT, Turn.STRAIGHT, Turn.LEFT))}
 _CONTROLS = {control: number for number, control in enumerate(JunctionControl)}
 _SIGNS = {sign: number for number, sign in enumerate(("none", "stop", "yield", "priority", "lights"))}
 _KINDS = {kind: number for number, kind in enumerate(Kind)}
 
 
-class Binary(Format):
+class Binary(messages.Format):
     """The format ``binary``."""
 
     bye = HEADER.pack(BYE, 0)
-    command_size = _COMMAND.size + 3 * 8 * POINTS
 
     def reset(self, content: dict[str, Any]) -> bytes:
         """Return the reset frame: fixed parts, movements, conflicts, yields, the path of the itinerary, all of it as JSON.
@@ -126,6 +127,14 @@ class Binary(Format):
         points = struct.iter_unpack("<3d", body[_COMMAND.size : _COMMAND.size + 24 * count])
         return Trajectory(tuple(Waypoint(*point) for point in points)), taken, step
 
+    def ready(self, child: Child, limit: float) -> None:
+        """Wait for the frame that says so."""
+        _frame(child, READY, limit)
+
+    def answer(self, child: Child, limit: float) -> tuple[Command, float | None, int]:
+        """Return what the next frame says."""
+        return self.command(_frame(child, COMMAND, limit))
+
     def _vehicle(self, state: VehicleState) -> bytes:
         entrance = state.entrance
         return _VEHICLE.pack(
@@ -137,6 +146,17 @@ class Binary(Format):
             state.zone,
             *state[4:12],
         )
+
+
+def _frame(child: Child, kind: int, limit: float) -> bytes:
+    """Return the body of the next frame, which has to be of a kind."""
+    head = child.exactly(HEADER.size, limit)
+    found, size = HEADER.unpack(head)
+    if _SIZES.get(found) != size:
+        raise StackError(messages.stray(head + child.pending()))
+    if found != kind:
+        raise StackError(f"it sent a frame of kind {found}, expected {kind}")
+    return child.exactly(size, limit)
 
 
 def _command(kind: int, one: float, two: float, three: float) -> Command:

@@ -13,16 +13,17 @@ bye           the end; the stack exits
 from __future__ import annotations
 
 import json
+from abc import ABC, abstractmethod
 from typing import Any, TypeVar
 
 from msgspec import MsgspecError, Struct, ValidationError, convert
 from msgspec.json import Decoder, Encoder
 
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
-from pytest_rvads.drivers.stacks.child import StackError
+from pytest_rvads.drivers.stacks.child import Child, StackError
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 
-__all__ = ["VERSION", "Answer", "Format", "Hello", "Json", "Ready", "hello", "read", "stray"]
+__all__ = ["VERSION", "Format", "Hello", "Json", "hello", "read", "stray"]
 
 VERSION = 2
 """Of the protocol; a stack of another version is refused."""
@@ -141,8 +142,8 @@ class _Seen(Struct, gc=False):
     width: float
 
 
-class Format:
-    """What the messages of one scenario go by, in any format: numbers of vehicles, lanes of entrances."""
+class Format(ABC):
+    """The messages of one scenario in one format, and what they go by: numbers of vehicles, lanes of entrances."""
 
     bye: bytes
 
@@ -156,13 +157,21 @@ class Format:
         self._lanes = [entrance["lane"] for entrance in content["map"]["entrances"]]
         return self.reset(content)
 
+    @abstractmethod
     def reset(self, content: dict[str, Any]) -> bytes:
         """Return the reset message in this format."""
-        raise NotImplementedError
 
+    @abstractmethod
+    def ready(self, child: Child, limit: float) -> None:
+        """Wait until the stack is ready, at most `limit` seconds."""
+
+    @abstractmethod
     def observe(self, seen: Observation, step: int) -> bytes:
         """Return the observe message; steps count from 1 in every scenario."""
-        raise NotImplementedError
+
+    @abstractmethod
+    def answer(self, child: Child, limit: float) -> tuple[Command, float | None, int | None]:
+        """Return the next command, the compute time that the stack reports [s], and the step it answers, where it says so."""
 
     def number(self, state: VehicleState) -> int:
         """Return the number of a vehicle: the own one is 0, the others count on in the order in which they are first seen."""
@@ -178,6 +187,10 @@ class Json(Format):
         """Return the reset message."""
         return _encode(content) + b"\n"
 
+    def ready(self, child: Child, limit: float) -> None:
+        """Wait for the line that says so."""
+        read(child.line(limit), Ready)
+
     def observe(self, seen: Observation, step: int) -> bytes:
         """Return the observe message; steps count from 1 in every scenario."""
         content = {
@@ -189,6 +202,11 @@ class Json(Format):
             "lights": [_COLOURS[colour] for colour in seen.lights],
         }
         return _encode(content) + b"\n"
+
+    def answer(self, child: Child, limit: float) -> tuple[Command, float | None, int | None]:
+        """Return what the next line says."""
+        found = read(child.line(limit), Answer)
+        return found.command(), found.compute, found.step
 
     def _vehicle(self, state: VehicleState) -> _Seen:
         name, entrance, turn, zone = state[:4]

@@ -73,7 +73,7 @@ class Process(TrafficSystem):
         self._place = cwd, env
         self.connections: list[Connection] = []
         """Running processes, by the order of the vehicles of a run."""
-        self._finish = weakref.finalize(self, _close, self.connections)
+        weakref.finalize(self, _close, self.connections)
 
     def __call__(self) -> Process:
         """Return the traffic system of the next run."""

@@ -13,7 +13,7 @@ from pytest_rvads.logic.judging.ground import Binding, Instance, ground
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import evaluate
 from pytest_rvads.logic.ltl.ltl3 import Machine, synthesize
-from pytest_rvads.logic.ltl.rewrite import rebuild
+from pytest_rvads.logic.ltl.rewrite import replaced
 from pytest_rvads.logic.rules.shape import Kind, Shape, agents_of, shape_of, split
 
 __all__ = ["Member", "Prepared", "Template", "prepare", "template"]
@@ -70,13 +70,7 @@ def template(formula: f.Formula) -> tuple[f.Formula, tuple[f.Atom, ...]]:
     """Replace atoms by propositions p0, p1, ... in the order of their occurrence; return the formula and the atoms."""
     found = f.atoms(formula)
     names = {atom: f.Atom(f"p{k}") for k, atom in enumerate(found)}
-    return _rename(formula, names), found
-
-
-def _rename(formula: f.Formula, names: dict[f.Atom, f.Atom]) -> f.Formula:
-    if isinstance(formula, f.Atom):
-        return names[formula]
-    return rebuild(formula, tuple(_rename(c, names) for c in f.children(formula)))
+    return replaced(formula, names.__getitem__), found
 
 
 @lru_cache(maxsize=1024)

@@ -75,17 +75,16 @@ class Machine:
 
 
 @lru_cache(maxsize=512)
-def synthesize(formula: f.Formula, limit: int = WORK_LIMIT) -> Machine:
+def synthesize(formula: f.Formula) -> Machine:
     """Build the minimal LTL3 monitor of a formula without quantifiers.
 
     Args:
         formula: its atoms are taken as independent propositions.
-        limit: most elementary steps, see `WORK_LIMIT`.
 
     Raises:
         FormulaError: the monitor would be too large; the message says the size of the formula.
     """
-    budget = Budget(limit, f.size(formula))
+    budget = Budget(WORK_LIMIT, f.size(formula))
     pool = Pool()
     budget.spend(f.size(formula))
     yes, no = pool.add(formula), pool.add(formula, False)

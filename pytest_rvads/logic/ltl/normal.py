@@ -58,7 +58,7 @@ class Pool:
             self._alive.append(formula)
         return self._known[key]
 
-    def _add(self, formula: f.Formula, positive: bool) -> int:  # noqa: C901 - one case per operator
+    def _add(self, formula: f.Formula, positive: bool) -> int:
         if f.is_boolean(formula):
             return self._guard(formula, positive)
         match formula:
@@ -66,19 +66,16 @@ class Pool:
                 return self.add(body, not positive)
             case f.Next(body):
                 return self._next(self.add(body, positive))
-            case f.Always(body):
-                return self._always(self.add(body, True)) if positive else self._eventually(self.add(body, False))
-            case f.Eventually(body):
-                return self._eventually(self.add(body, True)) if positive else self._always(self.add(body, False))
-            case f.Until(left, right):
+            # The negation of an U is the R of what is negated, and the other way round.
+            case f.Always(body) | f.Eventually(body):  # F a = true U a, and G a = false R a
+                a, until = self.add(body, positive), isinstance(formula, f.Eventually) is positive
+                return self._lasting(until, self._number(Node(Kind.TRUE if until else Kind.FALSE)), a)
+            case f.Until(left, right) | f.Release(left, right):
                 a, b = self.add(left, positive), self.add(right, positive)
-                return self._until(a, b) if positive else self._release(a, b)
-            case f.Release(left, right):
-                a, b = self.add(left, positive), self.add(right, positive)
-                return self._release(a, b) if positive else self._until(a, b)
+                return self._lasting(isinstance(formula, f.Until) is positive, a, b)
             case f.WeakUntil(left, right):  # a W b = b R (a | b)
                 a, b = self.add(right, positive), self.add(f.Or((left, right)), positive)
-                return self._release(a, b) if positive else self._until(a, b)
+                return self._lasting(not positive, a, b)
             case f.Implies(left, right):
                 return self._join((f.Not(left), right), positive, conjunction=False)
             case f.Iff(left, right):  # (a & b) | (!a & !b), and its negation (a & !b) | (!a & b)
@@ -127,28 +124,16 @@ class Pool:
     def _next(self, a: int) -> int:
         return a if self.nodes[a].kind in (Kind.TRUE, Kind.FALSE) else self._number(Node(Kind.NEXT, (a,)))
 
-    def _eventually(self, a: int) -> int:
-        return self._until(self._number(Node(Kind.TRUE)), a)
-
-    def _always(self, a: int) -> int:
-        return self._release(self._number(Node(Kind.FALSE)), a)
-
-    def _until(self, a: int, b: int) -> int:
+    def _lasting(self, until: bool, a: int, b: int) -> int:
+        """Return the node of ``a U b``, or of ``a R b``."""
         one, two = self.nodes[a], self.nodes[b]
-        if two.kind in (Kind.TRUE, Kind.FALSE) or one.kind is Kind.FALSE or a == b:
+        kind, unit, zero = (Kind.UNTIL, Kind.TRUE, Kind.FALSE) if until else (Kind.RELEASE, Kind.FALSE, Kind.TRUE)
+        if two.kind in (Kind.TRUE, Kind.FALSE) or one.kind is zero or a == b:
             return b
-        # a U (a U b) = a U b, and F (c U b) = F b
-        if two.kind is Kind.UNTIL and (two.parts[0] == a or one.kind is Kind.TRUE):
-            return self._until(a, two.parts[1])
-        return self._number(Node(Kind.UNTIL, (a, b)))
-
-    def _release(self, a: int, b: int) -> int:
-        one, two = self.nodes[a], self.nodes[b]
-        if two.kind in (Kind.TRUE, Kind.FALSE) or one.kind is Kind.TRUE or a == b:
-            return b
-        if two.kind is Kind.RELEASE and (two.parts[0] == a or one.kind is Kind.FALSE):
-            return self._release(a, two.parts[1])
-        return self._number(Node(Kind.RELEASE, (a, b)))
+        # a U (a U b) = a U b, and F (c U b) = F b; likewise for R and G
+        if two.kind is kind and (two.parts[0] == a or one.kind is unit):
+            return self._lasting(until, a, two.parts[1])
+        return self._number(Node(kind, (a, b)))
 
     def _number(self, node: Node) -> int:
         n = self._numbers.setdefault(node, len(self.nodes))

@@ -17,7 +17,7 @@ from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.grammar import LTL, Build, Mistake, rule_grammar
 from pytest_rvads.logic.ltl.language import Language
-from pytest_rvads.logic.ltl.rewrite import rebuild, substitute
+from pytest_rvads.logic.ltl.rewrite import replaced, substitute
 
 __all__ = ["DEPTH_LIMIT", "LENGTH_LIMIT", "caret", "parse_ltl", "parse_rule"]
 
@@ -143,13 +143,13 @@ _Definitions = Mapping[str, tuple[tuple[f.Var, ...], f.Formula]]
 
 def _expand(formula: f.Formula, known: _Definitions, text: str) -> f.Formula:
     """Replace defined predicates by their bodies."""
-    if not known:
-        return formula
-    if isinstance(formula, f.Atom) and formula.name in known:
-        parameters, body = known[formula.name]
-        if len(parameters) != len(formula.terms):
-            raise FormulaError(
-                caret(f"{formula.name} takes {len(parameters)} arguments, got {len(formula.terms)}", text, formula.at)
-            )
-        return substitute(body, dict(zip((p.name for p in parameters), formula.terms, strict=True)))
-    return rebuild(formula, tuple(_expand(c, known, text) for c in f.children(formula)))
+
+    def body_of(atom: f.Atom) -> f.Formula:
+        if atom.name not in known:
+            return atom
+        parameters, body = known[atom.name]
+        if len(parameters) != len(atom.terms):
+            raise FormulaError(caret(f"{atom.name} takes {len(parameters)} arguments, got {len(atom.terms)}", text, atom.at))
+        return substitute(body, dict(zip((p.name for p in parameters), atom.terms, strict=True)))
+
+    return replaced(formula, body_of) if known else formula

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from pytest_rvads.logic.ltl import formula as f
 
-__all__ = ["rebuild", "substitute"]
+__all__ = ["rebuild", "replaced", "substitute"]
 
 
 def rebuild(formula: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
@@ -19,6 +19,13 @@ def rebuild(formula: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
         case f.Const() | f.Atom():
             return formula
     return type(formula)(*parts)
+
+
+def replaced(formula: f.Formula, by: Callable[[f.Atom], f.Formula]) -> f.Formula:
+    """Return `formula` with what `by` gives in the place of every atom."""
+    if isinstance(formula, f.Atom):
+        return by(formula)
+    return rebuild(formula, tuple(replaced(child, by) for child in f.children(formula)))
 
 
 def substitute(formula: f.Formula, terms: Mapping[str, f.Term]) -> f.Formula:

@@ -125,7 +125,7 @@ BUILT_IN = Vocabulary.of(
     Word(
         "entex",
         ("entrance or vertex", "exit or vertex"),
-        decide=lambda _, one, two: (one.sort, two.sort, one.index) == (Sort.ENTRANCE, Sort.EXIT, two.index),
+        decide=lambda s, one, two: (one.sort, two.sort) == (Sort.ENTRANCE, Sort.EXIT) and (one.index, two.index) in s.entex,
         static=_ENTRANCES[0],
     ),
 )

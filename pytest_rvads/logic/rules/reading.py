@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.parser import caret, parse_rule
-from pytest_rvads.logic.ltl.rewrite import rebuild
+from pytest_rvads.logic.ltl.rewrite import replaced
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, BUILT_IN
 from pytest_rvads.logic.rules.sorts import DIRECTIONS, LANGUAGE, Sort
 from pytest_rvads.logic.rules.vocabulary import Vocabulary, sorts_in
@@ -31,14 +31,12 @@ def parse(text: str, vocabulary: Vocabulary = BUILT_IN) -> f.Formula:
     """
     formula = parse_rule(text, LANGUAGE)
     _Check(text, vocabulary).formula(formula, {"j": Sort.JUNCTION})
-    return _filled(formula, vocabulary) if any(a.name not in BUILT_IN for a in f.atoms(formula)) else formula
+    own = vocabulary.keys() - BUILT_IN.keys()
 
+    def filled(atom: f.Atom) -> f.Atom:
+        return replace(atom, word=vocabulary[atom.name]) if atom.name in own else atom
 
-def _filled(formula: f.Formula, vocabulary: Vocabulary) -> f.Formula:
-    if isinstance(formula, f.Atom):
-        own = formula.name in vocabulary and formula.name not in BUILT_IN
-        return f.Atom(formula.name, formula.terms, formula.at, vocabulary[formula.name]) if own else formula
-    return rebuild(formula, tuple(_filled(child, vocabulary) for child in f.children(formula)))
+    return replaced(formula, filled) if own else formula
 
 
 @dataclass(frozen=True, slots=True)

@@ -138,7 +138,12 @@ def _roles(story: Story, worst: Judgement | None) -> str:
     """Return which vehicles it was, in words that are the same for all rotations of a scenario."""
     if worst is None or story.cycle:
         return ""
-    run = story.run
+    run, junction = story.run, story.run.junction
     agents = [(name, run.agents[e.index]) for name, e in worst.template.binding if e.sort == Sort.AGENT]
-    first = agents[0][1].entrance if agents else 0
-    return ", ".join(f"{name} {a.turn} from entrance +{(a.entrance - first) % run.junction.ways}" for name, a in agents)
+    first = junction.entrances[agents[0][1].entrance].arm if agents else 0
+
+    def seat(entrance: int) -> str:
+        arm, lane = junction.entrances[entrance].arm, junction.entrances[entrance].lane
+        return f"+{(arm - first) % junction.ways}" + (f".{lane}" if len(junction.arms[arm].entrances) > 1 else "")
+
+    return ", ".join(f"{name} {a.turn} from entrance {seat(a.entrance)}" for name, a in agents)

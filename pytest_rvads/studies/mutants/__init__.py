@@ -10,18 +10,17 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.studies.mutants import action, decision
-from pytest_rvads.studies.mutants import sight as perception
+from pytest_rvads.studies.mutants import action, decision, sight
 
 __all__ = ["MUTANTS"]
 
 MUTANTS: Mapping[str, type[Reference]] = MappingProxyType(
     {
         "anticipates green": decision.Anticipates,
-        "blind ahead": perception.BlindAhead,
-        "blind inside": perception.BlindInside,
-        "blind to the left": perception.BlindLeft,
-        "blind to the right": perception.BlindRight,
+        "blind ahead": sight.BlindAhead,
+        "blind inside": sight.BlindInside,
+        "blind to the left": sight.BlindLeft,
+        "blind to the right": sight.BlindRight,
         "creeps": action.Creeps,
         "dawdles": action.Dawdles,
         "deadlocks": decision.Deadlocks,
@@ -29,24 +28,24 @@ MUTANTS: Mapping[str, type[Reference]] = MappingProxyType(
         "half yield": decision.HalfYield,
         "hits the leader": action.HitsLeader,
         "ignores stop": decision.IgnoresStop,
-        "ignores yellow": perception.Yellow,
+        "ignores yellow": sight.Yellow,
         "jostles": decision.Jostles,
         "last come first": decision.Backwards,
         "late brake": action.LateBrake,
-        "late sight": perception.LateSight,
+        "late sight": sight.LateSight,
         "left first": decision.LeftFirst,
         "lowest number first": decision.NumberFirst,
-        "never green": perception.Unlit,
+        "never green": sight.Unlit,
         "no stop right on red": decision.NoRightOnRedStop,
         "no yield right on red": decision.NoRightOnRedYield,
         "no yield turning left": decision.NoYield,
-        "runs red": perception.RunsRed,
+        "runs red": sight.RunsRed,
         "short stop": decision.ShortStop,
-        "short-sighted": perception.ShortSighted,
+        "short-sighted": sight.ShortSighted,
         "speeds": action.Speeds,
         "stops far": action.StopsFar,
         "tailgates": decision.Tailgates,
-        "takes all for standing": perception.NoSpeeds,
+        "takes all for standing": sight.NoSpeeds,
         "weak brake": action.WeakBrake,
     }
 )

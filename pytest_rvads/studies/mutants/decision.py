@@ -35,20 +35,28 @@ _SHORT = 1.5
 """Slower than this, the short stop counts as one [m/s]."""
 
 
+class _Queued(StopSign):
+    def __init__(self, queue: Queue) -> None:
+        super().__init__()
+        self._queue = queue
+
+
 class _Gated(Reference):
-    """Has other gates than the reference autopilot at stop signs, at lights, or at both."""
+    """Has other gates than the reference autopilot at stop signs, at lights, or at both, or another order at stop signs."""
 
     sign: ClassVar[type[Gate]] = StopSign
     light: ClassVar[type[Gate]] = Light
+    queue: ClassVar[type[Queue] | None] = None
 
     def make_gate(self, seen: Observation) -> Gate:
-        return self.light() if seen.junction.control is JunctionControl.LIGHTS else self.sign()
+        if seen.junction.control is JunctionControl.LIGHTS:
+            return self.light()
+        return self.sign() if self.queue is None else _Queued(self.queue())
 
 
 class _Open:
     def allows(self, seen: Observation) -> bool:
-        mine = (seen.itinerary.entrance, seen.itinerary.exit)
-        return not any(in_the_way(seen.junction, mine, other) for other in seen.others)
+        return not any(in_the_way(seen, other) for other in seen.others)
 
 
 class IgnoresStop(_Gated):
@@ -70,49 +78,35 @@ class ShortStop(_Gated):
     sign = _Short
 
 
-class _QueueMutant(StopSign):
-    queue: ClassVar[type[Queue]]
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._queue = self.queue()
+def _waiting(seen: Observation) -> list[VehicleState]:
+    return [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
 
 
 class _ByNumber(Queue):
     def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
-        waiting = [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
-        return [min(waiting, key=lambda s: s.entrance)], True
-
-
-class _NumberSign(_QueueMutant):
-    queue = _ByNumber
+        return [min(_waiting(seen), key=lambda s: s.entrance)], True
 
 
 class NumberFirst(_Gated):
     """At a stop sign, whoever waits at the entrance with the lowest number goes first."""
 
-    sign = _NumberSign
+    queue = _ByNumber
 
 
 class _LastFirst(Queue):
     def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
-        waiting = [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
-        return [max(waiting, key=lambda s: (self._outside[s.name], -s.entrance))], True
-
-
-class _BackwardsSign(_QueueMutant):
-    queue = _LastFirst
+        return [max(_waiting(seen), key=lambda s: (self._outside[s.name], -s.entrance))], True
 
 
 class Backwards(_Gated):
     """At a stop sign, the last to come goes first."""
 
-    sign = _BackwardsSign
+    queue = _LastFirst
 
 
 class _LeftQueue(Queue):
     def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
-        waiting = [s for s in (seen.me, *seen.others) if s.zone is Zone.ENTRANCE]
+        waiting = _waiting(seen)
         earliest = min(self._outside[s.name] for s in waiting)
         tied = [s for s in waiting if self._outside[s.name] == earliest]
         right_of = seen.junction.right_of
@@ -120,14 +114,10 @@ class _LeftQueue(Queue):
         return ([min(free, key=lambda s: s.entrance)], True) if free else (tied, False)
 
 
-class _LeftSign(_QueueMutant):
-    queue = _LeftQueue
-
-
 class LeftFirst(_Gated):
     """Of two that arrive together at a stop sign, lets the one on the left go first."""
 
-    sign = _LeftSign
+    queue = _LeftQueue
 
 
 class _Polite(StopSign):
@@ -157,9 +147,7 @@ class EqualPatience(_Gated):
 
 class _EarlySign(StopSign):
     def allows(self, seen: Observation) -> bool:
-        mine = (seen.itinerary.entrance, seen.itinerary.exit)
-        junction = seen.junction
-        left = [o for o in seen.others if o.zone is not Zone.JUNCTION or in_the_way(junction, mine, o)]
+        left = [o for o in seen.others if o.zone is not Zone.JUNCTION or in_the_way(seen, o)]
         return super().allows(seen._replace(others=tuple(left)))
 
 
@@ -174,14 +162,10 @@ class _Deaf(Queue):
         return False
 
 
-class _JostleSign(_QueueMutant):
-    queue = _Deaf
-
-
 class Jostles(_Gated):
     """At a stop sign, does not notice that another one has set off already."""
 
-    sign = _JostleSign
+    queue = _Deaf
 
 
 class _Rushes(Light):

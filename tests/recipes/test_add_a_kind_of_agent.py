@@ -1,0 +1,76 @@
+"""CONTRIBUTING.md, "Add a kind of agent": done in a copy of the package, where one more member of `Kind` is all that it takes."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest_rvads
+from pytest_rvads.runs.states import Kind
+
+ROOT = Path(__file__).parents[2]
+TRIAL = """
+import json
+import struct
+from dataclasses import replace
+
+import pytest_rvads as rvads
+from pytest_rvads.draw.picture import picture
+from pytest_rvads.drivers.stacks import frames, messages, place
+from pytest_rvads.runs.states import Kind
+
+class Spy(rvads.Reference):
+    def control(self, seen):
+        Spy.seen = seen
+        return super().control(seen)
+
+run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000", duration=0.05), Spy))
+found = {}
+for kind in Kind:
+    one = replace(run, agents=(replace(run.agents[0], kind=kind, size=(1.25, 0.75)),))
+    rvads.save_run(one, "one.npz")
+    kept = rvads.load_run("one.npz")
+    seen = Spy.seen._replace(me=Spy.seen.me._replace(kind=kind))
+    told = []
+    for talk in (messages.Json(), frames.Binary()):
+        talk.begin(place.reset(seen, 0.05))
+        told.append(talk.observe(seen, 1))
+    found[kind.value] = {
+        "hash": one.hash,
+        "kept": kept == one and kept.agents[0].kind is kind,
+        "json": json.loads(told[0])["me"]["kind"],
+        "frame": struct.unpack_from("<I", told[1], frames.HEADER.size + frames._SEEN.size + 4)[0],
+        "drawn": 'width="1.25" height="0.75"' in picture(one, 0, "title"),
+    }
+print(json.dumps(found))
+"""
+
+
+def test_a_member_is_kept_told_and_drawn(tmp_path: Path) -> None:
+    copy = tmp_path / "pytest_rvads"
+    shutil.copytree(Path(pytest_rvads.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    states = copy / "runs" / "states.py"
+    last = f'    {list(Kind)[-1].name} = "{list(Kind)[-1].value}"\n'
+    text = states.read_text(encoding="utf-8")
+    assert last in text
+    states.write_text(text.replace(last, f'{last}    SCOOTER = "scooter"\n'), encoding="utf-8")
+    command = [sys.executable, "-c", TRIAL]
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert list(found) == [*(kind.value for kind in Kind), "scooter"]
+    assert len({one.pop("hash") for one in found.values()}) == len(found)
+    for number, (kind, one) in enumerate(found.items()):
+        assert one == {"kept": True, "json": kind, "frame": number, "drawn": True}
+
+
+def test_c_and_the_page_on_stacks_name_the_kinds_there_are() -> None:
+    header = (ROOT / "clients" / "c" / "rvads.h").read_text(encoding="utf-8")
+    (names,) = re.findall(r"enum \{ ([\w, ]+) \}; +/\* kind \*/", header)
+    assert [name.removeprefix("RVADS_").lower() for name in names.split(", ")] == [kind.value for kind in Kind]
+    page = (ROOT / "docs" / "attach-your-stack.md").read_text(encoding="utf-8")
+    assert f"`kind` ({', '.join(Kind)})" in page
