@@ -221,9 +221,11 @@ def _number(name: str, value: str, most: float) -> float | None:
 
 
 def _reports(config: pytest.Config, here: Path) -> tuple[Path, ...]:
+    names: list[str] = config.getoption("rvads_report") or config.getini("rvads_report")
+    if not names:  # as in most sessions of an environment, which then need not load what writes reports
+        return ()
     from pytest_rvads.report.files import FORMATS
 
-    names: list[str] = config.getoption("rvads_report") or config.getini("rvads_report")
     for name in names:
         if Path(name).suffix not in FORMATS:
             raise RvadsError(f"rvads_report must name a {', '.join(FORMATS)} file, got {name!r}")

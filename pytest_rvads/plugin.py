@@ -87,10 +87,11 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(Session(config, planner), "rvads_session")
 
 
-def pytest_report_header(config: pytest.Config) -> str | None:
-    """Name what drives, where the options say so."""
-    driver = config.stash[OPTIONS].driver
-    return f"rvads: driven by {driver}" if driver else None
+def pytest_report_header(config: pytest.Config) -> list[str]:
+    """Name what drives, and what simulates in place of bullet, where the options say so."""
+    options = config.stash[OPTIONS]
+    driven = [f"rvads: driven by {options.driver}"] if options.driver else []
+    return driven if options.simulator == "bullet" else [*driven, f"rvads: simulated by --rvads-simulator={options.simulator}"]
 
 
 def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Item]) -> str | None:

@@ -12,21 +12,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from pytest_rvads import __version__
-from pytest_rvads.cli import (
-    check_commands as judging,
-)
-from pytest_rvads.cli import (
-    map_commands as junctions,
-)
-from pytest_rvads.cli import (
-    power_command as power,
-)
-from pytest_rvads.cli import (
-    report_commands as reports,
-)
-from pytest_rvads.cli import (
-    simulate_commands as driving,
-)
+from pytest_rvads.cli import check_commands, map_commands, power_command, report_commands, simulate_commands
 from pytest_rvads.errors import RvadsError
 
 __all__ = ["main"]
@@ -55,6 +41,6 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="rvads", description="Validate autonomous-driving controllers against traffic rules.")
     parser.add_argument("--version", action="version", version=f"rvads {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for module in (junctions, judging, driving, reports, power):
+    for module in (map_commands, check_commands, simulate_commands, report_commands, power_command):
         module.declare(commands)
     return parser

@@ -1,4 +1,4 @@
-"""What the command line asks of the logic: judging files, listing rules, showing a monitor."""
+"""What the command line asks of the logic: judging runs, listing rules."""
 
 from __future__ import annotations
 
@@ -10,16 +10,12 @@ from pytest_rvads.conduct.validate import validate
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Verdict
-from pytest_rvads.logic.ltl.export import describe
-from pytest_rvads.logic.ltl.ltl3 import synthesize
-from pytest_rvads.logic.ltl.parser import parse_ltl
 from pytest_rvads.logic.rules.book import current_book, rulebook, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulefile import load_rules
-from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 
-__all__ = ["check_runs", "doubts", "list_rules", "named_rules", "read_runs", "show_monitor"]
+__all__ = ["check_runs", "doubts", "list_rules", "named_rules"]
 
 
 def named_rules(names: Sequence[str]) -> tuple[Rule, ...]:
@@ -51,15 +47,6 @@ def check_runs(runs: Sequence[Run], spec: str | Rule | Sequence[str | Rule] = "p
         if count > 1:
             raise RunError(f"{count} runs are called {label!r}: give each its own name")
     return {run.label: {rule.name: check(run, rule) for rule in rules} for run in runs}
-
-
-def show_monitor(text: str) -> str:
-    """Return the monitor of a propositional formula in words.
-
-    Raises:
-        FormulaError: the text is not a formula, or its monitor would be too large.
-    """
-    return describe(synthesize(parse_ltl(text)))
 
 
 def list_rules() -> str:

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli import rules_command as consistency
+from pytest_rvads.cli import rules_command
 from pytest_rvads.cli.common import Subparsers
 from pytest_rvads.errors import RunError
 
@@ -24,7 +24,7 @@ def declare(commands: Subparsers) -> None:
     rules = commands.add_parser("rules", help="list the rules: meaning, formula, source, who is responsible")
     rules.add_argument("--file", metavar="FILE", help="also those of a file of rules")
     rules.set_defaults(command=_rules)
-    consistency.declare(rules)
+    rules_command.declare(rules)
 
     check = commands.add_parser(
         "check",
@@ -62,21 +62,23 @@ def _rules(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from pytest_rvads.cli.answers import check_runs, doubts, named_rules, read_runs
+    from pytest_rvads.cli.answers import check_runs, doubts, named_rules
     from pytest_rvads.conduct.kpis import describe, kpis
     from pytest_rvads.conduct.validate import damage
+    from pytest_rvads.runs.readers import read_runs
 
     rules = named_rules(options.rule or ["paper"])
     runs = read_runs(options.file)
     for doubt in doubts(runs):
         print(f"warning: {doubt}", file=sys.stderr)
     verdicts = check_runs(runs, rules)
-    measured = {run.label: kpis(run) for run in runs if not damage(run)}
+    wanted = options.kpis or not options.json
+    measured = {run.label: kpis(run) for run in runs if wanted and not damage(run)}
     if options.json:
         answer: dict[str, dict[str, Any]] = {
             run: {rule: v.status.value for rule, v in by_rule.items()} for run, by_rule in verdicts.items()
         }
-        for run, found in measured.items() if options.kpis else ():
+        for run, found in measured.items():
             answer[run]["kpis"] = found.record()
         print(json.dumps(answer))
     else:
@@ -104,11 +106,13 @@ def _exit_status(given: Sequence[tuple[str, Verdict]], *, told: bool) -> int:
 
 
 def _monitor(options: argparse.Namespace) -> int:
-    from pytest_rvads.cli.answers import show_monitor
+    from pytest_rvads.logic.ltl.export import describe
+    from pytest_rvads.logic.ltl.ltl3 import synthesize
+    from pytest_rvads.logic.ltl.parser import parse_ltl
     from pytest_rvads.logic.ltl.words import answer
 
     if not options.jsonl:
-        print(show_monitor(options.formula))
+        print(describe(synthesize(parse_ltl(options.formula))))
         return 0
     if isinstance(sys.stdin, io.TextIOWrapper):
         sys.stdin.reconfigure(errors="surrogateescape")  # a line that is not UTF-8 is refused like any other, the rest goes on

@@ -92,23 +92,21 @@ class Known:
     """The values that match, by key of cells."""
 
     @classmethod
-    def of(cls, place: str, asked: Mapping[str, Any]) -> Known:
+    def of(cls, place: str, name: str, reason: str, where: Mapping[str, Any]) -> Known:
         """Check arguments.
 
         Raises:
             ScenarioError: another key, or something else than words and numbers.
         """
-        for argument in ("name", "reason"):
-            if not isinstance(asked[argument], str):
-                raise ScenarioError(f"{argument} of @rvads.known must be a text in quotes, got {asked[argument]!r}")
-        for key in asked["where"]:
+        for argument, text in (("name", name), ("reason", reason)):
+            if not isinstance(text, str):
+                raise ScenarioError(f"{argument} of @rvads.known must be a text in quotes, got {text!r}")
+        values = {}
+        for key, value in where.items():
             if key not in KEYS:
                 raise ScenarioError(f"@rvads.known selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
-        where = {
-            key: several(key, (value,) if value is None else value, (str, int), "words or numbers") or ()
-            for key, value in asked["where"].items()
-        }
-        return cls(place, asked["name"], asked["reason"], where)
+            values[key] = several(key, (value,) if value is None else value, (str, int), "words or numbers") or ()
+        return cls(place, name, reason, values)
 
     def __str__(self) -> str:
         return f"@rvads.known({self.name!r}{''.join(f', {key}={values!r}' for key, values in self.where.items())})"

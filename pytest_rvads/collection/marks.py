@@ -91,9 +91,9 @@ def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | in
     Raises:
         ScenarioError: another keyword.
     """
-    asked, place = locals(), caller()
+    place = caller()
     with told_at(place):
-        mark: pytest.MarkDecorator = pytest.mark.rvads_known(Known.of(place, asked))
+        mark: pytest.MarkDecorator = pytest.mark.rvads_known(Known.of(place, name, reason, where))
     return mark
 
 

@@ -1,15 +1,19 @@
-"""What drives, in words: in records and messages, in ids, and where nobody said what drives."""
+"""What drives, in words: in records and messages, in ids, as options name it, and where nobody said what drives."""
 
 from __future__ import annotations
 
 import re
+import sys
 from functools import cache, partial
+from importlib import import_module
+from operator import attrgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pytest_rvads.drivers.interface import Factory
 
-__all__ = ["called", "in_ids", "name_of", "stand_in"]
+__all__ = ["at", "called", "in_ids", "name_of", "stand_in"]
 
 
 @cache
@@ -18,6 +22,23 @@ def stand_in() -> Factory:
     from pytest_rvads.drivers.reference import Reference
 
     return partial(Reference)  # an object of its own, so that a fixture that returns Reference is told apart
+
+
+def at(name: str, here: Path | None = None) -> Any:
+    """Return what ``module:name`` names, which may have dots on both sides.
+
+    Args:
+        name: as options take it.
+        here: a folder in which modules are looked for first, as ``python -m`` does.
+
+    Raises:
+        ImportError: there is no such module.
+        AttributeError: nothing in it has this name.
+    """
+    if here is not None and str(here) not in sys.path:
+        sys.path.insert(0, str(here))
+    module, _, attribute = name.partition(":")
+    return attrgetter(attribute)(import_module(module))
 
 
 def name_of(driver: Any) -> str:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from msgspec import structs
 
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.outcome import BAD, Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Change, Comparison, Report
 
@@ -51,9 +51,6 @@ def with_baseline(report: Report, comparison: Comparison) -> Report:
     return replace(report, records=records, comparison=comparison)
 
 
-_FAILED = ("violated", "error", "flaky")
-
-
 def _state(record: Record | None) -> str:
     """Return the meaning of an outcome, or ``absent`` or ``known``; whatever the verdicts, a failed item is no passed one."""
     if record is None:
@@ -82,10 +79,10 @@ def _change(record: Record, before: Record | None, erosion: float) -> Change:
     moved = before is not None and None not in (record.place, before.place) and record.place != before.place
     then, now = "absent" if moved else _state(before), _state(record)
     was = before.status.value if before else ""
-    if now in _FAILED and then != now:
-        changed = f"was {was}, is {record.status}: " if then in _FAILED else ""
+    if now in BAD and then != now:
+        changed = f"was {was}, is {record.status}: " if then in BAD else ""
         return Change("NEW", record.nodeid, changed + record.message.strip().partition("\n")[0])
-    if moved and now not in _FAILED and _judged(before):
+    if moved and now not in BAD and _judged(before):
         return Change("LOST", record.nodeid, f"was {was}, at a junction that is not the same any more")
     kind, text = _kept(then, now)
     if kind == "UNCHANGED" and now == "passed" and before and (eroded := _erosion(record, before, erosion)):

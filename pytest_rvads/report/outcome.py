@@ -5,10 +5,12 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Literal
 
-__all__ = ["Outcome"]
+__all__ = ["BAD", "Outcome"]
 
 Meaning = Literal["violated", "error", "flaky", "passed", "idle"]
 Mark = Literal["good", "bad", "doubt", "none"]
+BAD: tuple[Meaning, ...] = ("violated", "error", "flaky")
+"""What means that something is wrong with the system under test or with its test."""
 
 
 class Outcome(StrEnum):
@@ -69,7 +71,7 @@ class Outcome(StrEnum):
     @property
     def bad(self) -> bool:
         """Whether something is wrong with the system under test or with its test."""
-        return self.meaning in ("violated", "error", "flaky")
+        return self.meaning in BAD
 
     @property
     def small(self) -> str:

@@ -21,15 +21,19 @@ _SLOWEST = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Notes:
-    """What is missing or doubtful, before anything else is believed."""
-
+class _Lines:
     lines: tuple[str, ...]
-    title: str = "notes"
 
     def plain(self) -> Iterator[str]:
         """Yield what the block says, a line each."""
         yield from self.lines
+
+
+@dataclass(frozen=True, slots=True)
+class Notes(_Lines):
+    """What is missing or doubtful, before anything else is believed."""
+
+    title: str = "notes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,15 +81,10 @@ class Causes:
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class Figures(_Lines):
     """Who drove, the extremes, what was exercised, and how long it took."""
 
-    lines: tuple[str, ...]
     title: str = "coverage"
-
-    def plain(self) -> Iterator[str]:
-        """Yield what the block says, a line each."""
-        yield from self.lines
 
 
 Block = Notes | Changes | Verdicts | Causes | Figures

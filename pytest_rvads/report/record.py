@@ -10,7 +10,18 @@ from msgspec.structs import replace
 
 from pytest_rvads.report.outcome import Outcome
 
-__all__ = ["Computing", "Record", "VerdictRecord", "conclude", "planned_record", "properties", "received", "sent", "updated"]
+__all__ = [
+    "Computing",
+    "Difference",
+    "Indicators",
+    "Record",
+    "VerdictRecord",
+    "conclude",
+    "planned_record",
+    "properties",
+    "received",
+    "sent",
+]
 
 
 class InstanceRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -263,11 +274,6 @@ def received(content: Mapping[str, Any]) -> Record:
         msgspec.ValidationError: it is none.
     """
     return msgspec.convert(content, Record)
-
-
-def updated(record: Record, **values: Any) -> Record:
-    """Return a record with other values of some fields, given as builtins."""
-    return received({**sent(record), **values})
 
 
 def properties(record: Record) -> list[tuple[str, Any]]:

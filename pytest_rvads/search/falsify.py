@@ -64,7 +64,7 @@ def falsify(
     Args:
         junction: built-in name, or id of a junction in ``map``.
         rule: the rule to break.
-        autopilot: the system under test; that of the fixture ``rvads_autopilot`` by default.
+        autopilot: the system under test; by default what an option names, else that of the fixture ``rvads_autopilot``.
         traffic: with ``subject``, what drives the others: a policy by name, or an autopilot of yours; the reference by default.
         budget: most simulations before a counterexample, and most for making it simpler.
         seed: other seeds look elsewhere.
@@ -81,11 +81,12 @@ def falsify(
 
     def decorate(test: Callable[..., None]) -> Callable[..., None]:
         wanted = inspect.signature(test)
-        needed = ["rvads_vehicle", "rvads_simulator", *([] if autopilot is not None else ["rvads_autopilot"])]
+        needed = ["rvads_vehicle", "rvads_simulator", *([] if autopilot is not None else ["rvads_sut", "rvads_autopilot"])]
 
         def wrapper(**fixtures: Any) -> None:
             __tracebackhide__ = True
-            driver = autopilot if autopilot is not None else fixtures["rvads_autopilot"]
+            tested = (autopilot, fixtures.get("rvads_sut"), fixtures.get("rvads_autopilot"))
+            driver = next(driver for driver in tested if driver is not None)
             name = f"{test.__module__}.{test.__qualname__}"
             fleet = Fleet(fixtures["rvads_vehicle"])
             trial = _Trial(rule, budget, lambda s: Case(s, driver, around, fleet), fixtures["rvads_simulator"])

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import difflib
-import importlib
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from pytest_rvads.drivers.naming import at
 from pytest_rvads.errors import AutopilotError
 
 __all__ = ["chosen", "where_else"]
@@ -30,21 +30,16 @@ def chosen(name: str, here: Path) -> Any:
     Raises:
         RvadsError: there is none, or nothing that can be called.
     """
-    module, colon, attribute = name.partition(":")
     if name == "reference":
         from pytest_rvads.drivers.reference import Reference
 
         return Reference
-    if not colon:
+    if ":" not in name:
         from pytest_rvads.drivers.traffic import traffic
 
         return traffic(name, "autopilot")
-    if str(here) not in sys.path:
-        sys.path.insert(0, str(here))  # as `python -m` would
     try:
-        found: Any = importlib.import_module(module)
-        for part in attribute.split("."):
-            found = getattr(found, part)
+        found = at(name, here)
     except (ImportError, AttributeError) as error:
         raise AutopilotError(f"rvads_autopilot must name an autopilot as module:name, got {name!r}: {error}") from error
     if not callable(found):

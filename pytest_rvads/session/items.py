@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
     from pytest_rvads.runs.divergence import Divergence
     from pytest_rvads.runs.run import Run
+    from pytest_rvads.simulators.simulator import Simulator
 
-__all__ = ["OPTIONS", "RECORD", "REPEAT", "RUN", "VERDICTS", "NoVerdict", "NotJudged", "attach", "letter", "prepare"]
+__all__ = ["OPTIONS", "RECORD", "REPEAT", "RUN", "SIMULATOR", "VERDICTS", "NoVerdict", "NotJudged", "attach", "letter", "prepare"]
 
 OPTIONS: pytest.StashKey[Options] = pytest.StashKey()
 RECORD: pytest.StashKey[Record] = pytest.StashKey()
@@ -42,6 +43,8 @@ for _shown in (NoVerdict, NotJudged):
     _shown.__module__ = "builtins"  # as pytest's own: it is shown, and nobody is to import it
 
 RUN: pytest.StashKey[Run] = pytest.StashKey()
+SIMULATOR: pytest.StashKey[Simulator] = pytest.StashKey()
+"""What made the run of an item."""
 REPEAT: pytest.StashKey[Callable[[], Divergence | None]] = pytest.StashKey()
 """Simulates the run of an item once more and tells where the two part."""
 
@@ -154,21 +157,22 @@ def _repeated(item: pytest.Item, record: Record, report: pytest.TestReport) -> R
     divergence = again() if again else None
     if divergence is None:
         return record
-    from pytest_rvads.report.record import updated
+    from msgspec.structs import replace
+
+    from pytest_rvads.report.record import Difference
 
     said = "The run was simulated once more from the same start and came out differently, so its verdict means little.\n"
     cure = "\nAn autopilot has to be deterministic: no clock, no unseeded random numbers, no state kept between runs."
     report.sections.append(("rvads not deterministic", f"{said}First difference: {divergence}.{cure}"))
-    difference = {"what": divergence.what, "time": divergence.time, "text": str(divergence)}
-    return updated(record, status=Outcome.FLAKY.value, flaky=difference)
+    return replace(record, status=Outcome.FLAKY, flaky=Difference(divergence.what, divergence.time, str(divergence)))
 
 
 def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
     """Print what there is to say of a violation, and return the record with the page that shows it."""
     verdicts = item.stash[VERDICTS]
-    if not (report.failed and verdicts and str(verdicts[-1].status) in ("FAIL", "OPEN")):
+    if not (report.failed and verdicts and verdicts[-1].status in ("FAIL", "OPEN")):
         return record
-    from pytest_rvads.report.record import updated
+    from msgspec.structs import replace
 
     verdict, page = verdicts[-1], ""
     try:
@@ -176,19 +180,18 @@ def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> 
     except Exception as error:  # no explanation is worth the verdict
         told = f"{verdict.explanation}\n(no more can be told: {type(error).__name__}: {error})"
     report.sections.append((f"rvads {verdict.rule}", told))
-    return updated(record, look=page)
+    return replace(record, look=page)
 
 
 def _explanation(item: pytest.Item, verdict: Verdict, driver: str, report: pytest.TestReport) -> tuple[str, str]:
     """Return what to print of a failure, and its page or nothing; its picture is put on the report."""
     from pytest_rvads.scenarios.configurations import Configuration, probe
-    from pytest_rvads.simulators.simulator import named
 
     cell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
     scenario = cell.scenario
     lines = [verdict.explanation, f"driven by {driver}", f"start     {scenario.describe()}"]
     point = Configuration(scenario.configuration, scenario.distances, scenario.speeds)
-    simulator = named(item.config.stash[OPTIONS].simulator)
+    simulator = item.stash[SIMULATOR]
     probed = probe(point, lambda distance: simulator.vmax(distance, scenario.aggression))
     if probed:
         lines.append(f"probe     {probed}")

@@ -124,20 +124,20 @@ class Session:
 
     def _complete(self) -> int:
         """Add a record for every item that was selected and gave none; return how many never ran."""
-        from msgspec.structs import replace
+        from msgspec import structs
 
         from pytest_rvads.report.record import conclude
 
         missing = 0
         plan = self.planner.plan()
         for nodeid, record in plan.vanished.items():
-            self.records[nodeid] = replace(record, message="dropped after collection")
+            self.records[nodeid] = structs.replace(record, message="dropped after collection")
         for nodeid, record in plan.items.items():
             if nodeid in self.crashed:
                 text = "the worker process crashed while it ran this item"
                 self.records[nodeid] = conclude(record, (), "", "failed", text=text)
             elif nodeid not in self.records:
-                self.records[nodeid] = replace(record, message="the session ended before")
+                self.records[nodeid] = structs.replace(record, message="the session ended before")
                 missing += 1
         return missing
 

@@ -23,6 +23,8 @@ __all__ = ["BUDGET", "Budget"]
 _STARTED = "rvads_started"
 _HISTORY = "rvads/exercised"
 """Key of pytest's cache: in how many sessions with a budget an item ran."""
+_FAILED = "cache/lastfailed"
+"""Pytest's own key: what failed in the last session."""
 
 
 class Budget:
@@ -38,7 +40,7 @@ class Budget:
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Put last failures first, then a run of every class, then what was covered least; the same in every worker."""
         records = {item.nodeid: record for item in items if (record := start(item))}
-        order = {nodeid: i for i, nodeid in enumerate(priority(records.values(), self._failed(), self._history()))}
+        order = {nodeid: i for i, nodeid in enumerate(priority(records.values(), self._cached(_FAILED), self._cached(_HISTORY)))}
         items.sort(key=lambda item: order.get(item.nodeid, len(order)))
 
     def spend(self) -> None:
@@ -54,7 +56,7 @@ class Budget:
         """Count what ran, so that the next session begins with what did not."""
         cache = getattr(self._config, "cache", None)
         if cache is not None:
-            history = Counter(self._history())
+            history = Counter(self._cached(_HISTORY))
             history.update(record.nodeid for record in records if record.status is not Outcome.NOT_RUN)
             cache.set(_HISTORY, dict(history))
 
@@ -62,12 +64,6 @@ class Budget:
     def pytest_configure_node(self, node: Any) -> None:
         """Tell a worker when the session began."""
         node.workerinput[_STARTED] = self._started
-
-    def _history(self) -> dict[str, int]:
-        return self._cached(_HISTORY)
-
-    def _failed(self) -> dict[str, Any]:
-        return self._cached("cache/lastfailed")
 
     def _cached(self, key: str) -> dict[str, Any]:
         cache = getattr(self._config, "cache", None)

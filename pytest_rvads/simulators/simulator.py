@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from importlib import import_module
 from pathlib import Path
 from typing import Protocol
 
+from pytest_rvads.drivers.naming import at
 from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.vehicle import Vehicle
@@ -58,15 +57,12 @@ def named(name: str, here: Path | None = None) -> Simulator:
         ScenarioError: there is none, or what is there can't simulate.
     """
     where = SIMULATORS.get(name, name)
-    module, colon, attribute = where.partition(":")
-    if not colon:
+    if ":" not in where:
         raise ScenarioError(
             f"unknown simulator {name!r}, there is {', '.join(SIMULATORS)}, or say module:name{suggest(name, SIMULATORS)}"
         )
-    if here is not None and str(here) not in sys.path:
-        sys.path.insert(0, str(here))  # as `python -m` would
     try:
-        found: Simulator = getattr(import_module(module), attribute)
+        found: Simulator = at(where, here)
     except (ImportError, AttributeError) as error:
         raise ScenarioError(f"simulator {name!r} can't be loaded: {error}") from error
     for ability in ("__call__", "vmax", "name"):

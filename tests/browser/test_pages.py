@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from pytest_rvads.draw.replay import Track, replay
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.report.page import page
-from pytest_rvads.report.record import Record, conclude, planned_record, updated
+from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report, in_order
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
@@ -136,7 +137,7 @@ def record(cls: int, rule: str, status: str) -> Record:
     found = planned_record(f"test_x.py::test[stop4-class{cls:02d}-{rule}]", 3, "test", keys, 4)
     verdict = {"rule": rule, "status": status, "cause": f"{rule} broken", "time": 1.0, "instances": [], "message": f"{rule} <b>"}
     outcome, look = ("failed", f".rvads/{cls}.html#t=1.00") if status == "FAIL" else ("passed", "")
-    return conclude(updated(found, look=look), [verdict], "call", outcome, text=f"{rule} <b>at</b> t=1")
+    return conclude(replace(found, look=look), [verdict], "call", outcome, text=f"{rule} <b>at</b> t=1")
 
 
 def test_the_index_leads_from_a_cell_to_its_replay(open_page: Open) -> None:

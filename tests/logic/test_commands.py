@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pytest_rvads.cli.answers import check_runs, doubts, list_rules, named_rules, read_runs
+from pytest_rvads.cli.answers import check_runs, doubts, list_rules, named_rules
 from pytest_rvads.errors import FormulaError, RunError
+from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import save_run
 from pytest_rvads.runs.states import Zone

@@ -1,5 +1,6 @@
 """Rules by name, rules and predicates of users, files of rules."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -83,8 +84,11 @@ def test_no_rule_takes_the_place_of_another_of_its_name() -> None:
         rules_for(["paper", mine])
     with pytest.raises(FormulaError, match="'p1' is a shipped rule"):
         rules_for(mine)
-    one, two = (Rule("mine", f"forall a. {operator} a@j") for operator in "FG")
-    with pytest.raises(FormulaError, match="two different rules are called 'mine'"):
+    one = Rule("mine", "forall a. F a@j")
+    two = Rule("mine", "forall a. G a@j")
+    where = [re.escape(f"{__file__}:{rule.place.rpartition(':')[2]}") for rule in (one, two)]
+    assert int(two.place.rpartition(":")[2]) == int(one.place.rpartition(":")[2]) + 1
+    with pytest.raises(FormulaError, match=f"two different rules are called 'mine', at {where[0]} and at {where[1]}: choose"):
         rules_for([one, two])
     assert rules_for([one, one, get_rule("p1"), "paper"])[:2] == (one, get_rule("p1"))
     assert repr(one) == "<Rule mine: forall a. F a@j>"

@@ -5,9 +5,9 @@ import time
 
 import pytest
 
-from pytest_rvads.cli.answers import list_rules, show_monitor
+from pytest_rvads.cli.answers import list_rules
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.logic.ltl.export import to_dot, to_hoa
+from pytest_rvads.logic.ltl.export import describe, to_dot, to_hoa
 from pytest_rvads.logic.ltl.ltl3 import Truth, synthesize
 from pytest_rvads.logic.ltl.monitor import Monitor
 from pytest_rvads.logic.ltl.parser import parse_ltl
@@ -248,7 +248,7 @@ def expected(state: int, d: bool, e: bool, c: bool) -> int:
 
 
 def test_a_monitor_is_shown_in_words() -> None:
-    assert show_monitor("p U q").splitlines() == [
+    assert describe(synthesize(parse_ltl("p U q"))).splitlines() == [
         "formula       p U q",
         "propositions  p, q",
         "states        3, the smallest monitor there is; it starts in 0",

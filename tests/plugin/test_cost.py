@@ -1,5 +1,6 @@
 """The plugin is imported by every pytest run of its environment, so it must cost next to nothing."""
 
+import os
 import subprocess
 import sys
 import textwrap
@@ -12,6 +13,16 @@ def test_importing_the_plugin_loads_nothing_heavy() -> None:
     code = f"import sys, pytest_rvads.plugin; print([m for m in {HEAVY!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_session_without_tests_of_ours_loads_nothing_heavy(tmp_path: Path) -> None:
+    (tmp_path / "test_other.py").write_text(
+        f"import sys\n\ndef test_other():\n    assert not {set(HEAVY)!r} & set(sys.modules)\n"
+    )
+    command = [sys.executable, "-m", "pytest", "-p", "pytest_rvads.plugin", "--rootdir=.", "test_other.py"]
+    environment = os.environ | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
 
 
 def test_hypothesis_is_loaded_only_by_those_who_search(tmp_path: Path) -> None:

@@ -3,10 +3,11 @@
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from pytest_rvads.report.baseline import compare, with_baseline
 from pytest_rvads.report.markdown import markdown
-from pytest_rvads.report.record import conclude, planned_record, updated
+from pytest_rvads.report.record import Indicators, conclude, planned_record
 from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.terminal import summary
 
@@ -18,7 +19,7 @@ def record(name: str, status: str, *, known: str | None = None, margin: float | 
         return made
     outcome = "skipped" if status == "NA" or known else "passed" if status == "PASS" else "failed"
     verdicts = [{"status": status, "cause": "both in", "instances": [{"margin": margin}]}]
-    made = updated(made, kpis={"ttc": None, "pet": pet})
+    made = replace(made, kpis=Indicators(pet=pet))
     return conclude(made, verdicts, "call", outcome, known=known, text="p1 at t=1.00 s: both in")
 
 

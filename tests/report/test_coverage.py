@@ -4,11 +4,12 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from pytest_rvads.report.coverage import measure, shortfall
 from pytest_rvads.report.merge import merge
 from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import Record, conclude, planned_record, updated
+from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report
 
 
@@ -20,7 +21,7 @@ def record(cls: int, rule: str, status: str, *, row: int = 0, hash: str = "aa") 
     outcome = {"PASS": "passed", "NA": "skipped"}.get(status, "failed")
     error = Outcome.ERROR if status == "ERROR" else None
     verdicts = [] if error else [{"status": status, "cause": "c"}]
-    return conclude(updated(made, hash=hash), verdicts, "call", outcome, error=error)
+    return conclude(structs.replace(made, hash=hash), verdicts, "call", outcome, error=error)
 
 
 PLANNED = tuple(("stop4", cls, "C", rule, None, None) for cls in (1, 2) for rule in ("p1", "p2"))
@@ -50,7 +51,7 @@ def test_what_only_the_traffic_was_asked_exercises_nothing() -> None:
     def among(traffic: str, seat: int, status: str, asked: bool) -> Record:
         made = record(1, "p1", "PASS")
         verdicts = [{"status": status, "provoked": status == "FAIL", "asked": asked}]
-        return updated(conclude(made, verdicts, "call", "passed"), seat=seat, traffic=traffic)
+        return structs.replace(conclude(made, verdicts, "call", "passed"), seat=seat, traffic=traffic)
 
     seen = [among("hesitant", 0, "FAIL", False), among("hesitant", 1, "FAIL", True), among("stopped", 1, "PASS", True)]
     assert [r.status for r in seen] == ["PROVOKED", "PROVOKED", "PASS"]

@@ -11,17 +11,18 @@ from typing import Any
 
 import msgspec
 import pytest
+from msgspec import structs
 
 import pytest_rvads as rvads
 from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.report.files import FORMATS, load, save
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import Block, Causes, Changes, Verdicts, outline
-from pytest_rvads.report.record import Indicators, Record, VerdictRecord, conclude, planned_record, received, sent, updated
+from pytest_rvads.report.record import Computing, Indicators, Record, VerdictRecord, conclude, planned_record, received, sent
 from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
 
-STACK = {"stack": "stack ./mine", "decisions": 60, "compute": 0.3, "longest": 0.02}
+STACK = Computing(stack="stack ./mine", decisions=60, compute=0.3, longest=0.02)
 INDICATORS = {
     "vehicles": [{"agent": "a0", "waiting": 7.0, "delay": 3.0, "deceleration": 4.5, "jerk": 1.0}],
     "pairs": [{"agents": ["a0", "a1"], "ttc": 0.4, "pet": 1.3}],
@@ -50,9 +51,11 @@ def record(number: int, outcome: Outcome, known: str | None = None) -> Record:
     start = planned_record(f"t.py::test[stop4-class{number:02d}-p{number % 2}]", 3, "test", keys, 4, ("REQ-1", "REQ-2"))
     told = {"status": outcome.value, **TELLING.get(outcome, {})}
     verdicts = [told] if outcome.value in (*TELLING, "PASS", "NA") else []
-    ran = updated(start, run=f"run{number}", hash=f"h{number}", kpis=INDICATORS, timing={"a1": STACK})
+    kpis = msgspec.convert(INDICATORS, Indicators)
+    ran = structs.replace(start, run=f"run{number}", hash=f"h{number}", kpis=kpis, timing={"a1": STACK})
     result = "skipped" if known or outcome is Outcome.NA else "failed" if outcome.bad else "passed"
-    return updated(conclude(ran, verdicts, "call", result, known=known, text=f"{outcome} in run {number}"), status=outcome)
+    over = conclude(ran, verdicts, "call", result, known=known, text=f"{outcome} in run {number}")
+    return structs.replace(over, status=outcome)
 
 
 def everything() -> Report:

@@ -4,7 +4,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
+from msgspec.structs import replace
 
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.coverage import at_junctions
@@ -13,7 +15,7 @@ from pytest_rvads.report.files import load, save
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrix, matrices
 from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import Record, conclude, planned_record, properties, updated
+from pytest_rvads.report.record import Indicators, Record, conclude, planned_record, properties
 from pytest_rvads.report.session_report import Report, cell_of
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.triage import causes
@@ -36,7 +38,7 @@ def record(  # noqa: PLR0913 - what a cell is told by
     made = planned_record(f"t.py::test[{cls}-{scenario}-{cfg}-{rule}]", 3, "test", keys, 4)
     outcome = "skipped" if status == "NA" or known else "passed" if status == "PASS" else "failed"
     verdicts = [{"status": status, "cause": cause}]
-    made = updated(made, hash=f"{cls} {scenario} {cfg}")
+    made = replace(made, hash=f"{cls} {scenario} {cfg}")
     return conclude(made, verdicts, "call", outcome, known=known, text=f"{rule} at t=1.00 s")
 
 
@@ -67,7 +69,11 @@ def test_the_matrix_reads_like_a_table_of_the_paper() -> None:
 
 @pytest.mark.parametrize("status", ["ERROR", "FLAKY", "FAIL", "NOT JUDGED", "OPEN"])
 def test_a_cell_says_what_went_wrong_in_a_part_of_its_rows(status: str) -> None:
-    rows = [record(1, "C", "p1", "PASS"), record(1, "C", "p1", "NA"), updated(record(1, "C", "p1", "FAIL"), status=status)]
+    rows = [
+        record(1, "C", "p1", "PASS"),
+        record(1, "C", "p1", "NA"),
+        replace(record(1, "C", "p1", "FAIL"), status=Outcome(status)),
+    ]
     assert texts(matrices(rows)[0]) == (("01", (f"1/3 {status.lower()}",)),)
     assert texts(matrices(rows[:2])[0]) == (("01", ("1/2 pass, 1/2 NA",)),)
 
@@ -176,7 +182,7 @@ def measured(cls: int, **vehicle: float | None) -> Record:
     one = {"agent": "a0", "waiting": 1.0, "delay": None, "deceleration": 2.0, "jerk": 3.0}
     pair = {"agents": ["a0", "a1"], "ttc": 2.5 - cls, "pet": None}
     vehicles = [one, {**one, "agent": "a1", **vehicle}]
-    return updated(made, run=f"run{cls}", kpis={"vehicles": vehicles, "pairs": [pair]})
+    return replace(made, run=f"run{cls}", kpis=msgspec.convert({"vehicles": vehicles, "pairs": [pair]}, Indicators))
 
 
 def test_extremes_name_value_vehicle_and_run() -> None:
@@ -209,7 +215,7 @@ def long_session(rows: int) -> Report:
             passes = (cls >> bit) & 1 and cls < rows
             made = record(cls, f"d{bit:05.2f}v00.00", "p1", "PASS" if passes else "FAIL" if cls == rows else "NA")
             nodeid = f"t.py::test[stop5-class{cls:03d}-as11111-cfg{bit}-p1]"
-            records.append(updated(made, nodeid=nodeid, message=f"number {'x' * cls}"))
+            records.append(replace(made, nodeid=nodeid, message=f"number {'x' * cls}"))
     return Report(tuple(records), {4: (208, 1024)})
 
 
@@ -240,7 +246,7 @@ def test_a_long_label_of_a_configuration_has_a_number() -> None:
 
 
 def test_every_status_has_a_word() -> None:
-    records = [updated(record(n, "C", "p1", "FAIL"), status=outcome) for n, outcome in enumerate(Outcome, start=1)]
+    records = [replace(record(n, "C", "p1", "FAIL"), status=outcome) for n, outcome in enumerate(Outcome, start=1)]
     (line,) = at_junctions(records, {4: (24, 81)})
     words = "1 pass, 1 fail, 1 open, 1 unavoidable, 1 provoked by traffic, 1 NA, 1 error, 1 flaky, 1 not judged, 1 not run"
     assert f"{len(Outcome)} verdicts: {words}" in line

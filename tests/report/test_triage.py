@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 import pytest_rvads as rvads
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import Record, conclude, planned_record, updated
+from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.triage import causes
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
@@ -35,7 +36,7 @@ def failures(mutant: str, junction: str, letters: str, classes: Sequence[int]) -
                 keys = {"junction": junction, "cls": scenario.number, "scenario": "", "cfg": "", "rotation": 0, "rule": rule.name}
                 record = planned_record(f"{mutant}::{scenario.name}-{rule.name}", 1, "test", keys, place.ways)
                 record = conclude(record, [verdict.record()], "call", "failed", text=verdict.message)
-                records.append(updated(record, hash=run.hash))
+                records.append(replace(record, hash=run.hash))
     return found
 
 
@@ -96,7 +97,7 @@ def failed(run: str, rule: str, violated: str, time: float | None, **more: Any) 
     keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": rule}
     record = planned_record(f"t.py::test[{run}-{rule}]", 3, "test", keys, 4)
     verdict = {"status": "FAIL", "cause": violated, "violated": violated, "time": time, **more}
-    return conclude(updated(record, hash=run), [verdict], "call", "failed", text=violated)
+    return conclude(replace(record, hash=run), [verdict], "call", "failed", text=violated)
 
 
 def test_what_broke_first_explains_the_rest_of_its_run() -> None:
@@ -137,7 +138,7 @@ def test_one_fault_is_one_cause_whatever_rules_would_have_judged_it() -> None:
     for run, rule in (("one", "p1"), ("one", "p2"), ("two", "p3")):
         record = failed(run, rule, "", None)
         record = conclude(record, (), "call", "failed", text="ValueError: no gap", error=Outcome.ERROR)
-        found.append(updated(record, hash=None))
+        found.append(replace(record, hash=None))
     (cause,) = causes(found)
     assert (cause.count, cause.text) == (3, "ValueError: no gap")
 

@@ -114,6 +114,13 @@ def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytest
     assert any(database.rglob("*")), "the example database keeps it"
 
 
+def test_what_an_option_names_is_searched_whatever_the_fixture_says(pytester: pytest.Pytester, database: Path) -> None:
+    pytester.makepyfile(test_faulty=FAULTY.replace("p2", "p1").replace("60", "2"))
+    result = pytester.runpytest("-p", "no:cacheprovider", "--rvads-autopilot=stopped", "-k", "test_ties")
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*p1 was not triggered in any of 2 simulations*"])
+
+
 @pytest.mark.slow
 def test_falsification_works_on_two_workers(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_faulty=FAULTY)

@@ -98,6 +98,44 @@ def test_the_option_chooses_what_simulates_and_how_fast_one_may_come(pytester: p
     options = ("--rvads-autopilot=reference", "-p", "no:cacheprovider")
     result = pytester.runpytest(*options, "--rvads-simulator=own:counting")
     result.assert_outcomes(passed=2)
+    result.stdout.fnmatch_lines(["rvads: simulated by --rvads-simulator=own:counting"])
     result = pytester.runpytest(*options, "--rvads-simulator=own:nothing")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines(["*simulator 'own:nothing' can't be loaded*"])
+
+
+def test_a_failure_is_told_by_the_envelope_of_what_made_its_run(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(own=OWN)
+    pytester.makeconftest("""
+        import pytest
+        import pytest_rvads as rvads
+        from own import counting
+
+        @pytest.fixture(scope="session")
+        def rvads_simulator():
+            return counting
+    """)
+    pytester.makepyfile("""
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", scenarios="1133", distances=20.0, speeds=5.0, rules="p2")
+        def test_it(rule, monitor):
+            monitor.check(rule)
+    """)
+    result = pytester.runpytest("--rvads-autopilot=lgsvl", "-p", "no:cacheprovider")
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*a deliberate probe: at 5 m/s nobody stops within 20 m, v(d)max is 1.00 m/s"])
+
+
+def test_a_simulator_that_returns_no_run_is_an_error_of_the_item(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(own=OWN.replace("return bullet(case)", "return None"))
+    pytester.makepyfile("""
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=1, grid="C", rules="p1")
+        def test_it(rule, monitor):
+            monitor.check(rule)
+    """)
+    result = pytester.runpytest("--rvads-autopilot=reference", "--rvads-simulator=own:counting", "-p", "no:cacheprovider")
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines(["*what rvads_simulator returns must answer a case with a Run, got None"])

@@ -91,7 +91,7 @@ def rule(  # noqa: PLR0913 - everything there is to tell about a rule, by keywor
     about: JunctionControl | str | None = None,
     tie: float = 0.0,
     requirement: str | None = None,
-    place: str | None = None,
+    place: str = "",
 ) -> Rule:
     """Register a rule under a name, in the book that is open.
 
@@ -130,7 +130,7 @@ def rule(  # noqa: PLR0913 - everything there is to tell about a rule, by keywor
         about=None if about is None else JunctionControl(about),
         tie=tie,
         requirement=requirement,
-        place=place or here(),
+        place=place,
     )
     desk().book = current_book().add(made)
     return made
@@ -223,5 +223,6 @@ def rules_for(
             if SHIPPED.rules.get(r.name, r) != r:
                 raise FormulaError(f"{r.name!r} is a shipped rule and {r!r} says something else: choose another name for yours")
             if found.setdefault(r.name, r) != r:
-                raise FormulaError(f"two different rules are called {r.name!r}: choose another name for one of them")
+                places = f"at {found[r.name].place} and at {r.place}"
+                raise FormulaError(f"two different rules are called {r.name!r}, {places}: choose another name for one of them")
     return tuple(found.values())

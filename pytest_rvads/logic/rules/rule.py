@@ -6,15 +6,17 @@ from dataclasses import dataclass, field
 
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.rules.current import desk
+from pytest_rvads.logic.rules.current import desk, here
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
-from pytest_rvads.logic.rules.reading import parse
 from pytest_rvads.logic.rules.shape import outermost, untimed
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word
 from pytest_rvads.maps.control import JunctionControl
 
-__all__ = ["Rule"]
+__all__ = ["PACKAGE", "Rule"]
+
+PACKAGE = "pytest-rvads"
+"""The place of the rules that come with the package."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -51,9 +53,8 @@ class Rule:
     words: tuple[Word, ...] = ()
     """The predicates of users that its formula speaks of; those that are known by then, unless they are given."""
     place: str = field(default="", compare=False)
-    """Where it was registered."""
-    formula: f.Formula = field(init=False, compare=False)
-    """The parsed formula."""
+    """Where it was registered; by default the line that makes it."""
+    _formula: f.Formula | None = field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.name or not all(c.isascii() and (c.isalnum() or c in "_.-") for c in self.name):
@@ -62,11 +63,25 @@ class Rule:
             )
         if not self.tie >= 0:
             raise FormulaError(f"rule {self.name!r}: the tie window must be a number of seconds, at least 0, got {self.tie!r}")
+        if not self.place:
+            object.__setattr__(self, "place", here())
+        if self.place != PACKAGE:  # those are read when they are first judged by, most of them never
+            self._read()
+
+    @property
+    def formula(self) -> f.Formula:
+        """The parsed formula."""
+        return self._formula or self._read()
+
+    def _read(self) -> f.Formula:
+        """Parse the text, keep what it says, and return it."""
+        from pytest_rvads.logic.rules.reading import parse  # takes a parser generator, which collecting tests does not need
+
         try:
             formula = parse(self.text, self._vocabulary())
         except FormulaError as error:
             raise FormulaError(f"rule {self.name!r}: {error}") from None
-        object.__setattr__(self, "formula", formula)
+        object.__setattr__(self, "_formula", formula)
         object.__setattr__(self, "words", tuple({a.word: None for a in f.atoms(formula) if isinstance(a.word, Word)}))
         agents = [v.name for v in outermost(formula) if v.sort == Sort.AGENT]
         for name in self.bound:
@@ -81,6 +96,7 @@ class Rule:
                 f"rule {self.name!r} asks for {momentary} in the first state only, outside every temporal operator: "
                 "write G(...) around what always has to hold"
             )
+        return formula
 
     def _vocabulary(self) -> Vocabulary:
         known = BUILT_IN if desk().book is None else desk().book.vocabulary

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from pytest_rvads.conduct.standing import TIE
-from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.rule import PACKAGE, Rule
 from pytest_rvads.maps.control import JunctionControl
 
 __all__ = ["PAPER", "ROAD", "VARIANTS"]
 
+_rule = partial(Rule, place=PACKAGE)
 _STOP, _LIGHTS = JunctionControl.STOP, JunctionControl.LIGHTS
 _SOURCE = "Li et al., Simulation-based Validation for Autonomous Driving Systems, table of traffic rules"
 
 PAPER = (
-    Rule(
+    _rule(
         "p1",
         "forall a, a'. G(a@j & a != a' -> !a'@j)",
         "no two vehicles in the junction",
@@ -22,7 +25,7 @@ PAPER = (
         bound=("a'",),
         about=_STOP,
     ),
-    Rule(
+    _rule(
         "p2",
         "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt = a'.wt & j.en right-of j.en' -> (N a'@j.en') U a@j)",
         "right-of-way",
@@ -33,7 +36,7 @@ PAPER = (
         about=_STOP,
         companions=("p3",),
     ),
-    Rule(
+    _rule(
         "p3",
         "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt < a'.wt -> (N a@j.en) U a'@j)",
         "first come, first served",
@@ -44,7 +47,7 @@ PAPER = (
         about=_STOP,
         companions=("p2",),
     ),
-    Rule(
+    _rule(
         "p4",
         "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & !take(a, j.en, right) -> a@j.en U lt.cl = green)",
         "red light",
@@ -54,7 +57,7 @@ PAPER = (
         bound=("a",),
         about=_LIGHTS,
     ),
-    Rule(
+    _rule(
         "p5",
         "forall j.en, j.en', a, a', lt. G(a@j.en & a'@j.en' & j.en right-of j.en' & lt@j.en & lt.cl = red"
         " & take(a, j.en, right) -> (N a@j.en) U a'@j)",
@@ -65,7 +68,7 @@ PAPER = (
         bound=("a",),
         about=_LIGHTS,
     ),
-    Rule(
+    _rule(
         "p6",
         "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & j.en opposite j.en' & take(a, j.en, left)"
         " & !take(a', j.en', left) -> (N a@j.en) U a'@j)",
@@ -79,7 +82,7 @@ PAPER = (
 )
 
 VARIANTS = (
-    Rule(
+    _rule(
         "p6g",
         "forall j.en, j.en', a, a', lt, lt'. G(a@j.en & a'@j.en' & j.en opposite j.en' & lt@j.en & lt'@j.en'"
         " & lt.cl = green & lt'.cl = green & take(a, j.en, left) & !take(a', j.en', left) -> (N a@j.en) U a'@j)",
@@ -99,7 +102,7 @@ _UVC = "Uniform Vehicle Code (US model law)"
 _STVO = "German road traffic regulations (StVO)"
 
 ROAD = (
-    Rule(
+    _rule(
         "full_stop",
         "forall a, j.en. G(a@j.en -> !a@j W stopped(a))",
         "full stop",
@@ -109,7 +112,7 @@ ROAD = (
         bound=("a",),
         about=_STOP,
     ),
-    Rule(
+    _rule(
         "first_come",
         "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt < a'.wt -> (N a@j.en) U a'@j)",
         "first come, first served",
@@ -121,7 +124,7 @@ ROAD = (
         tie=TIE,
         companions=("right_first",),
     ),
-    Rule(
+    _rule(
         "right_first",
         "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt = a'.wt & j.en right-of j.en' -> (N a'@j.en') U a@j)",
         "right before left",
@@ -133,7 +136,7 @@ ROAD = (
         tie=TIE,
         companions=("first_come",),
     ),
-    Rule(
+    _rule(
         "red",
         "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & !turn(a, near) -> a@j.en U lt.cl = green)",
         "red light",
@@ -143,7 +146,7 @@ ROAD = (
         bound=("a",),
         about=_LIGHTS,
     ),
-    Rule(
+    _rule(
         "right_on_red",
         "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & turn(a, near) -> (!a@j W (stopped(a) | lt.cl = green))"
         " & (forall a'. !obstructs(a, a') W (a@j.en & lt.cl = green)))",
@@ -154,7 +157,7 @@ ROAD = (
         bound=("a",),
         about=_LIGHTS,
     ),
-    Rule(
+    _rule(
         "left_yields",
         "forall a, a'. G(turn(a, far) & owes(a, a') -> !obstructs(a, a'))",
         "left turn yields",
@@ -164,7 +167,7 @@ ROAD = (
         bound=("a",),
         about=_LIGHTS,
     ),
-    Rule(
+    _rule(
         "no_collision",
         "forall a, a'. G(a != a' -> !collide(a, a'))",
         "no collision",
@@ -173,7 +176,7 @@ ROAD = (
         responsible="the vehicle that caused it; both, where nothing tells them apart",
         bound=("a", "a'"),
     ),
-    Rule(
+    _rule(
         "no_conflict",
         "forall a, a'. G(inside(a) & a != a' & conflict(a, a') -> !meet(a, a'))",
         "no meeting in the junction",
@@ -182,7 +185,7 @@ ROAD = (
         responsible="the vehicle that lacked the right of way; else the one that entered last; both, if they entered together",
         bound=("a",),
     ),
-    Rule(
+    _rule(
         "keep_clear",
         "forall a. G(inside(a) -> !blocks(a))",
         "keep clear",
@@ -191,7 +194,7 @@ ROAD = (
         responsible="the vehicle that stands or creeps",
         bound=("a",),
     ),
-    Rule(
+    _rule(
         "progress",
         "forall a. G(may_go(a) -> !idles(a))",
         "progress",
@@ -200,7 +203,7 @@ ROAD = (
         responsible="the vehicle that could go; all that wait for each other",
         bound=("a",),
     ),
-    Rule(
+    _rule(
         "keep_lane",
         "forall a. G !off_lane(a)",
         "keep to the lane",
@@ -209,7 +212,7 @@ ROAD = (
         responsible="the vehicle outside its lane",
         bound=("a",),
     ),
-    Rule(
+    _rule(
         "on_route",
         "forall a. G !off_route(a)",
         "on the route",
@@ -218,7 +221,7 @@ ROAD = (
         responsible="the vehicle off its route",
         bound=("a",),
     ),
-    Rule(
+    _rule(
         "speed_limit",
         "forall a. G !speeding(a)",
         "speed limit",
