@@ -25,6 +25,7 @@ def declare(commands: Subparsers) -> None:
         "--deficiency", action="append", choices=("I1", "I2", "I3", "I4", "I5"), help="only this one, may be repeated"
     )
     power.add_argument("--among", metavar="TRAFFIC", help="one vehicle has the deficiency, among traffic of this policy")
+    power.add_argument("--simulator", metavar="NAME", default="bullet", help="what makes the runs, a name or module:name")
     power.add_argument("--seeds", type=int, default=100, help="repetitions (default: 100)")
     power.add_argument("--budget", type=int, default=40, help="simulations after which a search gives up (default: 40)")
     power.add_argument("--workers", type=int, help="processes (default: one per processor)")
@@ -34,6 +35,7 @@ def declare(commands: Subparsers) -> None:
 
 def _power(options: argparse.Namespace) -> int:
     from pytest_rvads.drivers.traffic import traffic
+    from pytest_rvads.simulators.simulator import named
     from pytest_rvads.studies.killing import kill_all
     from pytest_rvads.studies.power import DEFICIENCIES, measure
     from pytest_rvads.studies.power_tables import plot, table_of_mutants, table_of_power
@@ -48,7 +50,15 @@ def _power(options: argparse.Namespace) -> int:
     wanted = options.deficiency or tuple(DEFICIENCIES)
     if options.among is not None:
         traffic(options.among)  # an unknown one is refused before anything runs
-    measured = measure(options.seeds, options.budget, deficiencies=wanted, among=options.among, workers=options.workers)
+    named(options.simulator, Path.cwd())  # likewise
+    measured = measure(
+        options.seeds,
+        options.budget,
+        deficiencies=wanted,
+        among=options.among,
+        simulator=options.simulator,
+        workers=options.workers,
+    )
     print(table_of_power(measured))
     if options.svg:
         Path(options.svg).write_text(plot(measured), encoding="utf-8")

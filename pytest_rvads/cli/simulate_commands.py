@@ -27,6 +27,7 @@ def declare(commands: Subparsers) -> None:
     braking = commands.add_parser("braking", help="show v(d)max: how fast a vehicle may be that far before the stopping line")
     braking.add_argument("--json", action="store_true", help="print one JSON object: aggression, distance, speed")
     braking.add_argument("--autopilot", metavar="NAME", help="what this autopilot reaches of it, such as reference or lgsvl")
+    braking.add_argument("--simulator", metavar="NAME", default="bullet", help="whose v(d)max, a name or module:name")
     braking.add_argument("--svg", metavar="OUT", help="also draw the curves into this file")
     braking.set_defaults(command=_braking)
 
@@ -54,13 +55,15 @@ def declare(commands: Subparsers) -> None:
 def _braking(options: argparse.Namespace) -> int:
     from pytest_rvads.draw.curves import draw_braking
     from pytest_rvads.physics.braking import envelope
+    from pytest_rvads.simulators.simulator import named
 
-    curves = envelope(_DISTANCES)
+    simulator = named(options.simulator, Path.cwd())
+    curves = envelope(_DISTANCES, limit=simulator.vmax)
     title = "v(d)max of the plant, full service brake"
     if options.autopilot is not None:
         from pytest_rvads.studies.stopping import closed_envelope
 
-        curves = closed_envelope(options.autopilot, _DISTANCES, progress=_bar(options))
+        curves = closed_envelope(options.autopilot, _DISTANCES, simulator=options.simulator, progress=_bar(options))
         title = f"v(d)max that the autopilot {options.autopilot} reaches, red light ahead"
     if options.json:
         print(json.dumps({str(a): dict(zip(map(str, _DISTANCES), speeds, strict=True)) for a, speeds in curves.items()}))
@@ -70,7 +73,7 @@ def _braking(options: argparse.Namespace) -> int:
             cells = (speeds[row] for speeds in curves.values())
             print(f"{distance:6.2f}" + "".join(f"{'none' if v is None else f'{v:.2f}':>14}" for v in cells))
     if options.svg:
-        fine = envelope(_CURVE)
+        fine = envelope(_CURVE, limit=simulator.vmax)
         whole = {level: list(zip(_CURVE, speeds, strict=True)) for level, speeds in fine.items()}
         found = {level: list(zip(_DISTANCES, speeds, strict=True)) for level, speeds in curves.items()}
         picture = draw_braking(found, title, whole) if options.autopilot else draw_braking(whole, title)

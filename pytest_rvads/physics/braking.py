@@ -54,15 +54,25 @@ def vmax(distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -
 
 
 def envelope(
-    distances: Sequence[float], vehicle: Vehicle | None = None, aggressions: Sequence[int] = (1, 2, 3)
+    distances: Sequence[float],
+    vehicle: Vehicle | None = None,
+    aggressions: Sequence[int] = (1, 2, 3),
+    limit: Callable[..., float | None] | None = None,
 ) -> dict[int, tuple[float | None, ...]]:
     """Return v(d)max [m/s] over `distances` [m] for every aggression, after checking that it is monotone.
+
+    Args:
+        distances: reference point to stopping line [m].
+        vehicle: the parameters; a passenger car by default.
+        aggressions: of 1, 2 and 3.
+        limit: `vmax` of another plant than this one.
 
     Raises:
         ScenarioError: as for `vmax`.
         RunError: the envelope falls with the distance, or with the aggression.
     """
-    table = {level: tuple(vmax(d, level, vehicle) for d in distances) for level in aggressions}
+    limit = limit or vmax
+    table = {level: tuple(limit(d, level, vehicle) for d in distances) for level in aggressions}
     points = [(level, d, -1.0 if v is None else v) for level, row in table.items() for d, v in zip(distances, row, strict=True)]
     for level, d, v in points:
         for other, farther, greater in points:

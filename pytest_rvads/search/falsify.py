@@ -190,7 +190,7 @@ def _search(junction: str, trial: _Trial, seed: int, name: str | None, space: Ma
         database=settings().database if name else None,
     )
     # A seed turns the database off, so it comes first.
-    search = configured(seeded(seed)(given(strategies.scenarios(junction, **space))(attempt)))
+    search = configured(seeded(seed)(given(strategies.scenarios(junction, simulator=trial.simulator, **space))(attempt)))
     try:
         search()
     except _Broken:
@@ -217,7 +217,7 @@ class _Trial:
         """Whether the violation in a scenario could have been avoided."""
         self.known: dict[Scenario, Verdict] = {}
         self._case = case
-        self._simulator = simulator
+        self.simulator = simulator
 
     def judge(self, scenario: Scenario) -> Verdict | None:
         """Return the verdict, or None where the budget is spent."""
@@ -225,7 +225,7 @@ class _Trial:
             if self.simulations - (self.first or 0) >= self.budget:
                 return None
             self.simulations += 1
-            run = self._simulator(self._case(scenario))
+            run = self.simulator(self._case(scenario))
             verdict = self.known[scenario] = check(run, self.rule)
             self.triggered = self.triggered or verdict.status not in (Status.NA, Status.ERROR)
             self.counts[scenario] = broken(run, verdict) and avoidable(run, self.rule)

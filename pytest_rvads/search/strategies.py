@@ -18,9 +18,10 @@ from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.finder import find, names
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.physics.braking import vmax
 from pytest_rvads.scenarios.classes import WAYS, Directions
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = ["abstract_scenarios", "distances", "junctions", "scenarios", "waits"]
 
@@ -113,6 +114,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     wait: tuple[float, float] = (0.0, LONGEST_WAIT),
     aggression: int = 1,
     duration: float = 60.0,
+    simulator: Simulator = bullet,
 ) -> SearchStrategy[Scenario]:
     """Return a strategy for concrete scenarios inside v(d)max.
 
@@ -127,6 +129,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
         wait: range of the draw of autopilots that have one [s].
         aggression: braking level 1, 2 or 3.
         duration: longest run [s].
+        simulator: what will make the runs; v(d)max is its own.
 
     Raises:
         MapError: unknown or unusable junction.
@@ -150,7 +153,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
             if direction:
                 distance = draw(spans[e])
                 share = draw(st.integers(0, _SHARES))
-                speed = math.floor(10 * pace * _limit(distance, aggression) * share / _SHARES) / 10 if share else 0.0
+                speed = math.floor(10 * pace * _limit(distance, aggression, simulator) * share / _SHARES) / 10 if share else 0.0
                 starts[e] = (distance, speed)
         return Scenario(
             place,
@@ -166,7 +169,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     return build()
 
 
-def _limit(distance: float, aggression: int) -> float:
+def _limit(distance: float, aggression: int, simulator: Simulator) -> float:
     """Return a speed [m/s] up to v(d)max."""
     below = bisect_right(_KNOTS, distance)
-    return (vmax(_KNOTS[below - 1], aggression) or 0.0) if below else 0.0
+    return (simulator.vmax(_KNOTS[below - 1], aggression) or 0.0) if below else 0.0

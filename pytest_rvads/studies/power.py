@@ -21,7 +21,8 @@ from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.falsify import avoidable, broken
-from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.simulator import Simulator, named
 from pytest_rvads.studies.methods import METHODS
 from pytest_rvads.studies.pool import Progress, spread
 
@@ -39,8 +40,8 @@ SEEDS, BUDGET = 100, 40
 RESAMPLES = 2000
 """Of the bootstrap."""
 
-Job = tuple[str, Scenario, str | None]
-"""Deficiency, scenario, and the traffic policy where the scenario has a subject."""
+Job = tuple[str, Scenario, str | None, str]
+"""Deficiency, scenario, the traffic policy where the scenario has a subject, and the simulator by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,28 +65,30 @@ def autopilot(deficiency: str | None) -> Factory:
     return partial(LgsvlLike, i1=i1, i2=i2, i3=i3, i4=i4, i5=i5)
 
 
-def broken_rules(case: Case) -> frozenset[str]:
+def broken_rules(case: Case, simulator: Simulator = bullet) -> frozenset[str]:
     """Return the paper's rules that a run breaks although they could have been kept; a subject, by its own doing."""
-    run = simulate(case)
+    run = simulator(case)
     verdicts = {rule: check(run, rule) for rule in rules_for("paper", run.junction.control)}
     return frozenset(rule.name for rule, v in verdicts.items() if broken(run, v) and not v.provoked and avoidable(run, rule))
 
 
 def detects(job: Job) -> bool:
     """Return whether a scenario shows a deficiency."""
-    deficiency, scenario, among = job
+    deficiency, scenario, among, simulator = job
+    plant = named(simulator)
     around = None if among is None else traffic(among)
     with_it, without = (Case(scenario, autopilot(which), around) for which in (deficiency, None))
-    broken = broken_rules(with_it)
-    return bool(broken) and not broken <= broken_rules(without)
+    broken = broken_rules(with_it, plant)
+    return bool(broken) and not broken <= broken_rules(without, plant)
 
 
-def measure(
+def measure(  # noqa: PLR0913 - what to measure by position, how by keyword
     seeds: int = SEEDS,
     budget: int = BUDGET,
     *,
     deficiencies: Iterable[str] = tuple(DEFICIENCIES),
     among: str | None = None,
+    simulator: str = "bullet",
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> list[Power]:
@@ -97,6 +100,7 @@ def measure(
         deficiencies: names.
         among: a traffic policy: the vehicle at entrance 0 alone has the deficiency, and the others drive like that; by default
             all vehicles have it.
+        simulator: what makes the runs, by name.
         workers: processes.
         progress: called after every scenario that had to be simulated; their number grows as the search goes on.
     """
@@ -106,7 +110,7 @@ def measure(
         for name, method in METHODS.items():
             place = DEFICIENCIES[deficiency]
             orders = [
-                [(deficiency, _canonical(deficiency, s, among), among) for s in islice(method(place, seed), budget)]
+                [(deficiency, _canonical(deficiency, s, among), among, simulator) for s in islice(method(place, seed), budget)]
                 for seed in range(seeds)
             ]
             counts = _race(orders, known, workers, progress)

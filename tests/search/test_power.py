@@ -41,14 +41,14 @@ def test_random_speeds_stay_inside_the_braking_envelope() -> None:
 
 def test_ties_detect_i3_and_nothing_else() -> None:
     tied = rvads.Scenario(rvads.find("paper_stop4"), "2200")
-    assert detects(("I3", tied, None))
-    assert not detects(("I1", tied, None))
+    assert detects(("I3", tied, None, "bullet"))
+    assert not detects(("I1", tied, None, "bullet"))
 
 
 def test_one_vehicle_among_traffic_has_the_deficiency() -> None:
     at_the_line = rvads.Scenario(rvads.find("paper_stop4"), "2200", distance=0.0, subject=0)
-    assert detects(("I1", at_the_line, "reference")), "it drives off before it knows that it has to stop"
-    assert not detects(("I3", at_the_line, "reference")), "which of several goes first is the traffic's own decision"
+    assert detects(("I1", at_the_line, "reference", "bullet")), "it drives off before it knows that it has to stop"
+    assert not detects(("I3", at_the_line, "reference", "bullet")), "which of several goes first is the traffic's own decision"
 
 
 def test_the_race_counts_up_to_the_first_that_detects(monkeypatch: pytest.MonkeyPatch) -> None:

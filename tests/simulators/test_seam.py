@@ -1,10 +1,16 @@
 """The seam of simulators: chosen by name, by fixture and in every search; each with its own braking envelope."""
 
+import json
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 import pytest_rvads as rvads
+from pytest_rvads.cli import main
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.search.falsify import look_for
 from pytest_rvads.simulators.bullet import bullet
@@ -71,6 +77,40 @@ def test_a_search_finds_what_the_subject_alone_does_wrong() -> None:
     found = look_for("stop4", rvads.RollingStop, "full_stop", traffic="reference", subject=0, budget=10)
     assert found is not None
     assert found.verdict.responsible == ("a0",)
+
+
+def test_a_search_starts_within_the_envelope_of_what_simulates() -> None:
+    class Careful(Counting):
+        def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
+            return 1.0
+
+    careful = Careful()
+    look_for("stop4", rvads.Reference, "p1", budget=20, simulator=careful)
+    speeds = {speed for case in careful.cases for speed in case.scenario.speeds}
+    assert max(speeds) <= 1.0
+    assert len(speeds) > 1
+
+
+@pytest.mark.usefixtures("own")
+def test_commands_take_a_simulator(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["braking", "--simulator", "own:counting", "--json"]) == 0
+    assert {speed for row in json.loads(capsys.readouterr().out).values() for speed in row.values()} == {1.0}
+    arguments = ["--deficiency", "I3", "--seeds", "1", "--budget", "1", "--workers", "1"]
+    assert main(["power", "--simulator", "own:counting", *arguments]) == 0
+    assert sys.modules["own"].counting.runs > 0
+    for command in (["braking"], ["power", *arguments]):
+        assert main([*command, "--simulator", "own:nothing"]) == 2
+        assert "simulator 'own:nothing' can't be loaded" in capsys.readouterr().err
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A module with a simulator in the working directory."""
+    (tmp_path / "own.py").write_text(textwrap.dedent(OWN), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    yield
+    sys.modules.pop("own", None)
 
 
 def test_a_simulator_is_found_by_name() -> None:
