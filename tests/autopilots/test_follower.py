@@ -1,5 +1,8 @@
 """The helper that follows an itinerary: on its way, at its speed, to a stop where it should."""
 
+import math
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
@@ -7,7 +10,10 @@ from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.way_ahead import BEND, Track
 from pytest_rvads.junctions.finder import find
+from pytest_rvads.maps.segment import Pose, Turn
 from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.states import VehicleState, Zone
+from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
@@ -106,3 +112,92 @@ def test_a_track_knows_bends_before_they_come() -> None:
     places = track.places(3.2, 6.0)
     assert len(places) == 6
     assert places[0] == pytest.approx(right.pose(4.0)[:2])
+
+
+def standing(speed: float, vehicle: Vehicle | None = None, aggression: int = 1) -> Observation:
+    """What a driver sees 40 m before the junction, on its way straight on and alone."""
+    case = Scenario(find("stop4"), "2000")
+    (itinerary,) = case.itineraries()
+    x, y, heading = itinerary.pose(-40.0)
+    me = VehicleState("a0", 0, Turn.STRAIGHT, Zone.APPROACH, -40.0, x, y, heading, speed, 0.0, 4.6, 1.86)
+    return Observation(0.0, me, (), (), itinerary, case.place, vehicle or Vehicle(), 11.176, aggression)
+
+
+@pytest.mark.parametrize(
+    ("speed", "target", "wanted"),
+    [
+        (0.29, 0.0, -math.inf),
+        (0.31, 0.0, -1.24),
+        (0.29, 0.1, -0.76),
+        (3.0, 8.0, 20.0),
+        (8.0, 3.0, -20.0),
+    ],
+)
+def test_it_asks_for_four_times_the_speed_error_and_holds_who_hardly_moves(speed: float, target: float, wanted: float) -> None:
+    assert Steady().towards(standing(speed), target) == pytest.approx(wanted)
+
+
+def test_pedals_yield_the_acceleration_asked_for_and_the_resistances() -> None:
+    # At 10 m/s: 0.012 of the weight, and 35 N of drag on 1.5 t.
+    resistance = 0.012 * 9.81 + 35.0 / 1500.0
+    for wanted, throttle, brake in (
+        (1.5, (1.5 + resistance) / 3.0, 0.0),
+        (-resistance, 0.0, 0.0),
+        (9.0, 1.0, 0.0),
+        (-2.0, 0.0, (2.0 - resistance) / 6.0),
+        (-9.0, 0.0, 1.0),
+    ):
+        given = Steady().drive(standing(10.0, aggression=2), wanted)
+        assert (given.throttle, given.brake) == pytest.approx((throttle, brake))
+        assert given.steering == pytest.approx(0.0, abs=1e-6), "on its way"
+
+
+@pytest.mark.parametrize(("brake", "share"), [((4.0, 6.0, 8.0), 0.625), ((2.4, 6.0, 8.0), 1.0), ((2.0, 6.0, 8.0), 1.0)])
+def test_who_is_held_brakes_with_2_5(brake: tuple[float, float, float], share: float) -> None:
+    for speed in (0.0, 0.29):
+        assert Steady().drive(standing(speed, Vehicle(brake=brake)), -math.inf).brake == pytest.approx(share)
+    assert Steady().drive(standing(0.31, Vehicle(brake=brake)), -math.inf).brake == 1.0, "still moving: all there is"
+
+
+def test_who_stands_leaves_the_wheels_as_they_are() -> None:
+    aside = standing(0.2)
+    aside = aside._replace(me=aside.me._replace(y=aside.me.y + 0.5, x=aside.me.x + 0.5))
+    pilot = Steady()
+    assert pilot.drive(aside._replace(me=aside.me._replace(speed=0.01)), -math.inf).steering == 0.0
+    turned = pilot.drive(aside, -math.inf).steering
+    assert abs(turned) > 0.01
+    back = standing(0.0)
+    assert pilot.drive(back, -math.inf).steering == turned
+    assert pilot.drive(back._replace(me=back.me._replace(speed=0.2)), -math.inf).steering == pytest.approx(0.0, abs=1e-6)
+
+
+class Way:
+    """40 m: a bend of radius 10 m to the left on a part of it, straight on before and after."""
+
+    origin = 0.0
+    end = 40.0
+
+    def __init__(self, begin: float, end: float) -> None:
+        self.begin, self.over = begin, end
+
+    def pose(self, station: float) -> Pose:
+        turned = (min(max(station, self.begin), self.over) - self.begin) / 10.0
+        past = max(station - self.over, 0.0)
+        x = min(station, self.begin) + 10.0 * math.sin(turned) + past * math.cos(turned)
+        return Pose(x, 10.0 * (1.0 - math.cos(turned)) + past * math.sin(turned), turned)
+
+
+def test_a_bend_is_where_chords_four_metres_apart_differ() -> None:
+    track = Track(cast(Any, Way(20.0, 60.0)), 0.0)
+    # 23 m on the chords are those from 20 to 22 m and from 24 to 26 m: 0.4 rad, as anywhere in the bend. A metre before the
+    # first one is from 19 to 21 m, of which half is straight: 0.375 rad.
+    assert track.speed(30.5) == pytest.approx(5.0, rel=1e-3)
+    assert track.speed(23.5) == pytest.approx(5.0, rel=1e-3)
+    assert track.speed(22.5) == pytest.approx((BEND * 4.0 / 0.375) ** 0.5, rel=1e-3)
+    assert track.speed(21.5) ** 2 - track.speed(22.5) ** 2 == pytest.approx(4.0), "a metre at 2 m/s^2"
+
+
+def test_a_bend_at_the_start_is_none_at_the_end() -> None:
+    track = Track(cast(Any, Way(-20.0, 10.0)), 0.0)
+    assert track.speed(0.5) == pytest.approx(5.0, rel=1e-3)
+    assert track.speed(40.5) == math.inf

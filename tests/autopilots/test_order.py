@@ -100,7 +100,7 @@ def test_setting_off_is_moving_after_having_stood() -> None:
         seen = view({0: (Zone.ENTRANCE, 0.0), 1: (zone, speed)}, tick)
         queue.watch(seen)
         assert not any(queue.setting_off(other) for other in seen.others), "it is still arriving"
-    for tick, (speed, sets_off) in enumerate([(0.0, False), (0.1, False), (0.5, True)], start=2):
+    for tick, (speed, sets_off) in enumerate([(0.0, False), (0.15, False), (0.16, True)], start=2):
         seen = view({0: (Zone.ENTRANCE, 0.0), 1: (Zone.ENTRANCE, speed)}, tick)
         queue.watch(seen)
         assert any(queue.setting_off(other) for other in seen.others) is sets_off

@@ -10,7 +10,7 @@ import pytest
 from pytest_rvads.conduct.blame import cause_of
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.logic.check import check
-from pytest_rvads.runs.run import Collision, Run
+from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import Colour, Zone
 
 Make = Callable[..., Run]
@@ -174,6 +174,27 @@ def test_who_is_waited_for_has_time_to_go(drive: Make) -> None:
     """a1 arrives at 2 s and waits for a0, the subject, which was first; six seconds in all, or nine."""
     vehicles = {0: wait(2, 10_000), 1: (2, -3.0, [(0, 1.0), (200, 0.0)])}
     assert [check(drive("stop4", vehicles, steps, **subject(0)), "first_come").provoked for steps in (600, 900)] == [True, False]
+    # The last state is one tick before `steps`: 4.99 s and 5 s after the arrival.
+    assert [check(drive("stop4", vehicles, steps, **subject(0)), "first_come").provoked for steps in (700, 701)] == [True, False]
+
+
+@pytest.mark.parametrize("beside", [{}, {2: (2, -60.0, [STAND])}], ids=["alone", "one more stands far off"])
+@pytest.mark.parametrize(("go", "provoked"), [(470, False), (500, True)])
+def test_who_has_not_gone_for_five_seconds_forfeits_its_turn(
+    drive: Make, go: int, provoked: bool, beside: dict[int, Any]
+) -> None:
+    """a0 came first and stands; a1, the subject, came at 2 s and enters 0.13 s after `go`. What others lose is theirs."""
+    vehicles = {0: wait(2, 10_000), 1: (2, -3.0, [(0, 1.0), (200, 0.0), (go, 8.0)]), **beside}
+    verdict = check(drive("stop4", vehicles, 800, **subject(1)), "first_come")
+    assert (verdict.status, verdict.responsible, verdict.provoked) == ("FAIL", ("a1",), provoked)
+
+
+@pytest.mark.parametrize(("seat", "blamed"), [(0, True), (1, False)])
+def test_where_nobody_knows_who_could_have_gone_no_turn_is_forfeited(make: Make, seat: int, blamed: bool) -> None:
+    """A run without positions: a1, on the right, stands for 20 s, and still a0 is to blame that it went first."""
+    run = make("stop4", {0: (2, 10, 2000, 2100), 1: (2, 10, 2500, 2600)}, 3000)
+    verdict = check(replace(run, facts=Facts(subject=f"a{seat}")), "p2")
+    assert (verdict.status, verdict.responsible, verdict.provoked) == ("FAIL", ("a0",), not blamed)
 
 
 def test_a_subject_at_red_is_alone_with_its_open_obligation(drive: Make) -> None:

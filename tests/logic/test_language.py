@@ -39,6 +39,17 @@ def test_spellings_of_other_tools(one: str, other: str) -> None:
     assert parse_ltl(one) == parse_ltl(other)
 
 
+@pytest.mark.parametrize(("one", "other"), [("≠", "!="), ("≤", "<="), ("≥", ">=")])
+def test_spellings_of_comparisons(one: str, other: str) -> None:
+    assert parse(f"forall a. F a.sp {one} 2") == parse(f"forall a. F a.sp {other} 2")
+
+
+def test_a_formula_written_by_hand_equals_the_one_that_is_read() -> None:
+    """Where a name stands in the text, and whether its letters tell the sort, is for messages and printing only."""
+    by_hand = f.Forall((f.Binder("a", Sort.AGENT),), f.Eventually(f.Atom("@", (f.Var("a"), f.Var("j")))))
+    assert parse("forall a. F a@j") == parse("forall a: agent. F a@j") == by_hand
+
+
 def test_any_identifier_is_a_proposition() -> None:
     names = ("t", "f", "r", "tt", "ff", "Gp", "Fx", "Xp", "U2", "not", "and", "forall", "right", "true1", "a.b", "x'", "_")
     for name in names:
@@ -122,6 +133,8 @@ def test_letters_tell_the_sort(name: str, sort: Sort | None) -> None:
 def test_definitions_do_not_capture_variables() -> None:
     text = "meets(a) := exists a'. a != a' & a'@j; forall a, a'. G meets(a')"
     assert parse_rule(text, LANGUAGE) == parse_rule("forall a, a'. G(exists a''. a' != a'' & a''@j)", LANGUAGE)
+    constants = "slow(a) := a.sp < 2 & turn(a, left); forall a'. G !slow(a')"
+    assert parse_rule(constants, LANGUAGE) == parse_rule("forall a'. G !(a'.sp < 2 & turn(a', left))", LANGUAGE)
     nested = "one(a) := a@j; two(a, a') := one(a) & one(a'); forall a, a'. G !two(a, a')"
     assert parse_rule(nested, LANGUAGE) == parse_rule("forall a, a'. G !(a@j & a'@j)", LANGUAGE)
 
@@ -151,6 +164,7 @@ ERRORS = [
     ("forall a. not a@j", "unexpected 'not'; did you mean '!'?", 10),
     ("forall a. G(a@j until a@j)", "unexpected 'until'; did you mean 'U'?", 16),
     ("d(red) := a@j; forall a. d(a)", "the parameters of d must be variables, got red", 0),
+    ("d(a) := a@j; e(red) := a@j; forall a. d(a)", "the parameters of e must be variables, got red", 13),
     ("d(a) := a@j; forall a. d(a, a)", "d takes 1 arguments, got 2", 23),
 ]
 
@@ -172,11 +186,26 @@ def test_propositional_formulas_are_not_told_words_of_rules() -> None:
         assert message in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("word", "sign"),
+    [
+        *(("not", "!"), ("and", "&"), ("or", "|"), ("xor", "^"), ("implies", "->"), ("iff", "<->"), ("next", "N")),
+        *(("always", "G"), ("globally", "G"), ("eventually", "F"), ("finally", "F"), ("until", "U"), ("release", "R")),
+    ],
+)
+def test_operators_in_words_are_told_their_signs(word: str, sign: str) -> None:
+    with pytest.raises(FormulaError) as caught:
+        parse_ltl(f"p & {word} q" if sign in "!NGF" else f"p {word} q")
+    assert f"unexpected {word!r}; did you mean {sign!r}?" in str(caught.value)
+
+
 def test_errors_show_only_the_line_and_a_window_of_it() -> None:
     with pytest.raises(FormulaError, match=r"in line 2\n  F \(a@\)\n {7}\^$"):
         parse("forall a.\nF (a@)\n& a@j")
     with pytest.raises(FormulaError, match=r"in line 3\n  G \(a@\)\n {7}\^$"):
         parse("forall a.\nF a@j &\nG (a@)")
+    with pytest.raises(FormulaError, match=r"the end\n  forall a\. G a@j\)\n {17}\^$"):
+        parse("\nforall a. G a@j)\n")
     with pytest.raises(FormulaError) as caught:
         parse_ltl("p & " * 500 + "& q")
     assert max(map(len, str(caught.value).splitlines())) < 120
@@ -184,6 +213,10 @@ def test_errors_show_only_the_line_and_a_window_of_it() -> None:
     assert line.startswith("  ...")
     assert line[mark.index("^")] == "&", "the caret stands below the second &"
     assert line[: mark.index("^")].endswith("p & ")
+    assert line == "  ..." + "p & " * 15 + "& q", "60 characters before the caret"
+    with pytest.raises(FormulaError) as caught:
+        parse_ltl("p & & q" + " & p" * 500)
+    assert str(caught.value).splitlines()[1:] == ["  " + ("p & & q" + " & p" * 500)[:100] + "...", "      ^"]
 
 
 def test_a_formula_without_limits_is_refused() -> None:

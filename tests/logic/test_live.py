@@ -142,3 +142,36 @@ def test_wrong_use_is_told(make: Make) -> None:
         monitor.step([1, 0])
     with pytest.raises(RunError, match="the run holds no speed limit"):
         RuleMonitor("speed_limit", run.junction, run.agents).step([0, 0], speed=[1.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"lights": [0, 0, 0]}, "lights of a state must be 4 finite numbers"),
+        ({"station": [1.0]}, "station of a state must be 2 finite numbers"),
+        ({"speed": [1.0, float("inf")]}, "speed of a state must be 2 finite numbers"),
+        ({"pose": [0.0, 0.0, 0.0]}, r"pose of a state must be finite numbers of shape \(2, 3\)"),
+    ],
+)
+def test_an_array_of_another_shape_is_refused_by_name(make: Make, given: dict[str, Any], message: str) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 10, 50, 200)}, 60)
+    with pytest.raises(RunError, match=f"{message}, got"):
+        RuleMonitor("p1", run.junction, run.agents).step([0, 0], **given)
+
+
+# Reference points, in the middle of the front bumpers, 6 m apart, one behind the other: who is 5 m long ends 1 m before.
+@pytest.mark.parametrize(
+    ("size", "verdict"),
+    [((5.0, 2.0), "?"), ((7.0, 2.0), "F"), ([(5.0, 2.0), (7.0, 2.0)], "?"), ([(7.0, 2.0), (5.0, 2.0)], "F")],
+)
+def test_vehicles_have_the_size_that_is_given(make: Make, size: Any, verdict: str) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 10, 50, 200)}, 60)
+    monitor = RuleMonitor("no_collision", run.junction, run.agents, vehicle_size=size)
+    assert str(monitor.step([0, 0], station=[-20.0, -26.0], speed=[0.0, 0.0], pose=[(6.0, 0.0, 0.0), (0.0, 0.0, 0.0)])) == verdict
+
+
+@pytest.mark.parametrize("size", [5.0, (5.0, 2.0, 1.5), [(5.0, 2.0)] * 3, (5.0, 0.0), (5.0, float("nan"))])
+def test_what_is_no_size_is_refused(make: Make, size: Any) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 10, 50, 200)}, 60)
+    with pytest.raises(RunError, match=r"vehicle_size must be a length and width \[m\], for all 2 vehicles or for each, got"):
+        RuleMonitor("no_collision", run.junction, run.agents, vehicle_size=size)

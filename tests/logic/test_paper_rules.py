@@ -18,6 +18,7 @@ from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.book import get_rule
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Fault, Run
 from pytest_rvads.runs.states import Colour
@@ -160,6 +161,8 @@ def test_four_at_once_cannot_pass_and_the_text_says_why(make: Make) -> None:
         assert "right-of relation of the arrivals is a cycle" in verdict.message
         assert "(a0 -> a1 -> a2 -> a3 -> a0)" in verdict.notes[0]
         assert "cycle" in verdict.explanation
+    at_once = make("stop4", {e: (2, 10, 11 + 200 * (-e % 4), 200 + 200 * (-e % 4)) for e in range(4)}, 900)
+    assert check(at_once, "p2").unavoidable, "one state in which all four stand is enough"
     three = make("stop4", {e: (2, 10, 50 + 200 * e, 200 + 200 * e) for e in range(3)}, 900)
     assert check(three, "p2").status is Status.FAIL
     assert not check(three, "p2").notes, "three of four have an order"
@@ -183,6 +186,15 @@ def test_a_cycle_exists_from_its_last_arrival_until_somebody_moves(make: Make) -
     assert cycle(11).tick == 10
     late = make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 150, 300), 2: (2, 80, None, None), 3: (2, 80, None, None)}, 400)
     assert find_cycle(prepare(get_rule("p2").formula, extract(late)).templates, Values(late)) is None
+
+
+def test_a_cycle_is_found_among_instances_of_other_forms(make: Make) -> None:
+    """A rule that also limits how long who goes first may wait: what it says of the order contradicts itself as in p2."""
+    first = "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt = a'.wt & j.en right-of j.en' ->"
+    both = Rule("both", f"{first} !a.wt > 100 & ((N a'@j.en') U a@j))", bound=("a'",))
+    stuck = make("stop4", dict.fromkeys(range(4), (2, 10, None, None)), 900)
+    found = find_cycle(prepare(both.formula, extract(stuck)).templates, Values(stuck))
+    assert (found.tick, found.agents, found.alone) == (10, ("a0", "a1", "a2", "a3"), True)
 
 
 def test_a_tie_window_says_where_it_decides(make: Make) -> None:

@@ -141,6 +141,12 @@ def test_a_pass_tells_how_many_instances_were_asked(make: Make) -> None:
     assert check(run, "p3").message == "p3 PASS: kept in 1 of 2 instances, the others were not triggered"
 
 
+def test_how_long_it_was_broken_is_told_where_something_had_triggered_it(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200)}, 400)
+    for text, told in (("G !a@j", ""), ("G(a.wt < 9 -> !a@j)", "; 1.50 s in all")):
+        assert f"\nbroken at 0.50 s: a0 is in the junction{told}\n" in check(run, Rule("out", f"forall a. {text}")).explanation
+
+
 def test_a_light_is_told_by_its_colour(make: Make) -> None:
     lights = {e: [(0, Colour.RED)] for e in range(4)}
     run = make("light4", {0: (2, 10, 50, 200)}, 400, lights)
@@ -166,11 +172,20 @@ WORDS: list[tuple[f.Atom, str, str]] = [
         "a0 and a1 did not arrive at the same time",
     ),
     (f.Atom("<", (f.Attr(A, "wt"), f.Attr(B, "wt"))), "a0 arrived after a1", "a0 did not arrive after a1"),
+    (f.Atom("<=", (f.Attr(A, "wt"), f.Attr(B, "wt"))), "a0.wt <= a1.wt", "not a0.wt <= a1.wt"),
     (f.Atom("stopped", (A,)), "a0 has stopped at the line", "a0 has not stopped at the line"),
     (f.Atom("blocks", (A,)), "a0 blocks the junction", "a0 does not block the junction"),
     (f.Atom("speeding", (A,)), "a0 is over the speed limit", "a0 is within the speed limit"),
     (f.Atom("collide", (A, B)), "a0 and a1 collide", "a0 and a1 do not collide"),
     (f.Atom("conflict", (A, B)), "a0 and a1 are on conflicting movements", "a0 and a1 are not on conflicting movements"),
+    (f.Atom("meet", (A, B)), "a0 and a1 meet where their ways cross or join", "a0 and a1 do not meet"),
+    (f.Atom("owes", (A, B)), "a0 has to let a1 pass", "a0 need not let a1 pass"),
+    (f.Atom("obstructs", (A, B)), "a0 gets in the way of a1", "a0 does not get in the way of a1"),
+    (f.Atom("inside", (A,)), "a0 is partly in the junction", "a0 is out of the junction"),
+    (f.Atom("may_go", (A,)), "a0 could go", "a0 could not go"),
+    (f.Atom("idles", (A,)), "a0 could have gone and has not", "a0 has gone when it could"),
+    (f.Atom("off_lane", (A,)), "a0 is outside its lane", "a0 is in its lane"),
+    (f.Atom("off_route", (A,)), "a0 is off its route", "a0 is on its route"),
     (f.Atom(">=", (f.Attr(A, "sp"), f.Number(3.0))), "a0.sp >= 3", "not a0.sp >= 3"),
     (f.Atom("<", (f.Number(3.5), f.Attr(A, "wt"))), "3.5 < a0.wt", "not 3.5 < a0.wt"),
     (f.Atom("crowded", (IN,)), "crowded(the junction)", "not crowded(the junction)"),
@@ -198,7 +213,7 @@ def test_formulas_in_words() -> None:
     for formula, words in cases:
         assert say(formula) == words
     assert say(inside, be="was") == "a0 was in the junction"
-    assert say(WORDS[8][0], be="was") == "a0 had stopped at the line"
+    assert say(WORDS[9][0], be="was") == "a0 had stopped at the line"
     assert literal(here, True, be="stays") == "a0 stays at entrance 2"
     assert literal(inside, False, be="stays") == "a0 stays out of the junction"
     assert literal(red, True, lambda e: f"<{e.name}>") == "<lt2> is red"

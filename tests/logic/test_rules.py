@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,18 +10,23 @@ import pytest
 
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.check import check, extract, ground, simplify, unfold
+from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.ground import domain
+from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.book import get_rule, predicate, rule, rulebook, rules_for
+from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.logic.rules.reading import parse
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulefile import load_rules
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.run import Facts, Fault, Run
 from pytest_rvads.runs.states import Colour
 
 Make = Callable[..., Run]
+RESERVED = ("G", "F", "N", "X", "U", "W", "R", "true", "false")
+"""What formulas read as an operator or a constant."""
 
 
 def test_rulebooks_hold_the_rules_of_the_plan() -> None:
@@ -68,12 +74,37 @@ def test_a_specification_is_a_rulebook_a_rule_or_a_mixture() -> None:
         (lambda: rule("mine", "forall a. G a@j", tie=float("nan")), "the tie window must be a number of seconds"),
         (lambda: predicate("take", "agent"), "a predicate needs a free identifier"),
         (lambda: predicate("x y", "agent"), "free identifier as its name, got 'x y'"),
+        *((lambda name=name: predicate(name, "agent"), f"free identifier as its name, got '{name}'") for name in RESERVED),
         (lambda: predicate("close", "agnet"), "unknown sort 'agnet'; did you mean 'agent'"),
     ],
 )
 def test_wrong_use_is_told(call: Callable[[], object], message: str) -> None:
     with pytest.raises(FormulaError, match=message):
         call()
+
+
+@pytest.mark.parametrize(
+    ("text", "momentary"),
+    [
+        ("forall a. a@j", "a@j"),
+        ("exists a. F a@j & !stopped(a)", "stopped(a)"),
+        ("forall a, j.en. a@j.en -> F a@j", "a@j.en"),
+        ("forall lt. lt.cl = red", "lt.cl = red"),
+        ("forall a. turn(a, right) & a.wt < 3", "a.wt < 3"),
+        ("forall a. G(a@j -> F !a@j)", None),
+        ("forall a, j.en. turn(a, right) -> F a@j.en", None),
+        ("forall j.en, lt. lt@j.en -> G lt.cl = red", None),
+        ("exists a, a'. a != a' & F a@j", None),
+        ("forall j.en. (exists j.en'. j.en right-of j.en') | (exists a. a@j U a@j.en)", None),
+    ],
+)
+def test_only_what_never_changes_stands_outside_every_temporal_operator(text: str, momentary: str | None) -> None:
+    if momentary is None:
+        assert Rule("x", text).text == text
+        return
+    with pytest.raises(FormulaError) as caught:
+        Rule("x", text)
+    assert f"rule 'x' asks for {momentary} in the first state only" in str(caught.value)
 
 
 def test_no_rule_takes_the_place_of_another_of_its_name() -> None:
@@ -92,6 +123,7 @@ def test_no_rule_takes_the_place_of_another_of_its_name() -> None:
         rules_for([one, two])
     assert rules_for([one, one, get_rule("p1"), "paper"])[:2] == (one, get_rule("p1"))
     assert repr(one) == "<Rule mine: forall a. F a@j>"
+    assert repr(BUILT_IN["stopped"]) == "<Word stopped>"
 
 
 def test_a_rule_of_ones_own(make: Make) -> None:
@@ -138,6 +170,9 @@ def test_the_trigger_is_the_first_state_whose_obligation_is_not_met(make: Make) 
     assert instance("forall a. (!a@j) U a.wt > 2") == ("FAIL", 0, 50, ("a0 is in the junction",))
     # Either of two atoms would have saved it, and neither changed in that state: both are named.
     assert instance("forall a, j.en. N(a@j | a@j.en)") == ("FAIL", 0, 1, ("a0 is not in the junction", "a0 is not at entrance 0"))
+    # In the first state everything is new: nothing went before it, least of all the last one.
+    within = check(make("stop4", {0: (2, 10, 50, None)}, 100), Rule("x", "forall a, j.en. G(a@j | a@j.en)")).instances[0]
+    assert (within.failed, within.broken) == (0, ("a0 is not in the junction", "a0 is not at entrance 0"))
     # It has to be in the junction two states after it arrived: only the state in between tells that from other states.
     assert instance("forall a, j.en. G(a@j.en & a.wt <= 0.01 -> N N a@j)") == ("FAIL", 10, 12, ("a0 is not in the junction",))
 
@@ -187,11 +222,51 @@ def test_what_is_static_folds_away(make: Make) -> None:
         f.Next(inside[0]),
         f.Or((f.Next(f.TRUE), f.Next(inside[1]))),
     ], "N true is false in the last state of a run"
+    at = [f.Atom("@", (f.Element(Sort.AGENT, k, f"a{k}"), f.Element(Sort.ENTRANCE, k, f"j.en{k}"))) for k in range(2)]
+    assert instances("forall j.en. F exists a. a@j.en") == [f.Eventually(at[0]), f.Eventually(at[1]), f.FALSE, f.FALSE]
+    assert instances("F exists a. turn(a, right) & a@j") == [f.Eventually(inside[1])]
+    assert instances("forall j.en. F forall a. !a@j.en | turn(a, right)") == [f.Eventually(f.Not(at[0]))], "a1 turns right"
     assert instances("exists lt. G lt.cl = red") == [f.FALSE], "there is no light"
     assert instances("forall j.en. exists lt. lt@j.en -> G lt.cl = red") == [f.FALSE] * 4
     assert str(unfold(parse("exists lt. G lt.cl = red"), static)) == "false"
     assert str(unfold(parse("!(forall lt. G lt.cl = red)"), static)) == "!true"
     assert ground(parse("forall lt. G lt.cl = red"), static).instances == ()
+
+
+@pytest.mark.parametrize(("word", "both_ways"), [("meet", False), ("collide", False), ("owes", True), ("obstructs", True)])
+def test_what_is_between_two_vehicles_is_asked_of_no_single_one(make: Make, word: str, both_ways: bool) -> None:
+    static = extract(make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, None, None)}, 300))
+    one, two = (f.Element(Sort.AGENT, k, f"a{k}") for k in range(2))
+    pairs = [(one, two), (two, one) if both_ways else (one, two)]
+    found = ground(parse(f"forall a, a'. G !{word}(a, a')"), static)
+    assert [i.formula for i in found.instances] == [f.Always(f.Not(f.Atom(word, pair))) for pair in pairs]
+    assert found.collapsed == 2
+
+
+def test_a_number_compared_with_itself_is_static(make: Make) -> None:
+    static = extract(make("stop4", {0: (2, 10, 50, 200)}, 300))
+    for sign, instances in (("=", ()), ("<=", ()), (">=", ()), ("!=", (f.FALSE,)), ("<", (f.FALSE,)), (">", (f.FALSE,))):
+        found = ground(parse(f"forall a. G a.wt {sign} a.wt"), static)
+        assert tuple(i.formula for i in found.instances) == instances, sign
+
+
+def test_what_a_vehicle_takes_is_its_itinerary_unless_asked_otherwise(make: Make) -> None:
+    static = extract(make("stop4", {0: (2, 10, 50, 200)}, 300))
+    takes = parse("forall j.en, a. F take(a, j.en, straight)")
+    left = [str(i.formula) for i in ground(takes, static).instances if i.formula != f.FALSE]
+    assert left == ["F a0@j.en0"]
+    assert simplify(unfold(takes, static), static) == ground(takes, static) == ground(takes, static, itinerary=True)
+    future = [str(i.formula) for i in ground(takes, static, itinerary=False).instances if i.formula != f.FALSE]
+    assert future == ["F(a0@j.en0 & a0@j.en0 U a0@j)"]
+
+
+def test_instances_that_say_the_same_of_a_pair_are_one(make: Make) -> None:
+    static = extract(make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, None, None)}, 300))
+    # Six atoms, the most for which it is looked for.
+    pair = "forall a, a'. G(a != a' & a@j & a'@j -> stopped(a) & stopped(a') | inside(a) & inside(a'))"
+    (template,) = prepare(parse(pair), static).templates
+    named = [[(name, e.name) for name, e in member.binding] for member in template.members]
+    assert named == [[("a", "a0"), ("a'", "a1")], [("a", "a1"), ("a'", "a0")]]
 
 
 def test_vertices_are_entrances_and_exits_and_each_agent_has_one_of_each(make: Make) -> None:
@@ -261,6 +336,31 @@ def test_a_predicate_of_ones_own(make: Make) -> None:
         FormulaError, match=r"'wrong' must return one bool per state, shape \(300,\), got float64 of shape \(3,\)"
     ):
         check(run, Rule("bad", "forall a. G wrong(a)"))
+
+
+def test_what_ended_a_run_after_it_broke_a_rule_is_told_as_well(make: Make) -> None:
+    """a0 goes before a1, on its right, which came at once; at the end something else fails."""
+    run = replace(make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 150, 300)}, 400), fault=Fault(4.0, "a0", "its motor broke"))
+    for subject in (None, "a0"):
+        verdict = check(replace(run, facts=Facts(subject=subject)), "p2")
+        assert (verdict.status, verdict.time) == ("FAIL", 0.5)
+        assert verdict.notes == ("later, at 4.00 s, the run ended by a fault: its motor broke",)
+    provoked = check(replace(run, facts=Facts(subject="a1")), "p2")
+    assert (provoked.status, provoked.reason) == ("ERROR", "its motor broke"), "what traffic broke is nothing to fail by"
+    assert check(run, "p3").status == "ERROR", "nothing was broken before"
+
+
+def test_where_a_rule_that_looks_ahead_came_closest_to_being_triggered(make: Make) -> None:
+    run = make("stop4", {1: (1, 20, None, None)}, 300)
+    verdict = check(run, Rule("ahead", "forall a. G(a@j & N turn(a, right) -> F !a@j)"))
+    assert verdict.status == "NA"
+    assert (verdict.near.tick, verdict.near.missing, verdict.near.steps) == (0, ("a1 is in the junction",), 299)
+
+
+def test_a_term_that_still_holds_a_variable_has_no_value(make: Make) -> None:
+    values = Values(make("stop4", {0: (2, 10, 50, 200)}, 300))
+    with pytest.raises(FormulaError, match=r"a\.wt has no value as long as a is a variable"):
+        values[f.Atom("<", (f.Attr(f.Var("a"), "wt"), f.Number(2.0)))]
 
 
 def test_what_a_recording_does_not_hold_is_na(make: Make) -> None:

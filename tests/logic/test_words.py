@@ -2,6 +2,7 @@
 
 import json
 import time
+from itertools import combinations
 
 import pytest
 
@@ -64,6 +65,7 @@ def test_verdicts_and_finite_values_by_hand(formula: str, word: str, verdicts: s
         "X q | X !q & !X(G p & F !p)",
         "G(p & X !p)",
         "G(p -> X !p) & G(!p -> X p) & F G p",
+        "X(G p & F !p) | X(q & (r U s) & X(G p & F !p))",
     ],
 )
 def test_contradictions_are_seen_at_once(text: str) -> None:
@@ -145,6 +147,22 @@ def test_large_formulas_with_small_monitors_are_answered(text: str, states: int)
 def test_wide_guards_are_no_blow_up() -> None:
     machine = synthesize(parse_ltl("(" + " | ".join(f"p{i}" for i in range(40)) + ") U q"))
     assert (machine.states, len(machine.codes)) == (3, 4)
+
+
+def test_a_monitor_of_many_guards_reads_every_state() -> None:
+    """More guards than a table of their codes has room for: in state k exactly one of the k-th pair of propositions holds."""
+    pairs = list(combinations("abcdefg", 2))[:17]
+    text = " & ".join("X " * k + f"({one} ^ {two})" for k, (one, two) in enumerate(pairs))
+    machine = synthesize(parse_ltl(text))
+    assert len(machine.guards) == 17
+    kept = "|".join(pair[k % 2] for k, pair in enumerate(pairs))
+    assert ask(text, kept)["verdicts"] == [["?"] * 16 + ["T"]]
+    for k, pair in enumerate(pairs):
+        broken = "|".join(",".join(pair) if i == k else other[0] for i, other in enumerate(pairs))
+        verdicts = ["?"] * k + ["F"] * (17 - k)
+        assert ask(text, broken)["verdicts"] == [verdicts]
+        monitor = Monitor(machine)
+        assert [str(monitor.step(state.split(","))) for state in broken.split("|")] == verdicts
 
 
 def test_hoa_and_dot_say_the_same_machine() -> None:

@@ -1,0 +1,267 @@
+"""When the reference autopilot enters the junction, at lights and at stop signs: what it sees, written by hand."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pytest_rvads.drivers.at_light import Light
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.stop_sign import StopSign
+from pytest_rvads.junctions.builtin import LAYOUTS
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.segment import Turn
+from pytest_rvads.opendrive.writer import opendrive
+from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.states import Colour, VehicleState, Zone
+from pytest_rvads.runs.vehicle import Vehicle
+
+LIGHTS, SIGNS = find("light4"), find("stop4")
+G, Y, R = Colour.GREEN, Colour.YELLOW, Colour.RED
+ACROSS, ALONG = (G, R, G, R), (R, G, R, G)
+LEFT, STRAIGHT, RIGHT = Turn.LEFT, Turn.STRAIGHT, Turn.RIGHT
+LIMIT = 11.176
+LENGTH = 4.6
+
+
+def at(entrance: int, turn: Turn, station: float = -0.5, speed: float = 0.0, **more: Any) -> VehicleState:
+    """A vehicle before the junction, its entrance zone 1 m long."""
+    zone = Zone.ENTRANCE if station > -1.0 else Zone.APPROACH
+    return VehicleState(f"a{entrance}", entrance, turn, zone, station, 0.0, 0.0, 0.0, speed, 0.0, LENGTH, 1.86)._replace(**more)
+
+
+def sees(
+    me: VehicleState,
+    *others: VehicleState,
+    lights: tuple[Colour, ...] = ACROSS,
+    time: float = 0.0,
+    created: int = 0,
+    junction: Junction = LIGHTS,
+) -> Observation:
+    """What the driver of `me` sees."""
+    way = Itinerary.through(junction, me.entrance, junction.by_turn[me.entrance, me.turn][0].exit)
+    return Observation(time, me, others, lights, way, junction, Vehicle(), LIMIT, created=created)
+
+
+def enters(me: VehicleState, *others: VehicleState, **more: Any) -> bool:
+    return Light().allows(sees(me, *others, **more))
+
+
+@pytest.mark.parametrize("turn", [LEFT, STRAIGHT, RIGHT])
+def test_alone_it_goes_on_green(turn: Turn) -> None:
+    assert enters(at(0, turn)) is True
+    assert enters(at(0, turn, -20.0, 8.0)) is True
+    assert enters(at(0, turn, -20.0, 8.0), lights=ALONG) is False, "and not on red"
+
+
+def test_on_yellow_it_goes_on_where_it_can_not_stop_at_3_2() -> None:
+    # 8 m/s: 10 m of braking, 0.96 m of the brake's lag, 0.15 m to spare.
+    for station, goes in ((-11.0, True), (-11.2, False)):
+        assert enters(at(0, STRAIGHT, station, 8.0), lights=(Y, R, Y, R)) is goes
+
+
+def test_on_red_it_turns_right_once_it_has_stood_at_the_line() -> None:
+    light = Light()
+    for station, speed, goes in ((-20.0, 0.0, False), (-0.9, 0.02, False), (-0.4, 0.005, True), (-0.3, 1.0, True)):
+        assert light.allows(sees(at(0, RIGHT, station, speed), lights=ALONG)) is goes
+    for turn in (LEFT, STRAIGHT):
+        assert enters(at(0, turn), lights=ALONG) is False
+    assert enters(at(0, RIGHT), lights=ALONG, junction=replace(LIGHTS, left_hand=True)) is False, "where one keeps left"
+
+
+# The own vehicle sets off after 0.35 s with 2.5 m/s^2 and drives at 5 m/s; the other one comes at the speed limit.
+@pytest.mark.parametrize(
+    ("mine", "other", "lights", "farthest"),
+    [
+        # Clear of the common place after 14.5 + 4.6 + 0.5 m and 5.27 s; a second later the other one, 16 m on, is there.
+        (at(0, LEFT), at(2, STRAIGHT), ACROSS, 16.0 - LIMIT * 6.27),
+        # Into the same exit: clear of it after 26.31 + 4.6 + 0.5 m and 7.632 s.
+        (at(0, LEFT), at(2, RIGHT), ACROSS, 14.5 - LIMIT * 8.632),
+        (at(1, RIGHT), at(0, STRAIGHT), ACROSS, 21.5 - LIMIT * 7.532),
+        # No common place; but it must not be at its entrance within half a second of the own entry after 0.982 s.
+        (at(1, RIGHT), at(0, RIGHT), ACROSS, -1.0 - LIMIT * 1.482),
+        # Already under way at 5 m/s, without delay: 29.1 m.
+        (at(0, LEFT, -10.0, 5.0), at(2, STRAIGHT), ACROSS, 16.0 - LIMIT * 6.82),
+    ],
+)
+def test_it_goes_before_who_has_priority_where_there_is_time(
+    mine: VehicleState, other: VehicleState, lights: tuple[Colour, ...], farthest: float
+) -> None:
+    for before, goes in ((0.2, True), (-0.2, False)):
+        comes = other._replace(zone=Zone.APPROACH, station=farthest - before, speed=LIMIT)
+        assert enters(mine, comes, lights=lights) is goes
+
+
+@pytest.mark.parametrize(
+    ("mine", "other", "goes"),
+    [
+        (at(0, LEFT), at(2, STRAIGHT), False),
+        (at(0, LEFT), at(2, RIGHT), False),
+        (at(0, LEFT), at(2, LEFT), True),  # they pass each other
+        (at(0, LEFT), at(1, STRAIGHT), True),  # it has red
+        (at(0, STRAIGHT), at(2, LEFT), True),
+        (at(0, RIGHT), at(2, LEFT), True),
+        (at(0, RIGHT), at(2, STRAIGHT), True),
+        (at(1, RIGHT), at(0, STRAIGHT), False),  # on red: it comes from the left and has green
+        (at(1, RIGHT), at(2, STRAIGHT), True),
+        (at(0, RIGHT), at(3, STRAIGHT), True),  # on green: it comes from the left and has red
+    ],
+)
+def test_who_waits_for_whom_at_the_line(mine: VehicleState, other: VehicleState, goes: bool) -> None:
+    assert enters(mine, other) is goes
+
+
+@pytest.mark.parametrize(
+    ("other", "goes"),
+    [
+        (at(1, STRAIGHT, 20.0, 5.0, zone=Zone.JUNCTION), False),
+        (at(3, STRAIGHT, 2.0, 5.0, zone=Zone.JUNCTION), False),
+        (at(1, RIGHT, 2.0, 5.0, zone=Zone.JUNCTION), False),  # into the same exit
+        (at(2, STRAIGHT, 2.0, 5.0, zone=Zone.JUNCTION), True),
+        (at(3, RIGHT, 2.0, 5.0, zone=Zone.JUNCTION), True),
+        (at(1, STRAIGHT, 40.0, 5.0, zone=Zone.EXIT), True),
+        # Who would have to brake with more than 4.5 m/s^2 at red is not going to stop.
+        (at(3, STRAIGHT, -7.0, 8.0), False),
+        (at(3, STRAIGHT, -20.0, 8.0), True),
+        (at(3, RIGHT, -7.0, 8.0), True),  # its way is another one
+        # Who stands behind the junction leaves no room: 4.6 m and 2.5 m.
+        (at(0, STRAIGHT, 30.0 + 7.0 + LENGTH, 0.9, zone=Zone.EXIT), False),
+        (at(0, STRAIGHT, 30.0 + 7.2 + LENGTH, 0.9, zone=Zone.EXIT), True),
+        (at(0, STRAIGHT, 30.0 + 7.0 + LENGTH, 1.0, zone=Zone.EXIT), True),
+        (at(0, RIGHT, 30.0, 0.0, zone=Zone.EXIT), True),  # another exit
+    ],
+)
+def test_straight_on_at_green_it_waits_for_who_is_in_the_way(other: VehicleState, goes: bool) -> None:
+    assert enters(at(0, STRAIGHT), other._replace(name="other")) is goes
+
+
+def test_who_was_to_be_let_in_stays_so_when_the_lights_change() -> None:
+    """It waits to turn right on red for one from the left, at green; then its own light turns green."""
+    light, comes = Light(), at(0, STRAIGHT)
+    assert light.allows(sees(at(1, RIGHT), comes)) is False
+    assert light.allows(sees(at(1, RIGHT), comes, lights=ALONG, time=0.1)) is False
+    inside = comes._replace(zone=Zone.JUNCTION, station=1.0)
+    assert light.allows(sees(at(1, RIGHT), inside, lights=ALONG, time=0.2)) is False, "into the same exit"
+    assert light.allows(sees(at(1, RIGHT), inside._replace(zone=Zone.EXIT, station=50.0), lights=ALONG, time=0.3)) is True
+    approaching = Light()
+    assert approaching.allows(sees(at(1, RIGHT, -5.0), comes)) is False
+    assert approaching.allows(sees(at(1, RIGHT), comes, lights=ALONG, time=0.1)) is True, "they were not there together on red"
+
+
+@pytest.mark.parametrize(
+    ("story", "goes"),
+    [
+        ([(0.0, 0.0), (8.0, 0.0)], True),
+        ([(0.0, 0.0), (7.9, 0.0)], False),
+        ([(0.0, 0.0), (4.0, 0.5), (8.0, 0.0)], False),  # it crept on
+        ([(0.0, 0.0), (4.0, 0.5), (5.0, 0.0), (13.0, 0.0)], True),
+        ([(0.0, 0.0), (8.0, 0.0), (8.1, 0.5)], False),  # it wakes up
+    ],
+)
+def test_who_does_not_go_on_its_green_is_not_waited_for_on_the_own_one(story: list[tuple[float, float]], goes: bool) -> None:
+    """Another one stands at green for eight seconds; (time, speed)."""
+    light = Light()
+    for time, speed in story:
+        assert light.allows(sees(at(1, RIGHT), at(0, STRAIGHT, speed=speed), time=time)) is False
+    assert light.allows(sees(at(1, RIGHT), at(0, STRAIGHT), lights=ALONG, time=20.0)) is goes
+
+
+@pytest.fixture
+def narrow(tmp_path: Path) -> Junction:
+    """A junction in which two left turns from opposite sides cross each other."""
+    path = tmp_path / "wide.xodr"
+    path.write_text(opendrive(replace(LAYOUTS["light4"], stop=8.0, lane_offset=3.6)))
+    return find("1", str(path))
+
+
+@pytest.mark.parametrize(
+    ("station", "created", "goes"), [(-0.5, 0, True), (-0.5, 1, False), (-0.2, 0, False), (-0.8, 1, True), (-0.2, 1, False)]
+)
+def test_of_two_left_turns_that_cross_the_nearer_one_goes_first(
+    narrow: Junction, station: float, created: int, goes: bool
+) -> None:
+    """Of two that are equally near it is who was created first."""
+    assert (narrow.stretches or {}).get(((0, 3), (2, 1))) is not None
+    mine, other = at(0, LEFT), at(2, LEFT, station)
+    assert enters(mine, other, junction=narrow, created=created) is goes
+    assert enters(mine, other, created=created) is True, "where they do not cross nobody waits"
+    if not goes:
+        assert enters(mine, other._replace(zone=Zone.EXIT), junction=narrow, created=created) is True
+        assert enters(mine, other._replace(turn=RIGHT, station=-90.0, zone=Zone.APPROACH), junction=narrow) is True
+
+
+def test_an_indicator_that_leaves_open_which_exit_is_meant_is_taken_for_the_one_that_crosses() -> None:
+    """From entrance 2 one may turn left into two exits; only the way to exit 0 crosses the own one."""
+    across = replace(LIGHTS.movements[2, 0], turn=LEFT)
+    forked = replace(LIGHTS, movements={**LIGHTS.movements, (2, 0): across})
+    assert [m.exit for m in forked.by_turn[2, LEFT]] in ([0, 1], [1, 0])
+    assert enters(at(0, LEFT), at(2, LEFT, -0.2), junction=forked) is False
+    assert enters(at(0, LEFT), at(2, LEFT, -0.2)) is True
+
+
+def at_sign(sign: StopSign, time: float, me: VehicleState, *others: VehicleState, created: int = 0, **more: Any) -> bool:
+    return sign.allows(
+        sees(me, *others, lights=more.pop("lights", (Colour.NONE,) * 4), time=time, created=created, junction=SIGNS)
+    )
+
+
+def test_alone_it_stands_for_half_a_second_at_the_sign() -> None:
+    sign = StopSign()
+    told = [
+        at_sign(sign, time, at(0, STRAIGHT, station, speed))
+        for time, station, speed in ((0.0, -5.0, 0.0), (0.6, -0.9, 0.5), (1.0, -0.4, 0.0), (1.49, -0.4, 0.0), (1.5, -0.4, 0.0))
+    ]
+    assert told == [False] * 4 + [True]
+    assert at_sign(sign, 1.6, at(0, STRAIGHT, -0.2, 0.8)) is True, "and goes on"
+
+
+@pytest.mark.parametrize(
+    ("other", "goes"),
+    [
+        (at(1, STRAIGHT, -30.0, 5.0), True),
+        (at(2, STRAIGHT, 2.0, 5.0, zone=Zone.JUNCTION), False),  # whatever its way
+        (at(2, STRAIGHT, 40.0, 5.0, zone=Zone.EXIT), True),
+        (at(1, STRAIGHT, -7.0, 8.0), False),  # it does not stop
+        (at(0, STRAIGHT, 30.0 + 7.0 + LENGTH, 0.9, zone=Zone.EXIT), False),  # no room behind the junction
+        (at(0, STRAIGHT, 30.0 + 7.2 + LENGTH, 0.9, zone=Zone.EXIT), True),
+    ],
+)
+def test_at_the_sign_it_waits_for_who_is_in_the_way(other: VehicleState, goes: bool) -> None:
+    sign, other = StopSign(), other._replace(name="other")
+    assert at_sign(sign, 0.0, at(0, STRAIGHT), other) is False
+    assert at_sign(sign, 1.0, at(0, STRAIGHT), other) is goes
+
+
+@pytest.mark.parametrize(("colour", "goes"), [(Y, False), (R, False), (G, True), (Colour.NONE, True)])
+def test_a_light_at_some_entrances_is_obeyed_as_well(colour: Colour, goes: bool) -> None:
+    sign, lights = StopSign(), (colour, *[Colour.NONE] * 3)
+    assert at_sign(sign, 0.0, at(0, STRAIGHT), lights=lights) is False
+    assert at_sign(sign, 1.0, at(0, STRAIGHT), lights=lights) is goes
+
+
+@pytest.mark.parametrize(
+    ("others", "created", "goes"),
+    [
+        ((at(1, STRAIGHT),), 0, None),  # to the right: it goes first, however long it takes
+        ((at(3, STRAIGHT),), 0, 0.5),
+        ((at(2, STRAIGHT),), 0, 0.5),  # opposite, and created later
+        ((at(2, STRAIGHT),), 1, 2.2),  # created first: it has 1 s, and 0.7 s, to make use of its turn
+        ((at(1, STRAIGHT), at(2, STRAIGHT), at(3, STRAIGHT)), 0, 1.5),  # everybody waits for somebody
+        ((at(1, STRAIGHT), at(2, STRAIGHT), at(3, STRAIGHT)), 2, 2.9),
+    ],
+)
+def test_whose_turn_it_is_where_all_came_at_once(others: tuple[VehicleState, ...], created: int, goes: float | None) -> None:
+    """Nobody moves; from when on it would go [s]."""
+    sign = StopSign()
+    told = [at_sign(sign, tick / 10, at(0, STRAIGHT), *others, created=created) for tick in range(100)]
+    assert told == [goes is not None and tick / 10 >= goes for tick in range(100)]
+
+
+def test_who_sets_off_out_of_turn_is_let_in() -> None:
+    sign, other = StopSign(), at(3, STRAIGHT)
+    assert [at_sign(sign, time, at(0, STRAIGHT), other) for time in (0.0, 0.5)] == [False, True]
+    assert at_sign(sign, 0.6, at(0, STRAIGHT), other._replace(speed=0.5)) is False
+    assert at_sign(sign, 0.7, at(0, STRAIGHT), other._replace(zone=Zone.JUNCTION, speed=2.0)) is False
+    assert at_sign(sign, 2.0, at(0, STRAIGHT), other._replace(zone=Zone.EXIT, station=50.0, speed=5.0)) is True
