@@ -72,8 +72,8 @@ class _Loop:
             self._bodies.append(Body(agent, itinerary, station, vehicle, scenario.aggression))
             starts.append(start(itinerary, station, speed, vehicle))
         self.recorder = Recorder(self._agents)
-        columns = {agent.entrance: column for column, agent in enumerate(self._agents)}
-        self._active = [columns[entrance] for entrance in scenario.creation]
+        created = scenario.creation.index
+        self._active = sorted(range(len(self._agents)), key=lambda column: created(self._agents[column].entrance))
         """Vehicles still in the run, in creation order."""
         self._lights: tuple[Colour, ...] = ()
         self._step = 0
