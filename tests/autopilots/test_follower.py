@@ -137,6 +137,25 @@ def test_it_asks_for_four_times_the_speed_error_and_holds_who_hardly_moves(speed
     assert Steady().towards(standing(speed), target) == pytest.approx(wanted)
 
 
+def test_it_brakes_for_a_bend_with_3_at_most() -> None:
+    (right,) = Scenario(find("stop4"), "1000").itineraries()
+    limit = (BEND * 13.25) ** 0.5
+    for speed, wanted in ((12.0, -3.0), (6.0, 4.0 * (limit - 6.0)), (5.0, 4.0 * (limit - 5.0))):
+        seen = standing(speed)._replace(itinerary=right)
+        asked = Steady().towards(seen._replace(me=seen.me._replace(station=10.0)), 13.0)
+        assert asked == pytest.approx(wanted, abs=0.4), "5.8 m/s, known to 0.1 m/s"
+
+
+@pytest.mark.parametrize("target", [-0.1, math.inf, math.nan])
+def test_a_target_that_is_no_speed_is_refused(target: float) -> None:
+    class Lost(Follower):
+        def target_speed(self, seen: Observation) -> float:
+            return target
+
+    with pytest.raises(ValueError, match=r"target_speed returned .*, expected a finite speed of 0 m/s or more"):
+        Lost().control(standing(5.0))
+
+
 def test_pedals_yield_the_acceleration_asked_for_and_the_resistances() -> None:
     # At 10 m/s: 0.012 of the weight, and 35 N of drag on 1.5 t.
     resistance = 0.012 * 9.81 + 35.0 / 1500.0
@@ -201,3 +220,10 @@ def test_a_bend_at_the_start_is_none_at_the_end() -> None:
     track = Track(cast(Any, Way(-20.0, 10.0)), 0.0)
     assert track.speed(0.5) == pytest.approx(5.0, rel=1e-3)
     assert track.speed(40.5) == math.inf
+
+
+def test_places_of_a_way_reach_to_its_end() -> None:
+    track = Track(cast(Any, Way(100.0, 100.0)), 0.0)
+    assert track.places(37.5, 10.0) == [(38.0, 0.0), (39.0, 0.0), (40.0, 0.0)]
+    assert track.places(37.0, 2.0) == [(38.0, 0.0), (39.0, 0.0)]
+    assert track.places(-5.0, 2.5) == [(0.0, 0.0), (1.0, 0.0)]

@@ -200,6 +200,12 @@ def test_an_indicator_that_leaves_open_which_exit_is_meant_is_taken_for_the_one_
     assert enters(at(0, LEFT), at(2, LEFT, -0.2), junction=forked) is False
     assert enters(at(0, LEFT), at(2, LEFT, -0.2)) is True
 
+    # From entrance 0 straight on into two exits; only the way to exit 2 joins that of a turn to the right from entrance 1.
+    forked = replace(LIGHTS, movements={**LIGHTS.movements, (0, 1): replace(LIGHTS.movements[0, 1], turn=STRAIGHT)})
+    assert [m.exit for m in forked.by_turn[0, STRAIGHT]] == [1, 2]
+    assert enters(at(1, RIGHT), at(0, STRAIGHT, -40.0, LIMIT), junction=forked) is False
+    assert enters(at(1, RIGHT), at(0, STRAIGHT, -70.0, LIMIT), junction=forked) is True
+
 
 def at_sign(sign: StopSign, time: float, me: VehicleState, *others: VehicleState, created: int = 0, **more: Any) -> bool:
     return sign.allows(
@@ -257,6 +263,17 @@ def test_whose_turn_it_is_where_all_came_at_once(others: tuple[VehicleState, ...
     sign = StopSign()
     told = [at_sign(sign, tick / 10, at(0, STRAIGHT), *others, created=created) for tick in range(100)]
     assert told == [goes is not None and tick / 10 >= goes for tick in range(100)]
+
+
+def test_its_patience_begins_anew_after_somebody_else_was_to_go_first() -> None:
+    """It waits for who is opposite, then for who came just in time to the right, and from 3 s on, when that one is gone, anew."""
+    sign = StopSign(tie=0.5)
+
+    def goes(tick: int) -> bool:
+        right = at(1, STRAIGHT, -0.5 if 6 <= tick < 30 else -5.0)
+        return at_sign(sign, tick / 10, at(0, STRAIGHT), at(2, STRAIGHT), right, created=1)
+
+    assert [goes(tick) for tick in range(100)] == [tick / 10 >= 3.0 + 1.0 + 0.7 for tick in range(100)]
 
 
 def test_who_sets_off_out_of_turn_is_let_in() -> None:

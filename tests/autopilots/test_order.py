@@ -106,6 +106,15 @@ def test_setting_off_is_moving_after_having_stood() -> None:
         assert any(queue.setting_off(other) for other in seen.others) is sets_off
 
 
+def test_who_comes_back_to_its_entrance_arrives_anew() -> None:
+    queue = Queue()
+    for tick, (zone, speed) in enumerate([(Zone.ENTRANCE, 0.0), (Zone.APPROACH, -1.0), (Zone.ENTRANCE, 1.0)]):
+        seen = view({0: (Zone.ENTRANCE, 0.0), 1: (zone, speed)}, tick)
+        queue.watch(seen)
+    assert not any(queue.setting_off(other) for other in seen.others)
+    assert queue.first(seen) == ([seen.me], True), "it had left its place in the order"
+
+
 PASS_EACH_OTHER = [((0, 2), (2, 0)), ((0, 1), (2, 3)), ((0, 1), (1, 2)), ((0, 3), (2, 1)), ((0, 1), (2, 0))]
 MEET = [((0, 2), (1, 3)), ((0, 2), (2, 1)), ((0, 1), (3, 1)), ((0, 3), (1, 3)), ((0, 3), (1, 0))]
 

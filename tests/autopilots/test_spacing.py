@@ -5,7 +5,6 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.drivers.crossing import conflict
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.pursuit import lookahead, pursue
 from pytest_rvads.drivers.reference import Reference
@@ -103,9 +102,8 @@ def test_who_leads_is_ahead_on_the_way_into_the_same_exit() -> None:
     assert behind_leader(sees((Zone.JUNCTION, station, 4.0), joins)) == pytest.approx(0.0)
 
 
-MEET = conflict(JUNCTION, (0, 2), (1, 3))
-assert MEET is not None
-MINE, YOURS = MEET[0], MEET[1]
+assert JUNCTION.stretches is not None
+MINE, YOURS, _ = JUNCTION.stretches[(0, 2), (1, 3)]
 
 
 def crossing(before: float, speed: float, **more: Any) -> VehicleState:
@@ -214,7 +212,8 @@ def test_a_stop_begins_at_a_comfortable_deceleration_and_goes_on_evenly() -> Non
     stop.reset()
     assert stop.acceleration(sees((Zone.APPROACH, -8.35, 4.0))) > 0.0, "and is forgotten"
     assert stop.acceleration(sees((Zone.APPROACH, -8.35, 6.0))) < 0.0
-    assert stop.acceleration(sees((Zone.APPROACH, -8.35, 2.0))) == 0.0, "0.25 m/s^2: hardly anything left to do"
+    assert stop.acceleration(sees((Zone.APPROACH, -8.35, 3.05))) == pytest.approx(-(3.05**2) / 16.0), "0.58 m/s^2"
+    assert stop.acceleration(sees((Zone.APPROACH, -8.35, 3.0))) == 0.0, "0.56 m/s^2, less than a quarter: hardly anything to do"
     assert stop.acceleration(sees((Zone.APPROACH, -8.35, 4.0))) > 0.0
 
 

@@ -163,6 +163,11 @@ ERRORS = [
     ("forall a. p", "'p' is neither a formula nor a known predicate", 10),
     ("forall a. not a@j", "unexpected 'not'; did you mean '!'?", 10),
     ("forall a. G(a@j until a@j)", "unexpected 'until'; did you mean 'U'?", 16),
+    ("forall a. (a@j) until a@j", "unexpected 'until'; did you mean 'U'?", 16),
+    (") a@j", "unexpected ')', expected a formula", 0),
+    ("p", "'p' is neither a formula nor a known predicate", 0),
+    ("a@j", "unbound variable a", 0),
+    ("near(j)", "unknown predicate 'near'", 0),
     ("d(red) := a@j; forall a. d(a)", "the parameters of d must be variables, got red", 0),
     ("d(a) := a@j; e(red) := a@j; forall a. d(a)", "the parameters of e must be variables, got red", 13),
     ("d(a) := a@j; forall a. d(a, a)", "d takes 1 arguments, got 2", 23),
@@ -206,6 +211,10 @@ def test_errors_show_only_the_line_and_a_window_of_it() -> None:
         parse("forall a.\nF a@j &\nG (a@)")
     with pytest.raises(FormulaError, match=r"the end\n  forall a\. G a@j\)\n {17}\^$"):
         parse("\nforall a. G a@j)\n")
+    with pytest.raises(FormulaError, match=r"^unexpected 'b'\n  forall a b\. F a@b\n {11}\^$"):
+        parse("forall a b. F a@b")  # a comma, a colon or a dot: too many to name
+    with pytest.raises(FormulaError, match=r"the end, expected a formula\n  \n  \^$"):
+        parse("\n")
     with pytest.raises(FormulaError) as caught:
         parse_ltl("p & " * 500 + "& q")
     assert max(map(len, str(caught.value).splitlines())) < 120

@@ -105,6 +105,9 @@ def test_the_explanation_of_p1_shows_who_entered_when_and_who_acts(make: Make) -
         "  1.19  junction  entrance 1   x     .",
         "  1.20  junction  junction     x     x   <- violated, no continuation can repair it",
     ]
+    for second, shown in ((1, ["0.00", "0.01"]), (0, ["0.00"])):
+        run = make("stop4", {0: (2, -50, 0, 200), 1: (1, -50, second, 400)}, 800)
+        assert [line.split()[0] for line in check(run, "p1").explanation.splitlines()[6:]] == shown, "nothing is before the run"
 
 
 def test_the_explanation_of_an_open_obligation_ends_where_the_run_ends(make: Make) -> None:

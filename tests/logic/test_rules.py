@@ -20,6 +20,7 @@ from pytest_rvads.logic.rules.reading import parse
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulefile import load_rules
 from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.rules.vocabulary import Vocabulary
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Facts, Fault, Run
 from pytest_rvads.runs.states import Colour
@@ -124,6 +125,7 @@ def test_no_rule_takes_the_place_of_another_of_its_name() -> None:
     assert rules_for([one, one, get_rule("p1"), "paper"])[:2] == (one, get_rule("p1"))
     assert repr(one) == "<Rule mine: forall a. F a@j>"
     assert repr(BUILT_IN["stopped"]) == "<Word stopped>"
+    assert repr(Vocabulary.of(BUILT_IN["stopped"], BUILT_IN["take"])) == "<Vocabulary of 2 words>"
 
 
 def test_a_rule_of_ones_own(make: Make) -> None:
@@ -357,10 +359,12 @@ def test_where_a_rule_that_looks_ahead_came_closest_to_being_triggered(make: Mak
     assert (verdict.near.tick, verdict.near.missing, verdict.near.steps) == (0, ("a1 is in the junction",), 299)
 
 
-def test_a_term_that_still_holds_a_variable_has_no_value(make: Make) -> None:
+def test_what_has_no_value_is_told(make: Make) -> None:
     values = Values(make("stop4", {0: (2, 10, 50, 200)}, 300))
     with pytest.raises(FormulaError, match=r"a\.wt has no value as long as a is a variable"):
         values[f.Atom("<", (f.Attr(f.Var("a"), "wt"), f.Number(2.0)))]
+    with pytest.raises(FormulaError, match="red has no value to compare"):
+        values[f.Atom("=", (f.Attr(f.Element(Sort.AGENT, 0, "a0"), "wt"), f.Value("red")))]
 
 
 def test_what_a_recording_does_not_hold_is_na(make: Make) -> None:

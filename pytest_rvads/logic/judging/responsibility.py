@@ -42,7 +42,7 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
     everybody's way.
     """
     me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
-    if j.status is Status.FAIL and j.failed is not None:
+    if j.failed is not None:
         meets = j.template.shape.kind is Kind.STATE and cause_between(j, run) is None
         others = [e.index for e in agents_of(j.template.formula) if e.index != me] if meets else []
         excused = len(others) == 1 and surprised(run, me, others[0], j.failed)

@@ -34,15 +34,15 @@ class InstanceVerdict:
     binding: tuple[tuple[str, str], ...]
     """Variables of the rule and the names they stand for."""
     status: Status
-    responsible: tuple[str, ...] = ()
+    responsible: tuple[str, ...]
     """The vehicles bound to act, when violated or open."""
-    trigger: int | None = None
+    trigger: int | None
     """Tick since which the obligation exists that was violated, is open, or was discharged first."""
-    failed: int | None = None
+    failed: int | None
     """Tick at which no continuation could repair it any more."""
-    broken: tuple[str, ...] = ()
+    broken: tuple[str, ...]
     """What was not as it had to be, in that tick."""
-    margin: float | None = None
+    margin: float | None
     """How long before it was allowed the bound vehicle acted, negative when it waited; seconds of overlap where two
     must never be together [s]. None where one of the two events is missing."""
 

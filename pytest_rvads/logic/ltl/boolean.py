@@ -103,7 +103,11 @@ def letters(guards: tuple[f.Formula, ...], budget: Budget) -> tuple[int, ...]:
         memo: dict[tuple[f.Formula, ...], frozenset[int]] = {}
         cells = _cells(tuple(guards[k] for k in members), memo, budget, 0)
         total *= len(cells)
-        _check(total)
+        if total > LETTER_LIMIT:
+            raise FormulaError(
+                f"the formula distinguishes more than {LETTER_LIMIT} valuations of its propositions, too many for a monitor: "
+                "use fewer propositions, or split it into rules"
+            )
         choices.append([sum((code >> i & 1) << k for i, k in enumerate(members)) for code in sorted(cells)])
     return tuple(sorted(sum(parts) for parts in product(*choices)))
 
@@ -135,17 +139,8 @@ def _cells(
     else:
         rests = (tuple(assign(g, atom, v) for g in guards) for v in (False, True))
         found = frozenset().union(*(_cells(rest, memo, budget, deep + 1) for rest in rests))
-        _check(len(found))
     memo[guards] = found
     return found
-
-
-def _check(count: int) -> None:
-    if count > LETTER_LIMIT:
-        raise FormulaError(
-            f"the formula distinguishes more than {LETTER_LIMIT} valuations of its propositions, too many for a monitor: "
-            "use fewer propositions, or split it into rules"
-        )
 
 
 def evaluate(formula: f.Formula, values: Mapping[f.Atom, NDArray[np.bool_]], shape: tuple[int, ...]) -> NDArray[np.bool_]:
