@@ -35,7 +35,9 @@ class StopSign:
         """Return whether to enter the junction; to be called in every step before it."""
         self._queue.watch(seen)
         me = seen.me
-        if me.zone is ENTRANCE and self._stood_since is None and me.speed < STANDING:
+        if me.zone is not ENTRANCE:
+            return False
+        if self._stood_since is None and me.speed < STANDING:
             self._stood_since = seen.time
         if self._stood_since is None or seen.time - self._stood_since < HOLD:
             return False

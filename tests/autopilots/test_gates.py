@@ -223,6 +223,13 @@ def test_alone_it_stands_for_half_a_second_at_the_sign() -> None:
     assert at_sign(sign, 1.6, at(0, STRAIGHT, -0.2, 0.8)) is True, "and goes on"
 
 
+def test_away_from_its_entrance_it_has_no_turn() -> None:
+    sign = StopSign()
+    assert at_sign(sign, 0.0, at(0, STRAIGHT)) is False
+    assert at_sign(sign, 1.0, at(0, STRAIGHT, -1.1)) is False
+    assert at_sign(sign, 2.0, at(0, STRAIGHT)) is True
+
+
 @pytest.mark.parametrize(
     ("other", "goes"),
     [
