@@ -140,7 +140,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     test: str
     """Name of the test function."""
     ways: int
-    """Number of entrances of the junction."""
+    """Number of arms of the junction."""
     junction: str
     cls: int
     scenario: str
@@ -204,7 +204,7 @@ def planned_record(
         line: of the test function in its file.
         test: name of the test function.
         keys: what selects the cell: junction, cls, scenario, cfg, rotation, and seat, traffic, rule where there is one.
-        ways: number of entrances of the junction.
+        ways: number of arms of the junction.
         requirements: identifiers of what scenario and rule trace to.
     """
     known: dict[str, Any] = {"seat": None, "traffic": None, "rule": None, "driver": "", **keys}
