@@ -87,9 +87,9 @@ class Case:
         return replace(self, scenario=self.scenario.but(**changes))
 
     def agents(self) -> tuple[Agent, ...]:
-        """Return the agents with their sizes, by entrance."""
+        """Return the agents with their kinds and sizes, by entrance."""
         found = []
         for agent in self.scenario.agents():
             vehicle = self.fleet.of(agent.name)
-            found.append(replace(agent, size=(vehicle.length, vehicle.width)))
+            found.append(replace(agent, kind=vehicle.kind, size=(vehicle.length, vehicle.width)))
         return tuple(found)

@@ -20,7 +20,17 @@ from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 
-TRUCK = Vehicle(length=12.0, width=2.5, mass=16_000.0, front_axle=3.0, rear_axle=3.0, yaw_inertia=150e3, height=3.5, drive=1.5)
+TRUCK = Vehicle(
+    length=12.0,
+    width=2.5,
+    mass=16_000.0,
+    front_axle=3.0,
+    rear_axle=3.0,
+    yaw_inertia=150e3,
+    height=3.5,
+    drive=1.5,
+    kind=rvads.Kind.TRUCK,
+)
 
 
 def test_equal_cases_are_equal_and_hash_alike() -> None:
@@ -54,7 +64,7 @@ def test_a_subject_needs_traffic_and_traffic_a_subject() -> None:
 def test_every_agent_has_the_body_that_the_fleet_gives_it(tmp_path: Path) -> None:
     case = Case(Scenario(find("stop4"), "2020", distance=15.0), Reference, fleet=Fleet(others={"a2": TRUCK}))
     run = simulate(case)
-    assert [agent.size for agent in run.agents] == [(4.6, 1.86), (12.0, 2.5)]
+    assert [(agent.kind, agent.size) for agent in run.agents] == [("car", (4.6, 1.86)), ("truck", (12.0, 2.5))]
     assert list(run.provenance["others"]) == ["a2"]
     speed = run.need("speed")
     assert speed[150, 0] > 1.5 * speed[150, 1], "the truck accelerates half as hard"
@@ -78,6 +88,10 @@ MISTAKES: dict[str, tuple[Callable[[Any], object], str]] = {
     "a vehicle for a fleet": (lambda rvads: rvads.Case(scenario(), Reference, fleet=TRUCK), r"must be a rvads.Fleet\(vehicle\)"),
     "a number for a vehicle": (lambda rvads: rvads.Fleet(3), "as the fixture rvads_vehicle, needs a rvads.Vehicle.*got 3"),
     "one for another vehicle": (lambda rvads: rvads.Fleet(others={"a0": 3}), "needs a rvads.Vehicle.*got 3"),
+    "a kind that is none": (
+        lambda rvads: rvads.Vehicle(kind="truck"),
+        "vehicle parameter kind must be a rvads.Kind, .*got 'truck'",
+    ),
     "no mapping of vehicles": (lambda rvads: rvads.Fleet(others=TRUCK), "vehicles by the name of the agent"),
     "a body for nobody": (
         lambda rvads: rvads.Case(scenario("1030"), Reference, fleet=Fleet(others={"a1": TRUCK})),
