@@ -28,7 +28,8 @@ from pytest_rvads.logic.rules.rulefile import load_rules as load_rules
 from pytest_rvads.logic.rules.vocabulary import Word as Word
 from pytest_rvads.logic.judging.verdicts import Status as Status, Verdict as Verdict
 from pytest_rvads.junctions.finder import find as find
-from pytest_rvads.junctions.junction import Junction as Junction, Movement as Movement
+from pytest_rvads.junctions.junction import Entrance as Entrance, Exit as Exit, Junction as Junction, Movement as Movement
+from pytest_rvads.maps.control import Sign as Sign
 from pytest_rvads.maps.segment import Turn as Turn
 from pytest_rvads.physics.braking import vmax as vmax
 from pytest_rvads.simulators.bullet import bullet as bullet
@@ -46,11 +47,12 @@ from pytest_rvads.conduct.kpis import Kpis as Kpis, kpis as kpis
 from pytest_rvads.runs.recorded import read_recorded as read_recorded
 from pytest_rvads.runs.run import Collision as Collision, Facts as Facts, Fault as Fault, Run as Run
 from pytest_rvads.runs.runfile import load_run as load_run, save_run as save_run
-from pytest_rvads.runs.states import Agent as Agent, Colour as Colour, VehicleState as VehicleState, Zone as Zone
+from pytest_rvads.runs.states import Agent as Agent, Colour as Colour, Kind as Kind, VehicleState as VehicleState, Zone as Zone
 from pytest_rvads.drivers.interface import (
     Acceleration as Acceleration,
     Autopilot as Autopilot,
     Control as Control,
+    Factory as Factory,
     Observation as Observation,
     TargetSpeed as TargetSpeed,
     TrafficSystem as TrafficSystem,

@@ -60,7 +60,7 @@ def _sentence(message: str, value: Any, info: Type) -> str:
     path = ""
     for step in re.findall(r"\.\.\.|[^.\[\]`]+", steps):
         info = _inside(info, step)
-        if isinstance(value, list):
+        if isinstance(value, list | tuple):
             value, path = value[int(step)], f"{path}[{step}]"
         else:
             key = step if step in value else _culprit(value, info)

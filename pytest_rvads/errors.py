@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from types import UnionType
 
 __all__ = [
     "AutopilotError",
@@ -18,6 +19,7 @@ __all__ = [
     "RunError",
     "RvadsError",
     "ScenarioError",
+    "require",
     "suggest",
 ]
 
@@ -80,6 +82,12 @@ class MetamorphicViolation(RuleViolation):
 
 for _public in (RuleViolation, OpenObligation, MetamorphicViolation):
     _public.__module__ = "pytest_rvads"  # where users find them, and what pytest shows
+
+
+def require(value: object, kind: type | UnionType, wanted: str, error: type[RvadsError]) -> None:
+    """Raise an `error` where `value` is not of `kind`; `wanted` begins its sentence and says what to write."""
+    if not isinstance(value, kind):
+        raise error(f"{wanted}, got {value!r:.60}")
 
 
 def suggest(word: str, choices: Iterable[str]) -> str:

@@ -7,9 +7,10 @@ import inspect
 import re
 import textwrap
 from enum import Enum
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, get_origin
 
 import pytest_rvads
 
@@ -40,6 +41,8 @@ def _entry(name: str, thing: Any) -> str:
         )
     if inspect.isclass(thing) and issubclass(thing, Enum):
         parts += [_prose(inspect.getdoc(thing)), "One of " + ", ".join(f"`{member.name}`" for member in thing) + "."]
+    elif get_origin(thing):
+        parts += [f"`{_shown(str(thing))}`", _prose(_below(name))]
     elif inspect.isclass(thing):
         parts += [_code(name, thing), _prose(inspect.getdoc(thing)), *_fields(thing), *_methods(name, thing)]
     else:
@@ -80,6 +83,13 @@ def _fields(cls: type) -> list[str]:
     return ["\n".join(["| field | type | |", "|---|---|---|", *rows])] if rows else []
 
 
+def _below(name: str) -> str:
+    """Return the string below the line that defines an alias of a type."""
+    module = inspect.getsource(import_module(pytest_rvads._homes()[name]))  # type: ignore[attr-defined]
+    told = re.search(rf'^{name} = .*\n"""([^"]*)"""', module, re.MULTILINE)
+    return told[1] if told else ""
+
+
 def _cell(text: str) -> str:
     return text.replace("|", "\\|")
 
@@ -98,6 +108,10 @@ def _signature(thing: Any) -> str:
         return ""
     for public in pytest_rvads.__all__:  # a default that is a public value is called by its name, not by its address
         text = text.replace(object.__repr__(getattr(pytest_rvads, public)), public)
+    return _shown(text)
+
+
+def _shown(text: str) -> str:
     text = re.sub(r"ForwardRef\(([^()]*)\)", r"\1", text)
     text = re.sub(r"<(?:function|class|built-in function) ['\"]?([\w.]+)[^>]*>", r"\1", text)
     return re.sub(r"pytest_rvads\.(?:\w+\.)*(\w+)", r"\1", text).replace("'", "")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.bodies import velocity
 from pytest_rvads.conduct.predicates import ticks
 from pytest_rvads.conduct.stretches import shared
+from pytest_rvads.errors import RunError, require
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 
@@ -90,6 +91,7 @@ class Kpis:
 
 def kpis(run: Run) -> Kpis:
     """Compute the indicators of a run; those that it does not record enough for are named as unavailable."""
+    require(run, Run, "kpis takes a run, such as rvads.simulate(case) returns", RunError)
     missing = _unavailable(run)
     columns = range(len(run.agents))
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.bodies import contacts
-from pytest_rvads.errors import MapError
+from pytest_rvads.errors import MapError, RunError, require
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
@@ -47,6 +47,7 @@ def validate(run: Run) -> tuple[Finding, ...]:
 
     What a run does not record is not looked at.
     """
+    require(run, Run, "validate takes a run, such as rvads.simulate(case) returns", RunError)
     broken = damage(run)
     if broken:
         return broken

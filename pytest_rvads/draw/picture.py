@@ -44,7 +44,7 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
         parts.append(f'<polyline class="trail" stroke="{ink(agent)}" points="{path(run.pose[: tick + 1 : 5, column, :2])}"/>')
     for column, agent in enumerate(run.agents):
         if run.zone[tick, column] != Zone.GONE:
-            parts.append(body(run.pose[tick, column], *size(run, column), ink(agent), agent.name, agent.name in broken))
+            parts.append(body(run.pose[tick, column], agent, size(run, column), agent.name in broken))
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide * 10:.0f}" height="{(high + 5) * 10:.0f}" '
         f'viewBox="{left:.2f} {top - 5:.2f} {wide:.2f} {high + 5:.2f}"><style>{STYLE}</style>'

@@ -61,11 +61,8 @@ def replay(
         raise RunError(f"run {run.label!r} has no states, so there is nothing to replay")
     scene = Scene(run.junction)
     left, top, wide, high = scene.view
-    inks = [ink(a) for a in run.agents]
-    trails = "".join(f'<polyline class="trail" stroke="{colour}"/>' for colour in inks)
-    bodies = "".join(
-        body(run.pose[0, i], *size(run, i), inks[i], a.name, a.name in responsible) for i, a in enumerate(run.agents)
-    )
+    trails = "".join(f'<polyline class="trail" stroke="{ink(a)}"/>' for a in run.agents)
+    bodies = "".join(body(run.pose[0, i], a, size(run, i), a.name in responsible) for i, a in enumerate(run.agents))
     told = sorted(marked)
     motion = np.concatenate((run.pose, run.station[..., None], run.speed[..., None]), axis=2)
     motion[..., 2] = np.unwrap(motion[..., 2], axis=0)
@@ -75,6 +72,7 @@ def replay(
         "every": _EVERY,
         "lengths": [size(run, i)[0] for i in range(len(run.agents))],
         "agents": [a.name for a in run.agents],
+        "kinds": [a.kind for a in run.agents],
         "motion": motion[::_EVERY].round(3).tolist(),
         "zones": [_changes(run.zone[:, i]) for i in range(len(run.agents))],
         "lights": [_changes(run.lights[:, e]) for e in range(run.lights.shape[1])],

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import Sign
-from pytest_rvads.runs.states import Agent, Colour
+from pytest_rvads.runs.states import Agent, Colour, Kind
 
 __all__ = ["Scene", "body", "ink", "path"]
 
@@ -20,6 +20,8 @@ PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7
 """Okabe and Ito's palette, distinguishable by colour-blind people; one per entrance."""
 
 _LIGHTS = {Colour.GREEN: "#1fa34a", Colour.YELLOW: "#e0a800", Colour.RED: "#d11f1f", Colour.NONE: "#888"}
+_CORNERS = {Kind.CAR: 0.4, Kind.TRUCK: 0.0}
+"""Radius of the corners of a body [m]; whoever is on two wheels or feet is round at both ends."""
 _MARGIN = 28.0
 """How far the picture reaches beyond the junction [m]."""
 
@@ -88,13 +90,15 @@ def ink(agent: Agent) -> str:
     return PALETTE[agent.entrance % len(PALETTE)]
 
 
-def body(pose: NDArray[np.float64], length: float, width: float, colour: str, name: str, broken: bool = False) -> str:
-    """Return a vehicle to scale; `pose` is that of the centre of its front bumper."""
-    x, y, heading = (float(v) for v in pose)
+def body(pose: NDArray[np.float64], agent: Agent, size: tuple[float, float], broken: bool = False) -> str:
+    """Return a vehicle to scale; `pose` is that of the centre of its front bumper, `size` its length and width [m]."""
+    (x, y, heading), (length, width), name = map(float, pose), size, agent.name
     outline = ' class="broken"' if broken else ""
+    kind = "" if agent.kind is Kind.CAR else f"<title>{agent.kind} {name}</title>"
     return (
-        f'<g class="vehicle" data-agent="{name}" transform="translate({x:.3f} {-y:.3f}) rotate({-degrees(heading):.2f})">'
-        f'<rect{outline} x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" rx="0.4" fill="{colour}"/>'
+        f'<g class="vehicle" data-agent="{name}" transform="translate({x:.3f} {-y:.3f}) rotate({-degrees(heading):.2f})">{kind}'
+        f'<rect{outline} x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" '
+        f'rx="{_CORNERS.get(agent.kind, width / 2):g}" fill="{ink(agent)}"/>'
         f'<path class="front" d="M-1.3 {-width / 2 + 0.25:g}L-0.3 0L-1.3 {width / 2 - 0.25:g}"/>'
         f'<text class="name" transform="translate({-length / 2:g} 0) rotate({degrees(heading):.2f})" y="0.6">{name}</text></g>'
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
-from pytest_rvads.errors import MapError, suggest
+from pytest_rvads.errors import MapError, require, suggest
 from pytest_rvads.junctions.analysis import JunctionReport
 from pytest_rvads.junctions.builtin import LAYOUTS, path_of
 from pytest_rvads.junctions.junction import Junction
@@ -62,6 +62,7 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
     Raises:
         MapError: an unknown or unusable junction, an unreadable map, or nothing of this type.
     """
+    require(junction, str, "find takes the name, id or type of a junction as a text, such as 'stop4'", MapError)
     wanted = _parse(junction)
     if map is None:
         return _builtin(junction, wanted)

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from pytest_rvads.report.outcome import Outcome
 
 __all__ = [
+    "AgentRecord",
     "Computing",
     "Difference",
     "Indicators",
@@ -117,6 +118,18 @@ class Computing(msgspec.Struct, frozen=True, kw_only=True):
     longest: float
 
 
+class AgentRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """Who took part in a run; where it comes from and goes to as arm and lane."""
+
+    name: str
+    kind: str
+    entrance: tuple[int, int]
+    exit: tuple[int, int]
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.name} from {'{}.{}'.format(*self.entrance)} to {'{}.{}'.format(*self.exit)}"
+
+
 class Difference(msgspec.Struct, frozen=True):
     """Where a run parts from its repetition."""
 
@@ -140,7 +153,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     test: str
     """Name of the test function."""
     ways: int
-    """Number of entrances of the junction."""
+    """Number of arms of the junction."""
     junction: str
     cls: int
     scenario: str
@@ -166,6 +179,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Digest of the junction: another map under the same name has another one."""
     duration: float | None = None
     """Of the run [s]."""
+    agents: tuple[AgentRecord, ...] = ()
     kpis: Indicators | None = None
     timing: dict[str, Computing] | None = None
     """By vehicle, of those that a stack in another process drove."""
@@ -176,6 +190,11 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The replay page, with the time of the violation."""
     change: str = ""
     """Since the baseline, where there is one."""
+
+    @property
+    def took_part(self) -> str:
+        """The agents in words: ``car a0 from 0.0 to 2.0; truck a1 from 1.0 to 3.0``, arm and lane."""
+        return "; ".join(map(str, self.agents))
 
     @property
     def asks(self) -> str:
@@ -204,7 +223,7 @@ def planned_record(
         line: of the test function in its file.
         test: name of the test function.
         keys: what selects the cell: junction, cls, scenario, cfg, rotation, and seat, traffic, rule where there is one.
-        ways: number of entrances of the junction.
+        ways: number of arms of the junction.
         requirements: identifiers of what scenario and rule trace to.
     """
     known: dict[str, Any] = {"seat": None, "traffic": None, "rule": None, "driver": "", **keys}

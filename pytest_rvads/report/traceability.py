@@ -22,10 +22,11 @@ _COLUMNS = {
     "verdict": "status",
     "known": "known",
     "driver": "driver",
+    "agents": "took_part",
     "run": "hash",
     "item": "nodeid",
 }
-"""Heading to field of the record."""
+"""Heading to attribute of the record."""
 
 
 def table(report: Report) -> str:

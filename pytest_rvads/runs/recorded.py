@@ -24,8 +24,8 @@ from pytest_rvads.errors import MapError, RunError
 from pytest_rvads.junctions.junction import Junction, Movement, cross
 from pytest_rvads.maps.control import JunctionControl, Sign, phase_groups
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Agent, Colour, Zone
+from pytest_rvads.runs.run import Positive, Run
+from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
 
 __all__ = ["Edge", "read_recorded"]
 
@@ -78,6 +78,9 @@ class _Vehicle(Struct, frozen=True):
     at_entrance: _Series[str]
     init_offset: _Finite | None = None
     init_speed: _Finite | None = None
+    kind: Kind = Kind.CAR
+    size: tuple[Positive, Positive] | None = None
+    """Length and width [m]."""
 
 
 class _Light(Struct, frozen=True):
@@ -174,7 +177,7 @@ class _Topology:
         agents, zones, starts = [], [], {}
         for name, vehicle in record.vehicles.items():
             movement, zone = self._vehicle(vehicle, steps, f"{where}: vehicle {name!r}")
-            agents.append(Agent(name, movement))
+            agents.append(Agent(name, movement, vehicle.kind, vehicle.size))
             zones.append(zone)
             if vehicle.init_offset is not None and vehicle.init_speed is not None:
                 starts[name] = (vehicle.init_offset, vehicle.init_speed)

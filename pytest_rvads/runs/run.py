@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass, field, fields
 from functools import cached_property
-from typing import Any
+from types import MappingProxyType
+from typing import Annotated, Any, get_type_hints
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
+from pytest_rvads.decoding import typed
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.states import Agent, Zone
 
-__all__ = ["ARRAYS", "DT", "Collision", "Facts", "Fault", "Halt", "Run"]
+__all__ = ["ARRAYS", "DT", "Collision", "Facts", "Fault", "Halt", "Positive", "Run"]
 
 DT = 0.01
 """Time between two states, and the physics step [s]."""
 ARRAYS = ("zone", "lights", "station", "speed", "pose", "controls")
 """The states."""
+Positive = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
+"""A number above 0, finite; as run files have it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,21 +73,34 @@ class Halt(RunError):
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What a verdict can depend on beside the states; part of a run's hash. What is not known is None."""
+    """What a verdict can depend on beside the states; part of a run's hash. What is not known is None.
+
+    Raises:
+        RunError: what can't be one of these.
+    """
 
     subject: str | None = None
     """Name of the vehicle under test where the others are traffic, else None."""
-    speed_limit: float | None = None
+    speed_limit: Positive | None = None
     """[m/s]."""
     strayed: tuple[str, ...] = ()
     """Names of the vehicles that left their routes, which ended the run."""
 
+    def __post_init__(self) -> None:
+        for name, kind in _FACTS.items():
+            value = getattr(self, name)
+            plain = float(value) if isinstance(value, float) else value  # numpy's are a class of their own
+            object.__setattr__(self, name, typed(plain, kind, f"{name} of facts", RunError))
+
+
+_FACTS = get_type_hints(Facts, include_extras=True)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run:
-    """A run of the system: states every `dt` seconds, as arrays with one row per state; they can't be written to.
+    """A run of the system: states every `dt` seconds, as arrays with one row per state.
 
-    What a recording does not hold is None, never guessed.
+    Arrays and provenance are the run's own and can't be written to. What a recording does not hold is None, never guessed.
     """
 
     label: str
@@ -113,11 +132,14 @@ class Run:
     def __post_init__(self) -> None:
         for name in ARRAYS:
             array = getattr(self, name)
-            if array is not None and array.flags.writeable:
-                # A view, so that whoever made the array may go on writing to it.
-                shown = array.view()
-                shown.flags.writeable = False
-                object.__setattr__(self, name, shown)
+            if array is not None and (array.flags.writeable or not array.flags.owndata):
+                own = array.copy()
+                own.flags.writeable = False
+                object.__setattr__(self, name, own)
+        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Run, tuple(getattr(self, item.name) for item in fields(self))  # numpy unpickles arrays that can be written to
 
     def __eq__(self, other: object) -> bool:
         """Tell whether two runs are the same bit for bit."""

@@ -22,7 +22,7 @@ from pytest_rvads.errors import MapError, RunError
 from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
 from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Segment, Turn
-from pytest_rvads.runs.run import Collision, Facts, Fault, Run
+from pytest_rvads.runs.run import Collision, Facts, Fault, Positive, Run
 from pytest_rvads.runs.states import Agent, Kind
 
 __all__ = ["FORMAT", "VERSION", "load_run", "save_run"]
@@ -30,7 +30,6 @@ __all__ = ["FORMAT", "VERSION", "load_run", "save_run"]
 FORMAT, VERSION = "rvads-run", 3
 _ARRAYS = {"zone": (2, "i"), "lights": (2, "i"), "station": (2, "f"), "speed": (2, "f"), "pose": (3, "f"), "controls": (3, "f")}
 """The arrays of a run: how many dimensions they have, and of which kind of numbers."""
-_Positive = Annotated[float, msgspec.Meta(gt=0)]
 _Count = Annotated[int, msgspec.Meta(ge=0)]
 
 
@@ -76,7 +75,7 @@ class _Junction(msgspec.Struct, frozen=True):
     right_of: list[tuple[_Count, _Count]]
     opposite: list[tuple[_Count, _Count]]
     left_hand: bool
-    lane_width: _Positive
+    lane_width: Positive
 
 
 class _Agent(msgspec.Struct, frozen=True):
@@ -84,12 +83,12 @@ class _Agent(msgspec.Struct, frozen=True):
     route: tuple[_Count, _Count]
     """Entrance and exit."""
     kind: Kind
-    size: tuple[_Positive, _Positive] | None
+    size: tuple[Positive, Positive] | None
 
 
 class _Facts(msgspec.Struct, frozen=True):
     subject: str | None
-    speed_limit: _Positive | None
+    speed_limit: Positive | None
     strayed: tuple[str, ...]
 
 

@@ -1,11 +1,12 @@
-"""The parameters of a vehicle: the plant is built from them, autopilots may read them."""
+"""The parameters of a vehicle: the plant is built from them, autopilots may read them; and of what kind it is."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
 
-from pytest_rvads.errors import ScenarioError
+from pytest_rvads.errors import ScenarioError, require
+from pytest_rvads.runs.states import Kind
 
 __all__ = ["GRAVITY", "Vehicle"]
 
@@ -18,7 +19,7 @@ class Vehicle:
     """A passenger car on a dry road; every default is measured or typical of the class.
 
     Raises:
-        ScenarioError: a parameter that is not finite or not positive, or a wheelbase longer than the body.
+        ScenarioError: a parameter that is not finite or not positive, a wheelbase longer than the body, or no `Kind`.
     """
 
     mass: float = 1500.0
@@ -59,15 +60,19 @@ class Vehicle:
     """Largest front wheel angle [rad]."""
     steering_rate: float = 0.8
     """Fastest change of the front wheel angle [rad/s]."""
+    kind: Kind = Kind.CAR
+    """What the others see it is; the plant goes by the parameters alone."""
 
     def __post_init__(self) -> None:
-        for item in fields(self):
+        *parameters, _ = fields(self)
+        for item in parameters:
             value = getattr(self, item.name)
             for number in value if isinstance(value, tuple) else (value,):
                 if not (isinstance(number, int | float) and math.isfinite(number) and number > 0):
                     raise ScenarioError(f"vehicle parameter {item.name} must be a positive number, got {value!r}")
         if len(self.brake) != 3:
             raise ScenarioError(f"vehicle parameter brake needs a deceleration for aggression 1, 2 and 3, got {self.brake!r}")
+        require(self.kind, Kind, "vehicle parameter kind must be a rvads.Kind, such as rvads.Kind.TRUCK", ScenarioError)
         if self.wheelbase >= self.length:
             raise ScenarioError(f"vehicle wheelbase {self.wheelbase} m does not fit into a body of {self.length} m")
 

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from pytest_rvads.drivers.interface import Factory
-from pytest_rvads.errors import AutopilotError, ScenarioError
+from pytest_rvads.errors import AutopilotError, ScenarioError, require
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario
@@ -18,7 +18,11 @@ __all__ = ["Case", "Fleet"]
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """In which bodies the agents of a scenario drive."""
+    """In which bodies the agents of a scenario drive.
+
+    Raises:
+        ScenarioError: what is no `Vehicle`.
+    """
 
     vehicle: Vehicle = field(default_factory=Vehicle)
     """Of every agent that has no other one."""
@@ -26,6 +30,9 @@ class Fleet:
     """By the name of the agent."""
 
     def __post_init__(self) -> None:
+        require(self.others, Mapping, "others= must be vehicles by the name of the agent, such as {'a0': truck}", ScenarioError)
+        for vehicle in (self.vehicle, *self.others.values()):
+            require(vehicle, Vehicle, "a fleet, as the fixture rvads_vehicle, needs a rvads.Vehicle(...)", ScenarioError)
         object.__setattr__(self, "others", MappingProxyType(dict(self.others)))
 
     def of(self, agent: str) -> Vehicle:
@@ -38,7 +45,8 @@ class Case:
     """Everything that a run depends on.
 
     Raises:
-        ScenarioError: a subject without traffic, or traffic without a subject.
+        ScenarioError: no scenario, no fleet, or one with a body for an agent that the scenario does not have; a subject without
+            traffic, or traffic without a subject.
         AutopilotError: `driver` or `traffic` is nothing that can be called.
     """
 
@@ -51,14 +59,23 @@ class Case:
     fleet: Fleet = field(default_factory=Fleet)
 
     def __post_init__(self) -> None:
+        require(self.scenario, Scenario, "a case begins with a rvads.Scenario(rvads.find('stop4'), '1133')", ScenarioError)
+        require(self.fleet, Fleet, "fleet= must be a rvads.Fleet(vehicle)", ScenarioError)
+        names = [agent.name for agent in self.scenario.agents()] if self.fleet.others else []
+        for name in self.fleet.others:
+            if name not in names:
+                raise ScenarioError(
+                    f"the fleet has a body for {name!r}, the agents of {self.scenario.name} are {', '.join(names)}: "
+                    "give the body to one of them"
+                )
         if self.scenario.subject is not None and self.traffic is None:
             raise ScenarioError("the scenario has a subject, so its other vehicles need an autopilot: pass it as traffic=")
         if self.scenario.subject is None and self.traffic is not None:
             raise ScenarioError(
                 "traffic= drives the vehicles beside a subject: give the scenario a subject, or leave traffic= out"
             )
-        for factory in (self.driver, self.traffic):
-            if factory is not None and not callable(factory):
+        for factory in (self.driver,) if self.traffic is None else (self.driver, self.traffic):
+            if not callable(factory):
                 raise AutopilotError(
                     f"an autopilot must be a class or a callable that makes one, got {factory!r}: every vehicle of every run "
                     "gets a new one, so pass the class, not an instance"
@@ -70,9 +87,9 @@ class Case:
         return replace(self, scenario=self.scenario.but(**changes))
 
     def agents(self) -> tuple[Agent, ...]:
-        """Return the agents with their sizes, by entrance."""
+        """Return the agents with their kinds and sizes, by entrance."""
         found = []
         for agent in self.scenario.agents():
             vehicle = self.fleet.of(agent.name)
-            found.append(replace(agent, size=(vehicle.length, vehicle.width)))
+            found.append(replace(agent, kind=vehicle.kind, size=(vehicle.length, vehicle.width)))
         return tuple(found)

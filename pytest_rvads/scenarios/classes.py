@@ -13,6 +13,7 @@ from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from math import gcd
+from operator import index
 from typing import TypeVar
 
 from pytest_rvads.errors import ScenarioError
@@ -46,9 +47,14 @@ def parse(directions: str | Sequence[int]) -> Directions:
     Raises:
         ScenarioError: another number of entrances than 3..8, a digit out of range, or no vehicle at all.
     """
-    if isinstance(directions, str) and not (directions.isascii() and directions.isdigit()):
-        raise ScenarioError(f"directions must be digits, one per entrance, such as '1133', got {directions!r}")
-    code = tuple(int(d) for d in directions)
+    digits: object = directions
+    if isinstance(directions, str):
+        digits = [int(d) for d in directions] if directions.isascii() and directions.isdigit() else None
+    try:
+        code = tuple(map(index, digits))  # type: ignore[call-overload]
+    except TypeError as refused:
+        message = f"directions must be digits, one per entrance, such as '1133', got {directions!r}"
+        raise ScenarioError(message) from refused
     if len(code) not in WAYS:
         raise ScenarioError(f"directions must name 3 to 8 entrances, got {len(code)}: {directions!r}")
     if not all(0 <= d < len(code) for d in code):

@@ -46,34 +46,34 @@ class Configuration:
     """[m/s]."""
 
 
-def configuration(letter: str, ways: int) -> Configuration:
-    """Return the paper's configuration `letter` (A..J) for `ways` entrances.
+def configuration(letter: str, entrances: int) -> Configuration:
+    """Return the paper's configuration `letter` (A..J) for `entrances` entrances.
 
     Raises:
         ScenarioError: an unknown letter.
     """
-    first = (ways + 1) // 2
-    near, close, far = (_NEAR,) * ways, (_CLOSE,) * ways, (_FAR,) * ways
+    first = (entrances + 1) // 2
+    near, close, far = (_NEAR,) * entrances, (_CLOSE,) * entrances, (_FAR,) * entrances
     distances = {
         **dict.fromkeys("AF", near),
         **dict.fromkeys("BG", close),
         **dict.fromkeys("CHDI", far),
-        "E": (_CLOSE,) * first + (_FAR,) * (ways - first),
-        "J": tuple(_CLOSE if i % 2 else _FAR for i in range(ways)),
+        "E": (_CLOSE,) * first + (_FAR,) * (entrances - first),
+        "J": tuple(_CLOSE if i % 2 else _FAR for i in range(entrances)),
     }
     if letter not in distances:
         hint = suggest(letter.upper(), distances)
         raise ScenarioError(f"unknown configuration {letter!r}: the paper's are A..J, or give distances= and speeds={hint}")
-    return Configuration(letter, distances[letter], (_FAST if letter in "DI" else 0.0,) * ways)
+    return Configuration(letter, distances[letter], (_FAST if letter in "DI" else 0.0,) * entrances)
 
 
-def grid(names: str | Iterable[str], ways: int, control: JunctionControl) -> tuple[Configuration, ...]:
+def grid(names: str | Iterable[str], entrances: int, control: JunctionControl) -> tuple[Configuration, ...]:
     """Return the configurations of a named grid.
 
     Args:
         names: ``"paper"`` for the five of the paper that belong to `control` (those of the stop junction
             where the control is neither stop nor lights), a string of letters, or a sequence of either.
-        ways: number of entrances.
+        entrances: number of entrances.
         control: of the junction.
     """
     letters: list[str] = []
@@ -81,24 +81,24 @@ def grid(names: str | Iterable[str], ways: int, control: JunctionControl) -> tup
         letters += PAPER.get(control, PAPER[JunctionControl.STOP]) if name == "paper" else name
     if not letters:
         raise ScenarioError("a grid needs at least one configuration, such as 'paper', 'D' or ('C', 'D')")
-    return tuple(configuration(letter, ways) for letter in dict.fromkeys(letters))
+    return tuple(configuration(letter, entrances) for letter in dict.fromkeys(letters))
 
 
 Axis = float | tuple[float, ...] | list[float | tuple[float, ...]]
 
 
-def explicit(distances: Axis, speeds: Axis, ways: int) -> tuple[Configuration, ...]:
+def explicit(distances: Axis, speeds: Axis, entrances: int) -> tuple[Configuration, ...]:
     """Return the product of explicit distances and speeds.
 
     Args:
         distances: a number for all entrances, a tuple with one number per entrance, or a list of either.
         speeds: likewise.
-        ways: number of entrances.
+        entrances: number of entrances.
 
     Raises:
         ScenarioError: a number that is negative or not finite, or a tuple of another length.
     """
-    points = product(_points("distances", distances, ways), _points("speeds", speeds, ways))
+    points = product(_points("distances", distances, entrances), _points("speeds", speeds, entrances))
     return tuple(Configuration(explicit_label(d, v), d, v) for d, v in points)
 
 
@@ -132,7 +132,7 @@ def probe(point: Configuration, envelope: Envelope) -> str:
     return ""
 
 
-def per_entrance(name: str, value: float | Sequence[float], ways: int) -> tuple[float, ...]:
+def per_entrance(name: str, value: float | Sequence[float], entrances: int) -> tuple[float, ...]:
     """Return `value` as one finite number of 0 or more per entrance.
 
     Raises:
@@ -140,17 +140,17 @@ def per_entrance(name: str, value: float | Sequence[float], ways: int) -> tuple[
     """
     if isinstance(value, str) or not isinstance(value, int | float | Sequence):
         raise ScenarioError(f"{name} takes numbers, got {value!r}")
-    values = (value,) * ways if isinstance(value, int | float) else tuple(value)
-    if len(values) != ways:
-        raise ScenarioError(f"{name} needs one value, or one per entrance ({ways}), got {len(values)}: {values!r}")
+    values = (value,) * entrances if isinstance(value, int | float) else tuple(value)
+    if len(values) != entrances:
+        raise ScenarioError(f"{name} needs one value, or one per entrance ({entrances}), got {len(values)}: {values!r}")
     for number in values:
         if isinstance(number, bool) or not isinstance(number, int | float) or not 0 <= number < float("inf"):
             raise ScenarioError(f"{name} must be 0 or more and finite, got {number!r}")
     return tuple(float(v) for v in values)
 
 
-def _points(name: str, axis: Axis, ways: int) -> list[tuple[float, ...]]:
+def _points(name: str, axis: Axis, entrances: int) -> list[tuple[float, ...]]:
     entries: list[float | tuple[float, ...]] = axis if isinstance(axis, list) else [axis]
     if not entries:
         raise ScenarioError(f"{name} is an empty list: give at least one value")
-    return [per_entrance(name, entry, ways) for entry in entries]
+    return [per_entrance(name, entry, entrances) for entry in entries]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from pytest_rvads.errors import ScenarioError
+from pytest_rvads.errors import ScenarioError, require
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.lights import SignalPlan
@@ -20,6 +21,7 @@ __all__ = ["SPEED_LIMIT", "Scenario", "check_numbers"]
 
 SPEED_LIMIT = 11.176
 """City speed limit of the paper, 25 mph [m/s]."""
+_IN_IDS = re.compile(r"[A-Za-z0-9_.-]+")
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -79,28 +81,27 @@ class Scenario:
         Raises:
             ScenarioError: a direction, number or length that does not fit, or a junction that is none.
         """
-        if not isinstance(place, Junction):
-            raise ScenarioError(f"a scenario needs a junction, such as rvads.find('stop4'), got {place!r:.60}")
+        require(place, Junction, "a scenario needs a junction, such as rvads.find('stop4')", ScenarioError)
         code = parse(directions)
-        ways = len(code)
-        if ways != len(place.entrances):
+        count = len(code)
+        if count != len(place.entrances):
             raise ScenarioError(
-                f"directions {label(code)!r} describe {ways} entrances, junction {place.name!r} has {len(place.entrances)}"
+                f"directions {label(code)!r} describe {count} entrances, junction {place.name!r} has {len(place.entrances)}"
             )
-        distances = per_entrance("distance", distance, ways)
-        speeds = per_entrance("speed", speed, ways)
-        if not 0 <= rotation < ways:
-            raise ScenarioError(f"rotation must be one of 0..{ways - 1} for {ways} entrances, got {rotation!r}")
+        distances = per_entrance("distance", distance, count)
+        speeds = per_entrance("speed", speed, count)
+        _check_rotation(place, rotation)
         check_numbers(duration, aggression, wait)
-        if subject is not None and not (0 <= subject < ways and code[subject - rotation]):
+        if subject is not None and not (_within(subject, count) and code[subject - rotation]):
             raise ScenarioError(f"subject must be an occupied entrance of {label(rotate(code, rotation))}, got {subject!r}")
-        made = tuple(range(ways)) if order is None else tuple(order)
-        if sorted(made) != list(range(ways)):
-            raise ScenarioError(f"order must name each of the entrances 0..{ways - 1} once, got {order!r}")
-        if not isinstance(senses, Senses):
-            raise ScenarioError(f"senses must be rvads.Senses(...), got {senses!r}")
+        made = tuple(range(count)) if order is None else _order(order, count)
+        if configuration is None:
+            configuration = explicit_label(distances, speeds)
+        elif not (isinstance(configuration, str) and _IN_IDS.fullmatch(configuration)):
+            raise ScenarioError(f"configuration must be a label of letters, digits, '_', '.' and '-', got {configuration!r}")
+        require(senses, Senses, "senses must be rvads.Senses(...)", ScenarioError)
         values = (
-            *(place, code, distances, speeds, rotation, configuration or explicit_label(distances, speeds)),
+            *(place, code, distances, speeds, rotation, configuration),
             *(float(duration), aggression, float(wait), subject, made, senses),
         )
         for name, value in zip(self.__slots__, values, strict=True):
@@ -116,8 +117,8 @@ class Scenario:
 
     @property
     def ways(self) -> int:
-        """Number of entrances."""
-        return len(self.directions)
+        """Number of arms of the junction."""
+        return self.place.ways
 
     @property
     def placed(self) -> tuple[int, ...]:
@@ -132,17 +133,17 @@ class Scenario:
     @property
     def creation(self) -> tuple[int, ...]:
         """Occupied entrances in the order in which their vehicles are created."""
-        order = ((i + self.rotation) % self.ways for i in self.order)
+        order = ((i + self.rotation) % len(self.order) for i in self.order)
         return tuple(e for e in order if self.placed[e])
 
     @property
     def name(self) -> str:
         """The id without the rule: junction, class, abstract scenario, configuration."""
         turned = f".r{self.rotation}" if self.rotation else ""
-        if self.order != tuple(range(self.ways)):
+        if self.order != tuple(range(len(self.order))):
             turned += f".o{label(self.order)}"
         seat = "" if self.subject is None else f"-s{self.subject}"
-        scenario = f"{class_label(self.ways, self.number)}-as{label(self.placed)}{seat}"
+        scenario = f"{class_label(len(self.directions), self.number)}-as{label(self.placed)}{seat}"
         return f"{self.place.name}-{scenario}-cfg{self.point}{turned}"
 
     @property
@@ -157,7 +158,7 @@ class Scenario:
 
     def start(self, entrance: int) -> tuple[float, float]:
         """Return distance to the stopping line [m] and speed [m/s] of the vehicle at `entrance` of the map."""
-        before = (entrance - self.rotation) % self.ways
+        before = (entrance - self.rotation) % len(self.directions)
         return self.distances[before], self.speeds[before]
 
     def fit(self) -> None:
@@ -204,9 +205,33 @@ class Scenario:
         return {"junction": self.place.name, "map": self.place.map, **values, "senses": self.senses.record()}
 
 
+def _within(value: object, count: int) -> bool:
+    """Return whether `value` is a whole number of 0 or more below `count`."""
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < count
+
+
+def _check_rotation(place: Junction, rotation: int) -> None:
+    """Check that a row moves every entrance on by as many arms, to the same lane there."""
+    count = len(place.entrances)
+    if not _within(rotation, count):
+        raise ScenarioError(f"rotation must be one of 0..{count - 1} for {count} entrances, got {rotation!r}")
+    pairs = zip(place.entrances, rotate(place.entrances, -rotation), strict=True) if rotation else ()
+    if len({((there.arm - here.arm) % place.ways, there.lane - here.lane) for here, there in pairs}) > 1:
+        raise ScenarioError(
+            f"rotation {rotation} of junction {place.name!r} would take lanes of one arm to different arms or lanes, since its "
+            "arms don't have as many entrances each: give the directions as they stand on the map"
+        )
+
+
+def _order(order: object, count: int) -> tuple[int, ...]:
+    if isinstance(order, Sequence) and all(_within(e, count) for e in order) and len({*order}) == len(order) == count:
+        return tuple(order)
+    raise ScenarioError(f"order must name each of the entrances 0..{count - 1} once, got {order!r}")
+
+
 def check_numbers(duration: float, aggression: int, wait: float) -> None:
     """Check what does not depend on the junction, and raise a `ScenarioError` for what is out of range."""
-    if aggression not in (1, 2, 3):
+    if not (_within(aggression, 4) and aggression):
         raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")
     for name, seconds in (("duration", duration), ("wait", wait)):
         if isinstance(seconds, bool) or not isinstance(seconds, int | float):

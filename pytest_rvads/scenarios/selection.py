@@ -46,28 +46,28 @@ class Selection:
     """How many more configurations were asked for, in which nobody could stop."""
 
     def __post_init__(self) -> None:
-        ways, total = self.ways, count_classes(self.ways)
+        entrances, total = self.entrances, count_classes(self.entrances)
         for number in self.classes or ():
             if not 1 <= number <= total:
-                raise ScenarioError(f"a {ways}-way junction has classes 1..{total}, got {number!r}")
-        if self.subject not in (None, "all", *range(ways)):
-            raise ScenarioError(f"subject must be an entrance, 0 to {ways - 1}, or 'all', got {self.subject!r}")
+                raise ScenarioError(f"a {self.place.ways}-way junction has classes 1..{total}, got {number!r}")
+        if self.subject not in (None, "all", *range(entrances)):
+            raise ScenarioError(f"subject must be an entrance, 0 to {entrances - 1}, or 'all', got {self.subject!r}")
 
     @property
-    def ways(self) -> int:
+    def entrances(self) -> int:
         """Number of entrances."""
         return len(self.place.entrances)
 
     def count(self) -> int:
         """Return how many abstract scenarios (rows and seats) are selected, without listing a whole arity."""
         if self.classes is None and self.scenarios is None:
-            seats_each = self.ways if self.subject == "all" else 1
+            seats_each = self.entrances if self.subject == "all" else 1
             if self.cover == "rotation":
-                return count_classes(self.ways) * self.ways * seats_each
+                return count_classes(self.entrances) * self.entrances * seats_each
             if self.cover == "scenario":
-                return count_scenarios(self.ways) * seats_each
+                return count_scenarios(self.entrances) * seats_each
             # By symmetry there are as many classes of (scenario, seat) as scenarios.
-            return count_classes(self.ways) if self.subject is None else count_scenarios(self.ways)
+            return count_classes(self.entrances) if self.subject is None else count_scenarios(self.entrances)
         return sum(len(self._seated(first)) for first in self._firsts())
 
     def __iter__(self) -> Iterator[Scenario]:
@@ -95,7 +95,7 @@ class Selection:
             yield from self.scenarios
             return
         wanted = None if self.classes is None else frozenset(self.classes)
-        for number, code in enumerate(classes(self.ways), start=1):
+        for number, code in enumerate(classes(self.entrances), start=1):
             if wanted is None or number in wanted:
                 yield code
             if wanted is not None and number >= max(wanted):

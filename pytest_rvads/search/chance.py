@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
-from pytest_rvads.errors import RuleViolation, RunError, ScenarioError
+from pytest_rvads.errors import RuleViolation, RunError, ScenarioError, require
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.book import get_rule
@@ -101,6 +101,7 @@ def sweep(case: Case, rule: str | Rule, low: float, high: float, *, step: float 
         ScenarioError: an empty range, or a step below one tick.
         RunError: a run ended by a fault.
     """
+    require(case, Case, "sweep takes a rvads.Case(scenario, driver)", ScenarioError)
     chosen = get_rule(rule)
 
     def status(wait: float) -> Status:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError, suggest
+from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError, require, suggest
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import rules_for
@@ -75,6 +75,7 @@ def equivalent(
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
+    require(case, Case, "equivalent takes a rvads.Case(scenario, driver)", ScenarioError)
     found = compare(case, rules, relations=relations, simulator=simulator)
     if found.differences:
         first, *more = found.differences

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError
+from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError, require
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
@@ -49,6 +49,7 @@ def rational(
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
+    require(case, Case, "rational takes a rvads.Case(scenario, driver)", ScenarioError)
     chosen = rules_for(rules, case.scenario.place.control)
     run, before = judged(case, chosen, simulator)
     kept = [rule for rule in chosen if before[rule.name].status is Status.PASS]
@@ -90,6 +91,7 @@ def determinate(
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
+    require(case, Case, "determinate takes a rvads.Case(scenario, driver)", ScenarioError)
     junction = case.scenario.place
     if junction.phase_groups:
         raise ScenarioError(
@@ -128,7 +130,7 @@ def _restarted(case: Case, run: Run, at: float) -> Case:
         raise RunError(f"the run {run.label} holds no positions and speeds")
     if not 0 < tick < run.steps:
         raise ScenarioError(f"the run lasts {run.duration:.2f} s, so it can't be restarted at {at!r} s")
-    distances, speeds = [0.0] * scenario.ways, [0.0] * scenario.ways
+    distances, speeds = [0.0] * len(scenario.directions), [0.0] * len(scenario.directions)
     for k, agent in enumerate(run.agents):
         left = -scenario.place.setbacks[agent.entrance] - float(run.station[tick, k])
         if run.zone[tick, k] > Zone.ENTRANCE or left < 0:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,8 +78,7 @@ def rotation(case: Case) -> Iterator[Variant | Incomparable]:
             yield Incomparable(what, f"the lights of {junction.name} do not follow the rotation")
         else:
             image = rotate(_same(case), -found.rows)
-            seat = None if scenario.subject is None else image[scenario.subject]
-            yield Variant(what, case.but(rotation=(scenario.rotation + found.rows) % scenario.ways, subject=seat), image)
+            yield Variant(what, _moved(case, image, rotation=(scenario.rotation + found.rows) % len(image)), image)
 
 
 def creation(case: Case) -> Iterator[Variant | Incomparable]:
@@ -139,7 +139,16 @@ RELATIONS: Mapping[str, Relation] = MappingProxyType(
 
 
 def _same(case: Case) -> tuple[int, ...]:
-    return tuple(range(case.scenario.ways))
+    return tuple(range(len(case.scenario.directions)))
+
+
+def _moved(case: Case, image: tuple[int, ...], **changes: Any) -> Case:
+    """Return the case with a changed scenario, in which seat and bodies go along with their vehicles."""
+    before = case.scenario
+    after = before.but(subject=None if before.subject is None else image[before.subject], **changes)
+    names = {before.place.vehicle_at(e): after.place.vehicle_at(there) for e, there in enumerate(image)}
+    others = {names[name]: vehicle for name, vehicle in case.fleet.others.items()}
+    return replace(case, scenario=after, fleet=replace(case.fleet, others=others))
 
 
 def _place(motion_: tuple[float, float, float]) -> Callable[[float, float], tuple[float, float]]:
@@ -171,14 +180,15 @@ def _elsewhere(
     starts = [scenario.start(image.index(e)) for e in range(count)]
     # Row 1 of a class swaps the phase; everything else is turned back first, so that it ends where it has to be.
     order = [image[(e + scenario.rotation) % count] for e in scenario.order]
-    there = case.but(
+    there = _moved(
+        case,
+        image,
         place=after,
         directions=rotate(tuple(placed), -row),
         distance=rotate(tuple(d for d, _ in starts), -row),
         speed=rotate(tuple(v for _, v in starts), -row),
         rotation=row,
         order=[(e - row) % count for e in order],
-        subject=None if scenario.subject is None else image[scenario.subject],
     )
     return Variant(what, there, image, sided=sided)
 

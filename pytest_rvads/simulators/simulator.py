@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from pytest_rvads.drivers.naming import at
-from pytest_rvads.errors import ScenarioError, suggest
+from pytest_rvads.errors import ScenarioError, require, suggest
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
@@ -84,4 +84,5 @@ def simulate(case: Case, simulator: Simulator = bullet) -> Run:
         MapError: it is not known where the lanes of the junction lie.
         ScenarioError: a vehicle does not fit on its approach, or two start inside each other.
     """
+    require(case, Case, "simulate takes a case: write simulate(rvads.Case(scenario, driver))", ScenarioError)
     return simulator(case)

@@ -121,7 +121,7 @@ def measure(  # noqa: PLR0913 - what to measure by position, how by keyword
 def _canonical(deficiency: str, scenario: Scenario, among: str | None) -> Scenario:
     """Return the row of the class to simulate: only the hidden zone of I2, or a seat, tells rows apart."""
     if among is not None:
-        return scenario.but(subject=next(e for e in range(scenario.ways) if scenario.placed[e]))
+        return scenario.but(subject=next(e for e, direction in enumerate(scenario.placed) if direction))
     return scenario if deficiency == "I2" or not scenario.rotation else scenario.but(rotation=0)
 
 

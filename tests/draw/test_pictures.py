@@ -15,7 +15,7 @@ from pytest_rvads.draw.replay import events, replay
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import Collision, Run
-from pytest_rvads.runs.states import Zone
+from pytest_rvads.runs.states import Kind, Zone
 from pytest_rvads.scenarios.classes import classes, members
 from pytest_rvads.scenarios.scenario import Scenario
 
@@ -53,6 +53,17 @@ def test_the_picture_shows_every_vehicle_where_it_is(run: Run) -> None:
         x, y = map(float, re.match(r"translate\((\S+) (\S+)\)", drawn[name].attrib["transform"]).groups())
         assert (x, -y) == pytest.approx(tuple(run.pose[250, column, :2]), abs=1e-3)
     assert [name for name, g in drawn.items() if g.find(f"{SVG}rect[@class='broken']") is not None] == ["a1"]
+
+
+def test_who_is_no_car_is_drawn_and_named_as_what_it_is(run: Run) -> None:
+    kinds = (Kind.CAR, Kind.TRUCK, Kind.CYCLIST, Kind.PEDESTRIAN)
+    mixed = replace(run, agents=tuple(replace(a, kind=kind, size=(2.0, 1.0)) for a, kind in zip(run.agents, kinds, strict=True)))
+    page = replay(mixed, "title")
+    for document in (picture(mixed, 250, "title"), page[page.index("<svg") : page.index("</svg>") + 6]):
+        drawn = vehicles(document)
+        assert [g.findtext(f"{SVG}title") for g in drawn.values()] == [None, "truck a1", "cyclist a2", "pedestrian a3"]
+        assert [g.find(f"{SVG}rect").attrib["rx"] for g in drawn.values()] == ["0.4", "0", "0.5", "0.5"]
+    assert data(page)["kinds"] == ["car", "truck", "cyclist", "pedestrian"]
 
 
 def test_vehicles_that_left_are_not_drawn(run: Run) -> None:

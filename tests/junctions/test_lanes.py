@@ -102,3 +102,14 @@ def test_rules_tell_lanes_apart() -> None:
         [("a", "a0.1"), ("j.en", "j.en5"), ("j.ex", "j.ex3")],
         [("a", "a3"), ("j.en", "j.en2"), ("j.ex", "j.ex1")],
     ]
+
+
+def test_a_scenario_counts_the_arms_of_its_junction_and_one_direction_per_entrance() -> None:
+    scenario = rvads.Scenario(wide_x(), "130000")
+    assert (scenario.ways, scenario.place.ways, len(scenario.directions)) == (4, 4, 6)
+
+
+def test_a_rotation_takes_arms_to_arms() -> None:
+    assert [a.name for a in rvads.Scenario(wide_x(), "130000", rotation=3).agents()] == ["a2.0", "a2.1"]
+    with pytest.raises(rvads.ScenarioError, match=r"rotation 1 of junction 'wide' would take lanes of one arm to different arms"):
+        rvads.Scenario(wide_x(), "130000", rotation=1)

@@ -46,6 +46,8 @@ def test_every_result_says_what_drove(tests: pytest.Pytester) -> None:
     assert all("driven by stack.Racer: 1 run" in text[name] for name in ("out.html", "out.md"))
     (row,) = (row for row in csv.DictReader(text["out.csv"].splitlines()) if row["item"])
     assert row["driver"] == "stack.Racer"
+    assert record["agents"][1] == {"name": "a1", "kind": "car", "entrance": [1, 0], "exit": [2, 0]}
+    assert row["agents"].startswith("car a0 from 0.0 to 1.0; car a1 from 1.0 to 2.0; ")
     properties = {p.get("name"): p.get("value") for p in ET.parse(tests.path / "out.xml").iter("property")}
     assert properties["driver"] == "stack.Racer"
     (replay,) = (p for p in (tests.path / ".rvads").rglob("*.html") if p.name != "index.html")

@@ -285,3 +285,13 @@ def test_a_monitor_that_never_judged_is_an_error(pytester: pytest.Pytester) -> N
     assert result.ret == pytest.ExitCode.TESTS_FAILED
     result.stdout.fnmatch_lines(["*NotJudged: nothing was judged: call monitor.check(rule)"])
     result.stdout.fnmatch_lines(["stop4: *1 not judged*"])
+
+
+def test_a_vehicle_that_is_none_is_refused_by_the_name_of_its_fixture(pytester: pytest.Pytester) -> None:
+    pytester.makeconftest("import pytest\n\n@pytest.fixture\ndef rvads_vehicle():\n    return 3\n")
+    pytester.makepyfile(BODY.format(arguments='"stop4", classes=1, grid="C", rules="p1"'))
+    result = pytester.runpytest()
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines(["*a fleet, as the fixture rvads_vehicle, needs a rvads.Vehicle(...), got 3"])
+    result.stdout.no_fnmatch_line("*Traceback*")
+    result.stdout.no_fnmatch_line("*AttributeError*")

@@ -1,11 +1,14 @@
 """Cases: everything that a run depends on, as one value; and the fleet."""
 
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import pytest_rvads as rvads
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.rolling import RollingStop
 from pytest_rvads.drivers.traffic import POLICIES
@@ -17,7 +20,17 @@ from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 
-TRUCK = Vehicle(length=12.0, width=2.5, mass=16_000.0, front_axle=3.0, rear_axle=3.0, yaw_inertia=150e3, height=3.5, drive=1.5)
+TRUCK = Vehicle(
+    length=12.0,
+    width=2.5,
+    mass=16_000.0,
+    front_axle=3.0,
+    rear_axle=3.0,
+    yaw_inertia=150e3,
+    height=3.5,
+    drive=1.5,
+    kind=rvads.Kind.TRUCK,
+)
 
 
 def test_equal_cases_are_equal_and_hash_alike() -> None:
@@ -51,7 +64,7 @@ def test_a_subject_needs_traffic_and_traffic_a_subject() -> None:
 def test_every_agent_has_the_body_that_the_fleet_gives_it(tmp_path: Path) -> None:
     case = Case(Scenario(find("stop4"), "2020", distance=15.0), Reference, fleet=Fleet(others={"a2": TRUCK}))
     run = simulate(case)
-    assert [agent.size for agent in run.agents] == [(4.6, 1.86), (12.0, 2.5)]
+    assert [(agent.kind, agent.size) for agent in run.agents] == [("car", (4.6, 1.86)), ("truck", (12.0, 2.5))]
     assert list(run.provenance["others"]) == ["a2"]
     speed = run.need("speed")
     assert speed[150, 0] > 1.5 * speed[150, 1], "the truck accelerates half as hard"
@@ -59,3 +72,51 @@ def test_every_agent_has_the_body_that_the_fleet_gives_it(tmp_path: Path) -> Non
     assert load_run(tmp_path / "run.npz").agents == run.agents
     with pytest.raises(ScenarioError, match="start inside each other"):
         simulate(replace(case, scenario=Scenario(find("stop4"), "1111", distance=0.3), fleet=Fleet(Vehicle(width=36.0))))
+
+
+def scenario(directions: str = "1133") -> Scenario:
+    return Scenario(find("stop4"), directions)
+
+
+MISTAKES: dict[str, tuple[Callable[[Any], object], str]] = {
+    "the old way to simulate": (
+        lambda rvads: rvads.simulate(scenario(), Reference),
+        r"write simulate\(rvads.Case\(scenario, driver",
+    ),
+    "a case of a name": (lambda rvads: rvads.Case("stop4", Reference), "begins with a rvads.Scenario"),
+    "a case without a driver": (lambda rvads: rvads.Case(scenario(), None), "a callable that makes one, got None"),
+    "a vehicle for a fleet": (lambda rvads: rvads.Case(scenario(), Reference, fleet=TRUCK), r"must be a rvads.Fleet\(vehicle\)"),
+    "a number for a vehicle": (lambda rvads: rvads.Fleet(3), "as the fixture rvads_vehicle, needs a rvads.Vehicle.*got 3"),
+    "one for another vehicle": (lambda rvads: rvads.Fleet(others={"a0": 3}), "needs a rvads.Vehicle.*got 3"),
+    "a kind that is none": (
+        lambda rvads: rvads.Vehicle(kind="truck"),
+        "vehicle parameter kind must be a rvads.Kind, .*got 'truck'",
+    ),
+    "no mapping of vehicles": (lambda rvads: rvads.Fleet(others=TRUCK), "vehicles by the name of the agent"),
+    "a body for nobody": (
+        lambda rvads: rvads.Case(scenario("1030"), Reference, fleet=Fleet(others={"a1": TRUCK})),
+        "a body for 'a1', the agents of .* are a0, a2",
+    ),
+    "sweep": (lambda rvads: rvads.sweep(scenario(), "p1", 0, 1), r"sweep takes a rvads.Case\(scenario, driver\), got Scen"),
+    "equivalent": (lambda rvads: rvads.equivalent(scenario()), "equivalent takes a rvads.Case"),
+    "rational": (lambda rvads: rvads.rational(scenario()), "rational takes a rvads.Case"),
+    "determinate": (lambda rvads: rvads.determinate(scenario()), "determinate takes a rvads.Case"),
+    "check": (lambda rvads: rvads.check(scenario(), "p1"), "check takes a run, such as"),
+    "validate": (lambda rvads: rvads.validate(scenario()), "validate takes a run"),
+    "kpis": (lambda rvads: rvads.kpis(scenario()), "kpis takes a run"),
+    "find a number": (lambda rvads: rvads.find(3), "such as 'stop4', got 3"),
+    "find nothing": (lambda rvads: rvads.find(None), "got None"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_what_is_of_another_kind_is_refused_where_it_is_passed(mistake: str) -> None:
+    wrong, says = MISTAKES[mistake]
+    with pytest.raises(rvads.RvadsError, match=says):
+        wrong(rvads)
+
+
+def test_a_rule_that_is_none_is_refused() -> None:
+    run = simulate(Case(Scenario(find("stop4"), "1000", duration=0.1), Reference))
+    with pytest.raises(rvads.FormulaError, match="a rule or the name of one, such as 'p1', got 3"):
+        rvads.check(run, 3)  # type: ignore[arg-type]

@@ -1,6 +1,7 @@
 """Abstract scenarios and their classes, against the definitions of the paper."""
 
 from itertools import product
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -84,9 +85,11 @@ def test_partial_scenarios_have_class_0() -> None:
         ("1a11", "must be digits"),
         ("", "must be digits"),
         ((1, 1, -1, 1), "one of 1..3"),
+        (None, "must be digits, one per entrance, such as '1133', got None"),
+        ((1.0, 1, 1, 1), "must be digits"),
     ],
 )
-def test_wrong_directions_say_what_is_expected(directions: str, says: str) -> None:
+def test_wrong_directions_say_what_is_expected(directions: Any, says: str) -> None:
     with pytest.raises(ScenarioError, match=says):
         parse(directions)
 

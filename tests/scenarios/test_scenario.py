@@ -62,6 +62,18 @@ def test_equal_scenarios_are_equal_and_hashable() -> None:
         ({"subject": 4}, "occupied entrance"),
         ({"distance": (1, 2)}, "one per entrance"),
         ({"speed": math.nan}, "speed must be 0 or more and finite"),
+        ({"rotation": True}, "rotation must be one of 0..3 for 4 entrances, got True"),
+        ({"rotation": 1.0}, "rotation must be one of 0..3"),
+        ({"rotation": "1"}, "rotation must be one of 0..3"),
+        ({"subject": True}, "occupied entrance"),
+        ({"subject": "0"}, "occupied entrance"),
+        ({"aggression": 2.0}, "aggression must be 1, 2 or 3, got 2.0"),
+        ({"configuration": 3}, "configuration must be a label of letters"),
+        ({"configuration": "a b/c"}, "configuration must be a label of letters"),
+        ({"order": 5}, "order must name each of the entrances 0..3 once, got 5"),
+        ({"order": (0, 1, "2", 3)}, "order must name each"),
+        ({"order": (False, 1, 2, 3)}, "order must name each"),
+        ({"senses": 0.2}, "senses must be rvads.Senses"),
     ],
 )
 def test_wrong_values_are_named(change: dict[str, Any], says: str) -> None:

@@ -147,3 +147,14 @@ def test_misuse() -> None:
 
     with pytest.raises(rvads.RunError, match="nothing follows from it"):
         equivalent(Case(rvads.Scenario(rvads.find("stop4"), "1100"), Broken))
+
+
+def test_a_body_goes_along_with_its_vehicle() -> None:
+    case = Case(
+        rvads.Scenario(rvads.find("stop4"), "1030"), rvads.Reference, fleet=rvads.Fleet(others={"a2": rvads.Vehicle(length=5.5)})
+    )
+    for relation in ("rotation", "mirror"):
+        for variant in RELATIONS[relation](case):
+            assert isinstance(variant, Variant)
+            lengths = {agent.entrance: agent.size and agent.size[0] for agent in variant.case.agents()}
+            assert lengths == {variant.image[0]: 4.6, variant.image[2]: 5.5}

@@ -3,6 +3,7 @@
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run
+from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.runs.states import Colour, Kind, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
@@ -107,14 +109,59 @@ def test_a_simulated_run_is_a_value_too() -> None:
 
 def test_whoever_made_an_array_may_go_on_writing_to_it(run: Run) -> None:
     zone = np.zeros((200, 2), dtype=np.int8)
-    replace(run, zone=zone)
-    zone[0] = 1
+    shown = zone.view()
+    shown.flags.writeable = False
+    for given in (zone, shown):
+        mine = replace(run, zone=given)
+        before = mine.hash
+        zone[0] = 1
+        assert not mine.zone.any(), "the run has states of its own"
+        assert replace(mine).hash == before
+        assert replace(mine).zone is mine.zone, "which are not copied again"
+        zone[0] = 0
+
+
+def test_where_a_run_comes_from_cannot_be_written_to(run: Run) -> None:
+    told: dict[str, Any] = {"end": "left", "vehicle": {"mass": 1500.0}}
+    mine = replace(run, provenance=told)
+    told["end"] = "route"
+    assert mine.provenance == {"end": "left", "vehicle": {"mass": 1500.0}}
+    with pytest.raises(TypeError, match="does not support item assignment"):
+        mine.provenance["end"] = "route"  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"subject": 3}, "subject of facts: it must be a text or null, got 3"),
+        ({"speed_limit": "x"}, "speed_limit of facts: it must be a number or null, got 'x'"),
+        ({"speed_limit": -3}, "speed_limit of facts: it must be a number > 0.0, got -3"),
+        ({"speed_limit": float("nan")}, "speed_limit of facts"),
+        ({"speed_limit": float("inf")}, "speed_limit of facts"),
+        ({"strayed": 5}, "strayed of facts: it must be a list, got 5"),
+        ({"strayed": "a0"}, "strayed of facts: it must be a list, got 'a0'"),
+        ({"strayed": (1,)}, r"strayed of facts: the field '\[0\]' must be a text, got 1"),
+    ],
+)
+def test_facts_that_a_run_file_would_refuse_are_refused_at_once(wrong: dict[str, Any], says: str) -> None:
+    with pytest.raises(RunError, match=says):
+        Facts(**wrong)
+
+
+def test_facts_are_kept_as_the_file_keeps_them(run: Run, tmp_path: Path) -> None:
+    facts = Facts(speed_limit=np.float64(8), strayed=["a0"])  # type: ignore[arg-type]
+    assert facts == Facts(None, 8.0, ("a0",))
+    whole = replace(run, facts=Facts(speed_limit=8), provenance={"vehicle": {"mass": 1500.0}})
+    save_run(whole, tmp_path / "run.npz")
+    again = load_run(tmp_path / "run.npz")
+    assert (again.hash, again.provenance) == (whole.hash, whole.provenance)
 
 
 def test_a_run_survives_a_pickle(run: Run) -> None:
     again = pickle.loads(pickle.dumps(run))
     assert again == run
     assert again.junction.digest == run.junction.digest
+    assert not again.zone.flags.writeable
     assert check(again, "speed_limit").message == check(run, "speed_limit").message
 
 

@@ -70,6 +70,20 @@ def write(tmp_path: Path, data: object) -> Path:
     return path
 
 
+def test_kind_and_size_of_a_vehicle_are_read_where_they_are_told(tmp_path: Path) -> None:
+    told = document()
+    told["runs"][0]["vehicles"]["c1"] |= {"kind": "cyclist", "size": [1.8, 0.6]}
+    (run,) = read_recorded(write(tmp_path, told))
+    assert [(a.kind, a.size) for a in run.agents] == [("car", None), ("cyclist", (1.8, 0.6)), ("car", None)]
+    for wrong, says in (
+        ({"kind": "tank"}, r"kind' must be 'car' or 'cyclist' or 'pedestrian' or 'truck', got 'tank'"),
+        ({"size": [1.8, -0.6]}, r"size\[1\]' must be a number > 0"),
+    ):
+        told["runs"][0]["vehicles"]["c1"] |= {"kind": "cyclist", "size": [1.8, 0.6]} | wrong
+        with pytest.raises(RunError, match=says):
+            read_recorded(write(tmp_path, told))
+
+
 def test_a_run_is_decoded(tmp_path: Path) -> None:
     (run,) = read_recorded(write(tmp_path, document()))
     junction = run.junction

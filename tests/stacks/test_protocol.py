@@ -119,6 +119,9 @@ def test_the_map_has_arms_and_says_what_conflicts() -> None:
     there = content["map"]
     assert there["arms"] == [{"entrances": [k], "exits": [k]} for k in range(4)]
     assert [(e["arm"], e["lane"], e["sign"]) for e in there["entrances"]] == [(k, 0, "stop") for k in range(4)]
+    assert {e["phase"] for e in there["entrances"]} == {None}
+    lit, _ = told(look("light3", "112", duration=0.02))
+    assert [e["phase"] for e in lit["map"]["entrances"]] == [e.phase for e in rvads.find("light3").entrances] != [None] * 3
     ways = [(m["entrance"], m["exit"]) for m in there["movements"]]
     pairs = {(ways[one], ways[other]) for one, other in there["conflicts"]}
     assert ((0, 2), (1, 3)) in pairs, "two that go straight on cross"

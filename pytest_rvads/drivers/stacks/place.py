@@ -71,7 +71,14 @@ def _map(junction: Junction) -> dict[str, Any]:
         "left_hand": junction.left_hand,
         "arms": [arm._asdict() for arm in junction.arms],
         "entrances": [
-            {"arm": e.arm, "lane": e.lane, "sign": e.sign.value, "setback": e.setback, "path": _points(e.approach)}
+            {
+                "arm": e.arm,
+                "lane": e.lane,
+                "sign": e.sign.value,
+                "phase": e.phase,
+                "setback": e.setback,
+                "path": _points(e.approach),
+            }
             for e in junction.entrances
         ],
         "exits": [{"arm": e.arm, "lane": e.lane, "path": _points(e.road)} for e in junction.exits],
