@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.following import Follower
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.rules.sameness import same
 from pytest_rvads.runs.run import Run
 
 __all__ = ["Attribute", "Vocabulary", "Word", "sorts_in"]
@@ -48,7 +49,9 @@ class Word:
     """Where it was registered; empty for a shipped one."""
 
     def __eq__(self, other: object) -> bool:
-        return self is other or (isinstance(other, Word) and self._told() == other._told())
+        return self is other or (
+            isinstance(other, Word) and self._told() == other._told() and same(self._functions(), other._functions())
+        )
 
     def __hash__(self) -> int:
         return hash(self.name)
@@ -57,9 +60,10 @@ class Word:
         return f"<Word {self.name}>"
 
     def _told(self) -> tuple[object, ...]:
-        """Return what tells words apart; a module that is loaded again makes its functions anew, of the same code."""
-        codes = (getattr(function, "__code__", function) for function in (self.holds, self.follow))
-        return self.name, self.sorts, self.says, self.denies, *codes
+        return self.name, self.sorts, self.says, self.denies, self.static, self.apart, self.symmetric
+
+    def _functions(self) -> tuple[object, ...]:
+        return self.holds, self.follow, self.decide, self.means
 
     def on(self, run: Run, *arguments: int | f.Element) -> NDArray[np.bool_]:
         """Return its truth on a run, shape ``(steps,)``.
