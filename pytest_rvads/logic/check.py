@@ -65,7 +65,7 @@ def check(
     Raises:
         FormulaError: an unknown rule, or one whose monitor would be too large.
     """
-    book = book or current_book()
+    book = current_book(book)
     rule = get_rule(rule, book)
     window = rule.tie if tie is None else tie
     if not window >= 0:

@@ -225,6 +225,48 @@ def test_functions_are_the_same_where_all_that_they_work_with_is() -> None:
     assert [same(one, two) for one, two in apart] == [False] * len(apart)
 
 
+def test_a_word_tells_where_it_was_made_and_shipped_ones_stay() -> None:
+    fast, slow = Word("fast", ("agent",), early), Word("fast", ("agent",), late)
+    line = int(fast.place.rpartition(":")[2])
+    told = rf"'fast' is registered at {__file__}:{line} and says something else at {__file__}:{line}: rename one"
+    with pytest.raises(FormulaError, match=told):
+        RuleBook().define(fast).define(slow)
+    with pytest.raises(FormulaError, match=f"rule 'mine': {told}"):
+        Rule("mine", "forall a. G !fast(a)", words=(fast, slow))
+    mine = Word("stopped", ("agent",), early)
+    for put in (RuleBook().define, lambda word: Rule("mine", "forall a. G !stopped(a)", words=(word,))):
+        with pytest.raises(FormulaError, match=rf"'stopped' is a shipped word, not to be changed at {__file__}:\d+"):
+            put(mine)
+
+
+def test_a_rule_of_a_word_that_is_in_no_open_book_tells_how_to_give_it() -> None:
+    with pytest.raises(FormulaError, match="unknown predicate 'zoom': register it before the rule, or give the rule its Word by"):
+        RuleBook().define(Word("zoom", ("agent",), early)).add(Rule("mine", "forall a. G zoom(a)"))
+
+
+def test_a_book_is_frozen_and_nothing_else_is_taken_for_one(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200)}, 300)
+    known = {"mine": Rule("mine", "forall a. F a@j")}
+    book = RuleBook(known)
+    known["yours"] = known["mine"]
+    assert list(book.rules) == ["mine"]
+    assert len({book, RuleBook({"mine": known["mine"]}), SHIPPED}) == 2
+    for names in (book.rules, book.vocabulary):
+        with pytest.raises(TypeError, match="does not support item assignment"):
+            names["zz"] = 3  # type: ignore[index]
+    wrong: Any = {}
+    for ask in (
+        lambda: check(run, "p1", book=wrong),
+        lambda: check(run, get_rule("p1"), book=wrong),
+        lambda: rules_for("p1", book=wrong),
+        lambda: RuleMonitor("p1", run.junction, run.agents, book=wrong),
+    ):
+        with pytest.raises(
+            FormulaError, match=r"book takes a RuleBook, or nothing for the one that is open, got {}: add rules to"
+        ):
+            ask()
+
+
 def test_words_of_a_predicate_name_its_arguments() -> None:
     with pytest.raises(FormulaError, match=r"'near': words name its 1 arguments by number, \{0\} the first, got '\{1\} is near'"):
         rvads.predicate("near", "agent", says="{1} is near")

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.following import Follower
 from pytest_rvads.errors import FormulaError, suggest
-from pytest_rvads.logic.rules.current import desk, here
+from pytest_rvads.logic.rules.current import desk
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD, VARIANTS
-from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word
+from pytest_rvads.logic.rules.vocabulary import Names, Vocabulary, Word
 from pytest_rvads.maps.control import JunctionControl
 
 __all__ = ["SHIPPED", "RuleBook", "current_book", "get_rule", "predicate", "rule", "rulebook", "rules_for"]
@@ -31,6 +30,9 @@ class RuleBook:
     rules: Mapping[str, Rule] = field(default_factory=lambda: {rule.name: rule for rules in _SHELF.values() for rule in rules})
     """By name; those that come with the package by default."""
     vocabulary: Vocabulary = BUILT_IN
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rules", Names(self.rules))
 
     def add(self, rule: Rule) -> RuleBook:
         """Return a book with another rule.
@@ -73,9 +75,18 @@ SHIPPED = RuleBook()
 """The rules that come with the package."""
 
 
-def current_book() -> RuleBook:
-    """Return the book that is open: of the session of pytest, or of the process where none runs."""
-    book: RuleBook | None = desk().book
+def current_book(book: RuleBook | None = None) -> RuleBook:
+    """Return the given book, by default the one that is open: of the session of pytest, or of the process where none runs.
+
+    Raises:
+        FormulaError: what is given is no book.
+    """
+    if book is None:
+        book = desk().book
+    if not isinstance(book, RuleBook | None):
+        raise FormulaError(
+            f"book takes a RuleBook, or nothing for the one that is open, got {book!r:.60}: add rules to RuleBook()"
+        )
     return SHIPPED if book is None else book
 
 
@@ -156,25 +167,13 @@ def predicate(
             the function of a run of one state.
 
     Raises:
-        FormulaError: a name that formulas can't spell or that is taken, also by another function, an unknown sort, or words
-            that ask for more arguments.
+        FormulaError: a name that is taken, also by another function, or what `Word` refuses.
     """
-    if not name.isidentifier() or name in BUILT_IN or name in ("G", "F", "N", "X", "U", "W", "R", "true", "false"):
-        raise FormulaError(f"a predicate needs a free identifier as its name, got {name!r}")
-    for sort in sorts:
-        if sort not in set(Sort):
-            raise FormulaError(f"predicate {name!r}: unknown sort {sort!r}{suggest(sort, [s.value for s in Sort])}")
-    for text in (says, denies):
-        try:
-            text.format(*sorts)
-        except (LookupError, ValueError) as error:
-            raise FormulaError(
-                f"predicate {name!r}: words name its {len(sorts)} arguments by number, {{0}} the first, got {text!r}"
-            ) from error
+    made = Word(name, tuple(map(str, sorts)), None, says, denies, follow)
+    BUILT_IN.add(made)  # refuses the name of a shipped one
 
     def register(function: _Function) -> _Function:
-        word = Word(name, tuple(map(Sort, sorts)), function, says, denies, follow, place=here())
-        desk().book = current_book().define(word)
+        desk().book = current_book().define(replace(made, holds=function))
         return function
 
     return register
@@ -195,9 +194,10 @@ def get_rule(rule: str | Rule, book: RuleBook | None = None) -> Rule:
     """Return a rule, given itself or by name, of the book that is open if no other is given.
 
     Raises:
-        FormulaError: no such rule.
+        FormulaError: no such rule, or no book.
     """
-    return rule if isinstance(rule, Rule) else (book or current_book())[rule]
+    book = current_book(book)
+    return rule if isinstance(rule, Rule) else book[rule]
 
 
 def rules_for(

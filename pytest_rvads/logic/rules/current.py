@@ -7,7 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-__all__ = ["Desk", "desk", "here", "own_desk"]
+__all__ = ["PACKAGE", "Desk", "desk", "here", "own_desk"]
+
+PACKAGE = "pytest-rvads"
+"""The place of the rules and words that come with the package."""
 
 
 class Desk:
