@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.following import Follower
 from pytest_rvads.errors import FormulaError, suggest
-from pytest_rvads.logic.rules.current import desk
+from pytest_rvads.logic.rules.current import Desk, desk, desks
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD, VARIANTS
 from pytest_rvads.logic.rules.vocabulary import Names, Vocabulary, Word
 from pytest_rvads.maps.control import JunctionControl
 
-__all__ = ["SHIPPED", "RuleBook", "current_book", "get_rule", "predicate", "rule", "rulebook", "rules_for"]
+__all__ = ["SHIPPED", "RuleBook", "claim", "current_book", "get_rule", "joined", "predicate", "rule", "rulebook", "rules_for"]
 
 _SHELF: Mapping[str, tuple[Rule, ...]] = {"paper": PAPER, "road": ROAD, "variants": VARIANTS}
 _Function = Callable[..., NDArray[np.bool_]]
@@ -81,13 +81,39 @@ def current_book(book: RuleBook | None = None) -> RuleBook:
     Raises:
         FormulaError: what is given is no book.
     """
-    if book is None:
-        book = desk().book
     if not isinstance(book, RuleBook | None):
         raise FormulaError(
             f"book takes a RuleBook, or nothing for the one that is open, got {book!r:.60}: add rules to RuleBook()"
         )
+    return _on(desk()) if book is None else book
+
+
+def _on(where: Desk) -> RuleBook:
+    book: RuleBook | None = where.book
     return SHIPPED if book is None else book
+
+
+def _register(change: Callable[[RuleBook], RuleBook]) -> None:
+    """Leave a changed book on every desk that it concerns, or on none where one of them refuses the change."""
+    changed = [(one, change(_on(one))) for one in desks()]
+    for one, book in changed:
+        one.book = book
+
+
+def joined(one: RuleBook, two: RuleBook) -> RuleBook:
+    """Return a book of what stands in two books that give no name two meanings."""
+    return RuleBook({**one.rules, **two.rules}, Vocabulary({**one.vocabulary, **two.vocabulary}))
+
+
+def claim(rule: Rule) -> None:
+    """Note a rule that a test asks for, whether it is registered or not.
+
+    Raises:
+        FormulaError: another one of the session bears its name, so that reports would take both for one.
+    """
+    index = desk().index
+    if index is not None and rule.name not in SHIPPED.rules:
+        index.book = _on(index).add(rule)
 
 
 def rule(  # noqa: PLR0913 - everything there is to tell about a rule, by keyword
@@ -104,7 +130,7 @@ def rule(  # noqa: PLR0913 - everything there is to tell about a rule, by keywor
     requirement: str | None = None,
     place: str = "",
 ) -> Rule:
-    """Register a rule under a name, in the book that is open.
+    """Register a rule under a name, in the book that is open: for the test file or test that does it, else for all.
 
     The same rule may be registered again; another one of the same name may not, because tests that mean the first would then
     be judged by the second.
@@ -143,14 +169,14 @@ def rule(  # noqa: PLR0913 - everything there is to tell about a rule, by keywor
         requirement=requirement,
         place=place,
     )
-    desk().book = current_book().add(made)
+    _register(lambda book: book.add(made))
     return made
 
 
 def predicate(
     name: str, *sorts: str, says: str = "", denies: str = "", follow: Callable[..., Follower] | None = None
 ) -> Callable[[_Function], _Function]:
-    """Register a Python function as a predicate of the rule language, in the book that is open.
+    """Register a Python function as a predicate of the rule language, where `rule` registers.
 
     Example:
         >>> @predicate("crawls", "agent", says="{0} crawls", denies="{0} does not crawl")
@@ -173,7 +199,8 @@ def predicate(
     BUILT_IN.add(made)  # refuses the name of a shipped one
 
     def register(function: _Function) -> _Function:
-        desk().book = current_book().define(replace(made, holds=function))
+        word = replace(made, holds=function)
+        _register(lambda book: book.define(word))
         return function
 
     return register
