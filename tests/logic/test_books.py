@@ -4,7 +4,7 @@ import pickle
 from collections.abc import Callable
 from functools import partial
 from types import FunctionType
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pytest
@@ -157,6 +157,16 @@ class Over:
         return run.speed[:, agent] > self.limit
 
 
+class Kilometres(float):
+    """No plain number: it may have methods and attributes."""
+
+
+class Limits(NamedTuple):
+    """Likewise."""
+
+    low: float
+
+
 @pytest.mark.parametrize("limits", [(300, 3), (3, 300)])
 @pytest.mark.parametrize(
     "predicate_of",
@@ -217,6 +227,8 @@ def test_functions_are_the_same_where_all_that_they_work_with_is() -> None:
         (over(3), over(4)),
         (over(Over(3)), over(Over(3))),  # type: ignore[arg-type]
         (over([3]), over([3])),  # type: ignore[arg-type]
+        (over(Kilometres(3)), over(Kilometres(3))),
+        (over(Limits(3)), over(Limits(3))),  # type: ignore[arg-type]
         (over(loaded(3)), over(loaded(4))),  # type: ignore[arg-type]
         (Over(3).fast, Over(3).fast),
         (early, late),

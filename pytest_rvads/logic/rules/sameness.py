@@ -33,9 +33,9 @@ def _same(one: object, two: object, assumed: set[tuple[int, int]]) -> bool:
             return _bare(one.__code__) == _bare(two.__code__) and _same(_works_with(one), _works_with(two), assumed)
         case MethodType(), MethodType():
             return one.__self__ is two.__self__ and _same(one.__func__, two.__func__, assumed)
-        case tuple(), tuple():
+        case tuple(), tuple() if type(one) is type(two) is tuple:
             return len(one) == len(two) and all(_same(a, b, assumed) for a, b in zip(one, two, strict=True))
-    return type(one) is type(two) and isinstance(one, _PLAIN) and one == two
+    return type(one) is type(two) and type(one) in _PLAIN and one == two
 
 
 def _works_with(function: FunctionType) -> tuple[object, ...]:
