@@ -11,11 +11,11 @@ from contextlib import ExitStack
 import pytest
 
 from pytest_rvads import hooks
+from pytest_rvads.collection.books import close_setup, open_book, open_session
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_run, rvads_runs
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
-from pytest_rvads.logic.rules.current import own_desk
 from pytest_rvads.options import Options, declare
 from pytest_rvads.session.bundled import offer
 from pytest_rvads.session.chosen_driver import chosen
@@ -52,11 +52,9 @@ def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
-    """Open the session's own book of rules: what is registered in it is forgotten at its end."""
-    from pytest_rvads.collection.extensions import BOOK
-
+    """Open the session's own book of rules."""
     opened = ExitStack()
-    early_config.stash[BOOK] = opened.enter_context(own_desk())
+    opened.enter_context(open_session(early_config))
     early_config.add_cleanup(opened.close)
 
 
@@ -101,6 +99,15 @@ def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Ite
     return "rvads: driven by what the fixture rvads_autopilot returns"
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(
+    collector: pytest.Collector,
+) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """Open the book of rules of a test file while it is collected."""
+    with open_book(collector):
+        return (yield)
+
+
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Expand ``@rvads.scenario``."""
     if "rvads_cell" in metafunc.fixturenames or metafunc.definition.get_closest_marker("rvads_scenario"):
@@ -122,6 +129,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     if wrong := unused(config):
         raise pytest.UsageError("; ".join(wrong))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Open the book of rules of a test file while one of its tests runs."""
+    with open_book(item):
+        return (yield)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -151,6 +165,8 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Attach the record of the item to its report: explanation, properties, the place of an NA."""
     report = yield
+    if call.when == "setup":
+        close_setup(item)
     attach(item, call, report)
     return report
 

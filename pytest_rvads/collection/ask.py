@@ -16,7 +16,7 @@ from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.junctions.builtin import LAYOUTS
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.logic.rules.book import claim, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.options import Options
 from pytest_rvads.scenarios.classes import parse
@@ -103,7 +103,7 @@ class Ask:
         """Return the rules to judge runs at a junction by.
 
         Raises:
-            RvadsError: no such rule, or none about this kind of junction.
+            RvadsError: no such rule, none about this kind of junction, or one of a name that means another one elsewhere.
         """
         rules = rules_for(self.rules, place.control)
         if not rules:
@@ -111,6 +111,8 @@ class Ask:
                 f"no rule of {', '.join(map(repr, self.rules))} is about a junction with control {place.control.value!r} like "
                 f"{place.name!r}: name rules outright, `rvads rules` lists them"
             )
+        for rule in rules:
+            claim(rule)
         return rules
 
     def _source(self, folder: Path, default: str | None, added: Extensions) -> tuple[str, str | None]:

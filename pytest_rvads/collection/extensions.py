@@ -10,12 +10,8 @@ from typing import Any
 import pytest
 
 from pytest_rvads.errors import ScenarioError
-from pytest_rvads.logic.rules.current import Desk, desk
 
-__all__ = ["BOOK", "Extensions", "extensions", "session_desk"]
-
-BOOK: pytest.StashKey[Desk] = pytest.StashKey()
-"""Where the rules and predicates of the session are."""
+__all__ = ["Extensions", "extensions"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +25,6 @@ class Extensions:
 
 
 _EXTENSIONS: pytest.StashKey[Extensions] = pytest.StashKey()
-
-
-def session_desk(config: pytest.Config) -> Desk:
-    """Return where the session's book of rules is; the process's, where a conftest loads the plugin after the session began."""
-    return config.stash.get(BOOK, desk())
 
 
 def extensions(config: pytest.Config, rules: Path | None) -> Extensions:
@@ -75,10 +66,10 @@ def _grids(config: pytest.Config) -> dict[str, tuple[Any, Any]]:
 
 
 def _rules(config: pytest.Config, file: Path | None) -> None:
+    from pytest_rvads.logic.rules.book import current_book
     from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.logic.rules.rulefile import load_rules
 
-    mine = session_desk(config)
     if file is not None:
         load_rules(file)
     for rules in config.hook.pytest_rvads_rules(config=config):
@@ -87,7 +78,7 @@ def _rules(config: pytest.Config, file: Path | None) -> None:
         for rule in rules:
             if isinstance(rule, str | Path):
                 load_rules(config.rootpath / rule)
-            elif not isinstance(rule, Rule) or mine.book is None or rule not in mine.book.own:
+            elif not isinstance(rule, Rule) or rule not in current_book().own:
                 raise ScenarioError(f"pytest_rvads_rules must give rules made by rvads.rule or files of rules, got {rule!r}")
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from pytest_rvads.conduct.predicates import extract, once
 from pytest_rvads.conduct.validate import damage
-from pytest_rvads.errors import FormulaError, RunError, require
+from pytest_rvads.errors import RunError, require
 from pytest_rvads.logic.judging.attribution import attribute, companions
 from pytest_rvads.logic.judging.cycle import Cycle, find_cycle
 from pytest_rvads.logic.judging.evaluate import Values
@@ -66,8 +66,7 @@ def check(
         FormulaError: an unknown rule, or one whose monitor would be too large.
     """
     require(run, Run, "check takes a run, such as rvads.simulate(case) returns", RunError)
-    require(rule, str | Rule, "check takes a rule or the name of one, such as 'p1'", FormulaError)
-    book = book or current_book()
+    book = current_book(book)
     rule = get_rule(rule, book)
     window = rule.tie if tie is None else tie
     if not window >= 0:

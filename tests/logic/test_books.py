@@ -2,6 +2,9 @@
 
 import pickle
 from collections.abc import Callable
+from functools import partial
+from types import FunctionType
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from pytest_rvads.logic.rules.book import SHIPPED, RuleBook, current_book, get_r
 from pytest_rvads.logic.rules.current import own_desk
 from pytest_rvads.logic.rules.reading import parse
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.sameness import same
 from pytest_rvads.logic.rules.vocabulary import Word
 from pytest_rvads.runs.run import Run
 
@@ -114,6 +118,163 @@ def test_a_word_of_another_meaning_is_refused() -> None:
     assert parse(str(formula), book.vocabulary) == formula
     with pytest.raises(FormulaError, match="unknown predicate 'soon'"):
         parse("forall a. G soon(a)")
+
+
+REGISTERED = """
+LIMIT = {limit}
+
+
+def limit():
+    return LIMIT
+
+
+def fast(run, agent):
+    return run.speed[:, agent] > limit()
+"""
+
+
+def loaded(limit: float, lines: int = 0) -> Callable[..., np.ndarray]:
+    """Return the predicate of a file, `lines` further down, each time loaded anew."""
+    module: dict[str, Any] = {}
+    exec(compile("\n" * lines + REGISTERED.format(limit=limit), f"test_{limit}.py", "exec"), module)
+    return cast("Callable[..., np.ndarray]", module["fast"])
+
+
+def over(limit: float) -> Callable[..., np.ndarray]:
+    def fast(run: Run, agent: int) -> np.ndarray:
+        return run.speed[:, agent] > limit
+
+    return fast
+
+
+class Over:
+    """A limit with a method that asks whether it is kept."""
+
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+
+    def fast(self, run: Run, agent: int) -> np.ndarray:
+        return run.speed[:, agent] > self.limit
+
+
+class Kilometres(float):
+    """No plain number: it may have methods and attributes."""
+
+
+class Limits(NamedTuple):
+    """Likewise."""
+
+    low: float
+
+
+@pytest.mark.parametrize("limits", [(300, 3), (3, 300)])
+@pytest.mark.parametrize(
+    "predicate_of",
+    [
+        over,
+        lambda limit: Over(limit).fast,
+        loaded,
+        lambda limit: lambda run, agent, over=limit: run.speed[:, agent] > over,
+        lambda limit: lambda run, agent: run.speed[:, agent] > (lambda: limit)(),
+    ],
+    ids=["closure", "method", "global", "default", "nested"],
+)
+def test_no_rule_is_judged_by_the_predicate_of_another(
+    drive: Make, predicate_of: Callable[[float], Callable[..., np.ndarray]], limits: tuple[float, float]
+) -> None:
+    """The predicates have one code, the rules one text."""
+    run = drive("stop4", {0: (2, -20, [(0, 10.0)])}, 30)
+    statuses = {}
+    for limit in limits:
+        word = Word("fast", ("agent",), predicate_of(limit))
+        statuses[limit] = check(run, Rule(f"under{limit}", "forall a. G !fast(a)", words=(word,))).status
+    assert statuses == {300: "PASS", 3: "FAIL"}
+
+
+def test_a_rule_asks_its_own_function_also_where_another_one_is_alike(drive: Make) -> None:
+    """They may come to differ: here a global is bound again after both were found to say the same."""
+    run = drive("stop4", {0: (2, -20, [(0, 10.0)])}, 30)
+    functions = [loaded(300), loaded(300)]
+    one, two = (Rule("own", "forall a. G !fast(a)", words=(Word("fast", ("agent",), function),)) for function in functions)
+    assert one == two
+    functions[1].__globals__["LIMIT"] = 3
+    assert (check(run, one).status, check(run, two).status) == ("PASS", "FAIL")
+    assert one != two
+
+
+def recursive(depth: int) -> bool:
+    return depth == 0 or recursive(depth - 1)
+
+
+def test_functions_are_the_same_where_all_that_they_work_with_is() -> None:
+    owner = Over(3)
+    alike = [
+        (loaded(3), loaded(3)),
+        (loaded(3), loaded(3, lines=9)),
+        (over(3), over(3)),
+        (over((3, "m")), over((3, "m"))),  # type: ignore[arg-type]
+        (over(loaded(3)), over(loaded(3))),  # type: ignore[arg-type]
+        (owner.fast, owner.fast),
+        (recursive, FunctionType(recursive.__code__, globals(), "again")),
+    ]
+    assert [same(one, two) for one, two in alike] == [True] * len(alike)
+    tagged = loaded(3)
+    tagged.unit = "m/s"  # type: ignore[attr-defined]
+    apart = [
+        (loaded(3), loaded(4)),
+        (loaded(3), loaded(3.0)),
+        (loaded(3), tagged),
+        (over(3), over(4)),
+        (over(Over(3)), over(Over(3))),  # type: ignore[arg-type]
+        (over([3]), over([3])),  # type: ignore[arg-type]
+        (over(Kilometres(3)), over(Kilometres(3))),
+        (over(Limits(3)), over(Limits(3))),  # type: ignore[arg-type]
+        (over(loaded(3)), over(loaded(4))),  # type: ignore[arg-type]
+        (Over(3).fast, Over(3).fast),
+        (early, late),
+        (partial(early), partial(early)),
+    ]
+    assert [same(one, two) for one, two in apart] == [False] * len(apart)
+
+
+def test_a_word_tells_where_it_was_made_and_shipped_ones_stay() -> None:
+    fast, slow = Word("fast", ("agent",), early), Word("fast", ("agent",), late)
+    line = int(fast.place.rpartition(":")[2])
+    told = rf"'fast' is registered at {__file__}:{line} and says something else at {__file__}:{line}: rename one"
+    with pytest.raises(FormulaError, match=told):
+        RuleBook().define(fast).define(slow)
+    with pytest.raises(FormulaError, match=f"rule 'mine': {told}"):
+        Rule("mine", "forall a. G !fast(a)", words=(fast, slow))
+    mine = Word("stopped", ("agent",), early)
+    for put in (RuleBook().define, lambda word: Rule("mine", "forall a. G !stopped(a)", words=(word,))):
+        with pytest.raises(FormulaError, match=rf"'stopped' is a shipped word, not to be changed at {__file__}:\d+"):
+            put(mine)
+
+
+def test_a_rule_of_a_word_that_is_in_no_open_book_tells_how_to_give_it() -> None:
+    with pytest.raises(FormulaError, match="unknown predicate 'zoom': register it before the rule, or give the rule its Word by"):
+        RuleBook().define(Word("zoom", ("agent",), early)).add(Rule("mine", "forall a. G zoom(a)"))
+
+
+def test_a_book_is_frozen_and_nothing_else_is_taken_for_one(make: Make) -> None:
+    run = make("stop4", {0: (2, 10, 50, 200)}, 300)
+    known = {"mine": Rule("mine", "forall a. F a@j")}
+    book = RuleBook(known)
+    known["yours"] = known["mine"]
+    assert list(book.rules) == ["mine"]
+    assert len({book, RuleBook({"mine": known["mine"]}), SHIPPED}) == 2
+    for names in (book.rules, book.vocabulary):
+        with pytest.raises(TypeError, match="does not support item assignment"):
+            names["zz"] = 3  # type: ignore[index]
+    wrong: Any = {}
+    for ask in (
+        lambda: check(run, "p1", book=wrong),
+        lambda: check(run, get_rule("p1"), book=wrong),
+        lambda: rules_for("p1", book=wrong),
+        lambda: RuleMonitor("p1", run.junction, run.agents, book=wrong),
+    ):
+        with pytest.raises(FormulaError, match=r"book= takes a RuleBook, or nothing for the one that is open, got {}"):
+            ask()
 
 
 def test_words_of_a_predicate_name_its_arguments() -> None:

@@ -20,7 +20,7 @@ from pytest_rvads.logic.rules.reading import parse
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulefile import load_rules
 from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.rules.vocabulary import Vocabulary
+from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Facts, Fault, Run
 from pytest_rvads.runs.states import Colour
@@ -73,10 +73,14 @@ def test_a_specification_is_a_rulebook_a_rule_or_a_mixture() -> None:
         (lambda: rule("mine", "forall a. G a@"), "rule 'mine': unexpected the end"),
         (lambda: rule("mine", "forall a. G a@j", about="stopp"), "must be one of .*; did you mean 'stop'"),
         (lambda: rule("mine", "forall a. G a@j", tie=float("nan")), "the tie window must be a number of seconds"),
-        (lambda: predicate("take", "agent"), "a predicate needs a free identifier"),
+        (lambda: predicate("take", "agent"), r"'take' is a shipped word, not to be changed at .*test_rules.py:\d+: choose"),
         (lambda: predicate("x y", "agent"), "free identifier as its name, got 'x y'"),
         *((lambda name=name: predicate(name, "agent"), f"free identifier as its name, got '{name}'") for name in RESERVED),
         (lambda: predicate("close", "agnet"), "unknown sort 'agnet'; did you mean 'agent'"),
+        (lambda: Word("G", ("agent",)), "a predicate needs a free identifier as its name, got 'G'"),
+        (lambda: Word("a b", ("agent",)), "free identifier as its name, got 'a b'"),
+        (lambda: Word("close", ("agnet",)), "predicate 'close': unknown sort 'agnet'"),
+        (lambda: Word("close", ("agent",), says="{1} is close"), "words name its 1 arguments by number"),
     ],
 )
 def test_wrong_use_is_told(call: Callable[[], object], message: str) -> None:

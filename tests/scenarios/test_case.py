@@ -118,5 +118,5 @@ def test_what_is_of_another_kind_is_refused_where_it_is_passed(mistake: str) -> 
 
 def test_a_rule_that_is_none_is_refused() -> None:
     run = simulate(Case(Scenario(find("stop4"), "1000", duration=0.1), Reference))
-    with pytest.raises(rvads.FormulaError, match="a rule or the name of one, such as 'p1', got 3"):
+    with pytest.raises(rvads.FormulaError, match="a rule is a Rule or the name of one, such as 'p1', got 3"):
         rvads.check(run, 3)  # type: ignore[arg-type]

@@ -77,6 +77,12 @@ class Atom(Formula):
     word: object = field(default=None, hash=False, repr=False)
     """What the name means, where the name alone doesn't tell."""
 
+    def __eq__(self, other: object) -> bool:
+        """Tell whether both say the same of the same; results are kept by atoms, so it takes one word, not two that are alike."""
+        if not isinstance(other, Atom):
+            return NotImplemented
+        return self.name == other.name and self.terms == other.terms and self.word is other.word
+
 
 @dataclass(frozen=True, slots=True)
 class Not(Formula):

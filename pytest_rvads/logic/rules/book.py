@@ -9,16 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.following import Follower
-from pytest_rvads.errors import FormulaError, suggest
-from pytest_rvads.logic.rules.current import desk, here
+from pytest_rvads.errors import FormulaError, require, suggest
+from pytest_rvads.logic.rules.current import Desk, desk, desks
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD, VARIANTS
-from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word
+from pytest_rvads.logic.rules.vocabulary import Names, Vocabulary, Word
 from pytest_rvads.maps.control import JunctionControl
 
-__all__ = ["SHIPPED", "RuleBook", "current_book", "get_rule", "predicate", "rule", "rulebook", "rules_for"]
+__all__ = ["SHIPPED", "RuleBook", "claim", "current_book", "get_rule", "joined", "predicate", "rule", "rulebook", "rules_for"]
 
 _SHELF: Mapping[str, tuple[Rule, ...]] = {"paper": PAPER, "road": ROAD, "variants": VARIANTS}
 _Function = Callable[..., NDArray[np.bool_]]
@@ -31,6 +30,9 @@ class RuleBook:
     rules: Mapping[str, Rule] = field(default_factory=lambda: {rule.name: rule for rules in _SHELF.values() for rule in rules})
     """By name; those that come with the package by default."""
     vocabulary: Vocabulary = BUILT_IN
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rules", Names(self.rules))
 
     def add(self, rule: Rule) -> RuleBook:
         """Return a book with another rule.
@@ -73,10 +75,42 @@ SHIPPED = RuleBook()
 """The rules that come with the package."""
 
 
-def current_book() -> RuleBook:
-    """Return the book that is open: of the session of pytest, or of the process where none runs."""
-    book: RuleBook | None = desk().book
+def current_book(book: RuleBook | None = None) -> RuleBook:
+    """Return the given book, by default the one that is open: of the session of pytest, or of the process where none runs.
+
+    Raises:
+        FormulaError: what is given is no book.
+    """
+    require(book, RuleBook | None, "book= takes a RuleBook, or nothing for the one that is open", FormulaError)
+    return _on(desk()) if book is None else book
+
+
+def _on(where: Desk) -> RuleBook:
+    book: RuleBook | None = where.book
     return SHIPPED if book is None else book
+
+
+def _register(change: Callable[[RuleBook], RuleBook]) -> None:
+    """Leave a changed book on every desk that it concerns, or on none where one of them refuses the change."""
+    changed = [(one, change(_on(one))) for one in desks()]
+    for one, book in changed:
+        one.book = book
+
+
+def joined(one: RuleBook, two: RuleBook) -> RuleBook:
+    """Return a book of what stands in two books that give no name two meanings."""
+    return RuleBook({**one.rules, **two.rules}, Vocabulary({**one.vocabulary, **two.vocabulary}))
+
+
+def claim(rule: Rule) -> None:
+    """Note a rule that a test asks for, whether it is registered or not.
+
+    Raises:
+        FormulaError: another one of the session bears its name, so that reports would take both for one.
+    """
+    index = desk().index
+    if index is not None and rule.name not in SHIPPED.rules:
+        index.book = _on(index).add(rule)
 
 
 def rule(  # noqa: PLR0913 - everything there is to tell about a rule, by keyword
@@ -93,7 +127,7 @@ def rule(  # noqa: PLR0913 - everything there is to tell about a rule, by keywor
     requirement: str | None = None,
     place: str = "",
 ) -> Rule:
-    """Register a rule under a name, in the book that is open.
+    """Register a rule under a name, in the book that is open: for the test file or test that does it, else for all.
 
     The same rule may be registered again; another one of the same name may not, because tests that mean the first would then
     be judged by the second.
@@ -132,14 +166,14 @@ def rule(  # noqa: PLR0913 - everything there is to tell about a rule, by keywor
         requirement=requirement,
         place=place,
     )
-    desk().book = current_book().add(made)
+    _register(lambda book: book.add(made))
     return made
 
 
 def predicate(
     name: str, *sorts: str, says: str = "", denies: str = "", follow: Callable[..., Follower] | None = None
 ) -> Callable[[_Function], _Function]:
-    """Register a Python function as a predicate of the rule language, in the book that is open.
+    """Register a Python function as a predicate of the rule language, where `rule` registers.
 
     Example:
         >>> @predicate("crawls", "agent", says="{0} crawls", denies="{0} does not crawl")
@@ -156,25 +190,14 @@ def predicate(
             the function of a run of one state.
 
     Raises:
-        FormulaError: a name that formulas can't spell or that is taken, also by another function, an unknown sort, or words
-            that ask for more arguments.
+        FormulaError: a name that is taken, also by another function, or what `Word` refuses.
     """
-    if not name.isidentifier() or name in BUILT_IN or name in ("G", "F", "N", "X", "U", "W", "R", "true", "false"):
-        raise FormulaError(f"a predicate needs a free identifier as its name, got {name!r}")
-    for sort in sorts:
-        if sort not in set(Sort):
-            raise FormulaError(f"predicate {name!r}: unknown sort {sort!r}{suggest(sort, [s.value for s in Sort])}")
-    for text in (says, denies):
-        try:
-            text.format(*sorts)
-        except (LookupError, ValueError) as error:
-            raise FormulaError(
-                f"predicate {name!r}: words name its {len(sorts)} arguments by number, {{0}} the first, got {text!r}"
-            ) from error
+    made = Word(name, tuple(map(str, sorts)), None, says, denies, follow)
+    BUILT_IN.add(made)  # refuses the name of a shipped one
 
     def register(function: _Function) -> _Function:
-        word = Word(name, tuple(map(Sort, sorts)), function, says, denies, follow, place=here())
-        desk().book = current_book().define(word)
+        word = replace(made, holds=function)
+        _register(lambda book: book.define(word))
         return function
 
     return register
@@ -195,9 +218,11 @@ def get_rule(rule: str | Rule, book: RuleBook | None = None) -> Rule:
     """Return a rule, given itself or by name, of the book that is open if no other is given.
 
     Raises:
-        FormulaError: no such rule.
+        FormulaError: no such rule, or no book.
     """
-    return rule if isinstance(rule, Rule) else (book or current_book())[rule]
+    book = current_book(book)
+    require(rule, str | Rule, "a rule is a Rule or the name of one, such as 'p1'", FormulaError)
+    return rule if isinstance(rule, Rule) else book[rule]
 
 
 def rules_for(

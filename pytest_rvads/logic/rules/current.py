@@ -1,13 +1,17 @@
-"""Which book of rules is open: that of the session that runs, or that of the process where none does."""
+"""Which book of rules is open: that of the test file or of the session that runs, or that of the process where none does."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 from typing import Any
 
-__all__ = ["Desk", "desk", "here", "own_desk"]
+__all__ = ["PACKAGE", "Desk", "desk", "desks", "here", "own_desk"]
+
+PACKAGE = "pytest-rvads"
+"""The place of the rules and words that come with the package."""
 
 
 class Desk:
@@ -16,9 +20,18 @@ class Desk:
     Imports nothing, because every session of pytest has one, also where nobody asks for rules.
     """
 
-    def __init__(self, book: Any = None) -> None:
+    def __init__(self, book: Any = None, file: str = "", index: Desk | None = None) -> None:
         self.book: Any = book
         """A `RuleBook`; None for that of the shipped rules, not loaded yet."""
+        self.file = file
+        """The test file that it is open for; empty for one that is open for all."""
+        self.index = index
+        """Where all lies that a session registers, so that a name means one thing in it; None while a test runs."""
+
+    def alone(self, frame: FrameType) -> bool:
+        """Tell whether what code registers is for the test file or test alone; another file is imported once, so for all."""
+        by_test = self.index is None and frame.f_code.co_name != "<module>"
+        return by_test or frame.f_globals.get("__file__", self.file) == self.file
 
 
 _DESKS = [Desk()]
@@ -29,10 +42,20 @@ def desk() -> Desk:
     return _DESKS[-1]
 
 
+def desks() -> list[Desk]:
+    """Return where what the calling code registers has to lie: for a test file alone, or for all."""
+    frame, found = _caller(), []
+    for one in reversed(_DESKS):
+        found.append(one)
+        if not one.file or one.alone(frame):
+            break
+    return list(dict.fromkeys([*found, *(one.index for one in found if one.index)]))
+
+
 @contextmanager
-def own_desk() -> Iterator[Desk]:
-    """Open a book of one's own, with what is known so far; what is added to it is forgotten at the end."""
-    own = Desk(desk().book)
+def own_desk(own: Desk | None = None) -> Iterator[Desk]:
+    """Open a book of one's own, by default with what is known so far; what is added to it is forgotten at the end."""
+    own = own or Desk(desk().book)
     _DESKS.append(own)
     try:
         yield own
@@ -42,7 +65,12 @@ def own_desk() -> Iterator[Desk]:
 
 def here() -> str:
     """Return file and line of the nearest code that is not of this package."""
+    frame = _caller()
+    return f"{frame.f_code.co_filename}:{frame.f_lineno}"
+
+
+def _caller() -> FrameType:
     frame = sys._getframe(1)
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == __name__.partition(".")[0]:
         frame = frame.f_back
-    return f"{frame.f_code.co_filename}:{frame.f_lineno}"
+    return frame

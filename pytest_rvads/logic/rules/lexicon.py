@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +17,7 @@ from pytest_rvads.conduct.standing import speeding, stopped
 from pytest_rvads.conduct.stretches import meet
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.rules.current import PACKAGE
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.rules.vocabulary import Attribute, Vocabulary, Word
 from pytest_rvads.runs.run import Run
@@ -71,19 +74,20 @@ def _between(one: f.Element, two: f.Element, pairs: frozenset[tuple[int, int]]) 
     return one.sort == two.sort == Sort.ENTRANCE and (one.index, two.index) in pairs
 
 
+_word = partial(Word, place=PACKAGE)
 _ONE, _TWO, _ENTRANCES = ("agent",), ("agent", "agent"), ("entrance or vertex", "entrance or vertex")
 
 BUILT_IN = Vocabulary.of(
-    Word(
+    _word(
         "@",
         ("agent or light or object", "entrance or exit or junction or road or vertex"),
         _at,
         decide=_may_be_at,
         static="light or object",
     ),
-    Word("turn", ("agent", "direction"), decide=lambda s, agent, to: s.turns(agent.index, to.name), static="agent"),
-    Word("take", ("agent", "entrance", "direction"), means=_take),
-    Word(
+    _word("turn", ("agent", "direction"), decide=lambda s, agent, to: s.turns(agent.index, to.name), static="agent"),
+    _word("take", ("agent", "entrance", "direction"), means=_take),
+    _word(
         "conflict",
         _TWO,
         _no_geometry,
@@ -92,7 +96,7 @@ BUILT_IN = Vocabulary.of(
         decide=_conflict,
         static="agent",
     ),
-    Word(
+    _word(
         "meet",
         _TWO,
         meet,
@@ -101,9 +105,9 @@ BUILT_IN = Vocabulary.of(
         apart=True,
         symmetric=True,
     ),
-    Word("collide", _TWO, collide, "{0} and {1} collide", "{0} and {1} do not collide", apart=True, symmetric=True),
-    Word("owes", _TWO, owes, "{0} has to let {1} pass", "{0} need not let {1} pass", following.owes, apart=True),
-    Word(
+    _word("collide", _TWO, collide, "{0} and {1} collide", "{0} and {1} do not collide", apart=True, symmetric=True),
+    _word("owes", _TWO, owes, "{0} has to let {1} pass", "{0} need not let {1} pass", following.owes, apart=True),
+    _word(
         "obstructs",
         _TWO,
         obstructs,
@@ -112,17 +116,17 @@ BUILT_IN = Vocabulary.of(
         following.obstructs,
         apart=True,
     ),
-    Word("stopped", _ONE, stopped, "{0} has stopped at the line", "{0} has not stopped at the line", following.stopped),
-    Word("inside", _ONE, inside, "{0} is partly in the junction", "{0} is out of the junction"),
-    Word("blocks", _ONE, blocks, "{0} blocks the junction", "{0} does not block the junction", following.blocks),
-    Word("may_go", _ONE, may_go, "{0} could go", "{0} could not go"),
-    Word("idles", _ONE, idles, "{0} could have gone and has not", "{0} has gone when it could", following.idles),
-    Word("off_lane", _ONE, off_lane, "{0} is outside its lane", "{0} is in its lane"),
-    Word("off_route", _ONE, off_route, "{0} is off its route", "{0} is on its route"),
-    Word("speeding", _ONE, speeding, "{0} is over the speed limit", "{0} is within the speed limit"),
-    Word("right-of", _ENTRANCES, decide=lambda s, one, two: _between(one, two, s.right_of), static=_ENTRANCES[0]),
-    Word("opposite", _ENTRANCES, decide=lambda s, one, two: _between(one, two, s.opposite), static=_ENTRANCES[0]),
-    Word(
+    _word("stopped", _ONE, stopped, "{0} has stopped at the line", "{0} has not stopped at the line", following.stopped),
+    _word("inside", _ONE, inside, "{0} is partly in the junction", "{0} is out of the junction"),
+    _word("blocks", _ONE, blocks, "{0} blocks the junction", "{0} does not block the junction", following.blocks),
+    _word("may_go", _ONE, may_go, "{0} could go", "{0} could not go"),
+    _word("idles", _ONE, idles, "{0} could have gone and has not", "{0} has gone when it could", following.idles),
+    _word("off_lane", _ONE, off_lane, "{0} is outside its lane", "{0} is in its lane"),
+    _word("off_route", _ONE, off_route, "{0} is off its route", "{0} is on its route"),
+    _word("speeding", _ONE, speeding, "{0} is over the speed limit", "{0} is within the speed limit"),
+    _word("right-of", _ENTRANCES, decide=lambda s, one, two: _between(one, two, s.right_of), static=_ENTRANCES[0]),
+    _word("opposite", _ENTRANCES, decide=lambda s, one, two: _between(one, two, s.opposite), static=_ENTRANCES[0]),
+    _word(
         "entex",
         ("entrance or vertex", "exit or vertex"),
         decide=lambda s, one, two: (one.sort, two.sort) == (Sort.ENTRANCE, Sort.EXIT) and (one.index, two.index) in s.entex,
@@ -161,4 +165,4 @@ ATTRIBUTES = {
 
 def word_of(atom: f.Atom) -> Word | None:
     """Return what the name of an atom means: a user's word stands in it, the others are the same everywhere."""
-    return atom.word if isinstance(atom.word, Word) else BUILT_IN.words.get(atom.name)
+    return atom.word if isinstance(atom.word, Word) else BUILT_IN.get(atom.name)

@@ -64,7 +64,8 @@ class _Check:
             return
         if name not in self.vocabulary:
             what = f"unknown predicate {name!r}" if atom.terms else f"{name!r} is neither a formula nor a known predicate"
-            raise FormulaError(caret(what + suggest(name, self.vocabulary), self.text, atom.at))
+            near = suggest(name, self.vocabulary) or ": register it before the rule, or give the rule its Word by words="
+            raise FormulaError(caret(what + near, self.text, atom.at))
         wanted = self.vocabulary[name].sorts
         if len(kinds) != len(wanted):
             message = f"{name} takes {len(wanted)} arguments ({', '.join(wanted)}), got {len(kinds)}"

@@ -6,17 +6,14 @@ from dataclasses import dataclass, field
 
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.rules.current import desk, here
+from pytest_rvads.logic.rules.current import PACKAGE, desk, here
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.logic.rules.shape import outermost, untimed
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word
 from pytest_rvads.maps.control import JunctionControl
 
-__all__ = ["PACKAGE", "Rule"]
-
-PACKAGE = "pytest-rvads"
-"""The place of the rules that come with the package."""
+__all__ = ["Rule"]
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -26,7 +23,8 @@ class Rule:
     It holds all that judging by it needs: its formula and the words in it, whatever is registered later.
 
     Raises:
-        FormulaError: the text is not a formula, or the name does not fit into a test id.
+        FormulaError: the text is not a formula, the name does not fit into a test id, or a word is called as a shipped one or as
+            another one.
     """
 
     name: str
@@ -100,7 +98,10 @@ class Rule:
 
     def _vocabulary(self) -> Vocabulary:
         known = BUILT_IN if desk().book is None else desk().book.vocabulary
-        return Vocabulary({**known, **{word.name: word for word in self.words}}) if self.words else known
+        given = BUILT_IN
+        for word in self.words:
+            given = given.add(word)
+        return Vocabulary({**known, **given}) if self.words else known
 
     def __repr__(self) -> str:
         return f"<Rule {self.name}: {self.title or self.text}>"

@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import partial
 
 from pytest_rvads.conduct.standing import TIE
-from pytest_rvads.logic.rules.rule import PACKAGE, Rule
+from pytest_rvads.logic.rules.current import PACKAGE
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.maps.control import JunctionControl
 
 __all__ = ["PAPER", "ROAD", "VARIANTS"]

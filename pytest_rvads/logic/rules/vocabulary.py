@@ -3,23 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.following import Follower
-from pytest_rvads.errors import FormulaError
+from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.rules.current import PACKAGE, here
+from pytest_rvads.logic.rules.sameness import same
+from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Run
 
-__all__ = ["Attribute", "Vocabulary", "Word", "sorts_in"]
+__all__ = ["Attribute", "Names", "Vocabulary", "Word", "sorts_in"]
+
+_RESERVED = ("G", "F", "N", "X", "U", "W", "R", "true", "false")
+"""What formulas read as an operator or a constant."""
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Word:
-    """A predicate of the rule language."""
+    """A predicate of the rule language.
+
+    Raises:
+        FormulaError: a name that formulas can't spell, an unknown sort, or words that ask for more arguments.
+    """
 
     name: str
     sorts: tuple[str, ...]
@@ -45,10 +56,31 @@ class Word:
     symmetric: bool = False
     """Whether both orders of its two arguments say the same."""
     place: str = ""
-    """Where it was registered; empty for a shipped one."""
+    """Where it was registered; by default the line that makes it."""
+
+    def __post_init__(self) -> None:
+        if self.place == PACKAGE:
+            return
+        if not self.place:
+            object.__setattr__(self, "place", here())
+        if not self.name.isidentifier() or self.name in _RESERVED:
+            raise FormulaError(f"a predicate needs a free identifier as its name, got {self.name!r}")
+        for sort in (sort for sorts in self.sorts for sort in sorts_in(sorts)):
+            if sort not in set(Sort):
+                raise FormulaError(f"predicate {self.name!r}: unknown sort {sort!r}{suggest(sort, [s.value for s in Sort])}")
+        for text in (self.says, self.denies):
+            try:
+                text.format(*self.sorts)
+            except (LookupError, ValueError) as error:
+                raise FormulaError(
+                    f"predicate {self.name!r}: words name its {len(self.sorts)} arguments by number, {{0}} the first, "
+                    f"got {text!r}"
+                ) from error
 
     def __eq__(self, other: object) -> bool:
-        return self is other or (isinstance(other, Word) and self._told() == other._told())
+        return self is other or (
+            isinstance(other, Word) and self._told() == other._told() and same(self._functions(), other._functions())
+        )
 
     def __hash__(self) -> int:
         return hash(self.name)
@@ -57,9 +89,10 @@ class Word:
         return f"<Word {self.name}>"
 
     def _told(self) -> tuple[object, ...]:
-        """Return what tells words apart; a module that is loaded again makes its functions anew, of the same code."""
-        codes = (getattr(function, "__code__", function) for function in (self.holds, self.follow))
-        return self.name, self.sorts, self.says, self.denies, *codes
+        return self.name, self.sorts, self.says, self.denies, self.static, self.apart, self.symmetric
+
+    def _functions(self) -> tuple[object, ...]:
+        return self.holds, self.follow, self.decide, self.means
 
     def on(self, run: Run, *arguments: int | f.Element) -> NDArray[np.bool_]:
         """Return its truth on a run, shape ``(steps,)``.
@@ -102,28 +135,42 @@ class Attribute:
     """Comparisons in words, and denied: ``"="`` with the same attribute of another element, ``"= value"`` with a value."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Vocabulary(Mapping[str, Word]):
+class Names(Mapping[str, T]):
+    """What names stand for; nobody adds to it."""
+
+    __slots__ = ("_known",)
+
+    def __init__(self, known: Mapping[str, T]) -> None:
+        self._known = dict(known)
+
+    def __getitem__(self, name: str) -> T:
+        return self._known[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._known
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known)
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self._known))
+
+    def __repr__(self) -> str:
+        return f"<Names: {', '.join(self)}>"
+
+
+class Vocabulary(Names[Word]):
     """The predicates that rules may use, by name."""
 
-    words: Mapping[str, Word] = field(default_factory=dict)
+    __slots__ = ()
 
     @classmethod
     def of(cls, *words: Word) -> Vocabulary:
         """Return a vocabulary of the given words."""
         return cls({word.name: word for word in words})
-
-    def __getitem__(self, name: str) -> Word:
-        return self.words[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.words)
-
-    def __len__(self) -> int:
-        return len(self.words)
-
-    def __hash__(self) -> int:
-        return hash(frozenset(self.words))
 
     def __repr__(self) -> str:
         return f"<Vocabulary of {len(self)} words>"
@@ -134,9 +181,11 @@ class Vocabulary(Mapping[str, Word]):
         Raises:
             FormulaError: its name means something else already.
         """
-        known = self.words.get(word.name)
+        known = self.get(word.name)
         if known is None:
-            return Vocabulary({**self.words, word.name: word})
+            return Vocabulary({**self, word.name: word})
+        if known.place == PACKAGE:
+            raise FormulaError(f"{word.name!r} is a shipped word, not to be changed at {word.place}: choose another name")
         if known != word:
             raise FormulaError(
                 f"{word.name!r} is registered at {known.place} and says something else at {word.place}: rename one of them"

@@ -1,0 +1,68 @@
+"""When two functions are the same: a module that is loaded again makes its functions anew, and two files may say the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import CellType, CodeType, FunctionType, MethodType
+
+__all__ = ["same"]
+
+_PLAIN = (bool, int, float, complex, str, bytes)
+_UNBOUND = object()
+
+
+def same(one: object, two: object) -> bool:
+    """Return whether two functions, or two values that functions work with, are the same.
+
+    They are when they are identical; plain values that are equal, or tuples of such; methods of one object and the same function;
+    or functions of the same code, lines apart, whose defaults, attributes, closures and globals are the same. Anything else may
+    come to differ unseen, and is not.
+    """
+    return _same(one, two, set())
+
+
+def _same(one: object, two: object, assumed: set[tuple[int, int]]) -> bool:
+    """Compare, and take the pairs of functions for the same that are being compared already: they may refer to each other."""
+    if one is two:
+        return True
+    match one, two:
+        case FunctionType(), FunctionType():
+            if (id(one), id(two)) in assumed:
+                return True
+            assumed.add((id(one), id(two)))
+            return _bare(one.__code__) == _bare(two.__code__) and _same(_works_with(one), _works_with(two), assumed)
+        case MethodType(), MethodType():
+            return one.__self__ is two.__self__ and _same(one.__func__, two.__func__, assumed)
+        case tuple(), tuple() if type(one) is type(two) is tuple:
+            return len(one) == len(two) and all(_same(a, b, assumed) for a, b in zip(one, two, strict=True))
+    return type(one) is type(two) and type(one) in _PLAIN and one == two
+
+
+def _works_with(function: FunctionType) -> tuple[object, ...]:
+    """Return what a function works with beside its arguments, in an order that its code tells."""
+    named = (function.__kwdefaults__ or {}, vars(function))
+    cells = tuple(_content(cell) for cell in function.__closure__ or ())
+    used = dict.fromkeys(name for code in _codes(function.__code__) for name in code.co_names)
+    values = tuple(function.__globals__.get(name, _UNBOUND) for name in used)
+    return function.__defaults__, tuple(tuple(sorted(values.items())) for values in named), cells, values
+
+
+def _content(cell: CellType) -> object:
+    try:
+        return cell.cell_contents
+    except ValueError:  # nothing is in it yet
+        return cell
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """Yield a code and those of the functions in it."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _codes(constant)
+
+
+def _bare(code: CodeType) -> CodeType:
+    """Return a code without the lines it stands at."""
+    constants = tuple(_bare(constant) if isinstance(constant, CodeType) else constant for constant in code.co_consts)
+    return code.replace(co_filename="", co_firstlineno=1, co_linetable=b"", co_consts=constants)
