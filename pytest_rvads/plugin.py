@@ -6,7 +6,8 @@ It is imported by every pytest run of the environment, so it imports nothing hea
 from __future__ import annotations
 
 from collections.abc import Generator
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
+from typing import TypeVar
 
 import pytest
 
@@ -24,6 +25,7 @@ from pytest_rvads.session.items import OPTIONS, RECORD, attach, letter, prepare
 from pytest_rvads.session.main_process import Session
 from pytest_rvads.session.plan import Planner, in_part
 from pytest_rvads.session.time_budget import BUDGET, Budget
+from pytest_rvads.simulators.choice import choosing
 
 __all__ = [
     "monitor",
@@ -38,6 +40,8 @@ __all__ = [
     "rvads_sut",
     "rvads_vehicle",
 ]
+
+_T = TypeVar("_T")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -55,9 +59,14 @@ def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
     """Open the session's own book of rules: what is registered in it is forgotten at its end."""
     from pytest_rvads.collection.extensions import BOOK
 
-    opened = ExitStack()
-    early_config.stash[BOOK] = opened.enter_context(own_desk())
-    early_config.add_cleanup(opened.close)
+    early_config.stash[BOOK] = _opened(early_config, own_desk())
+
+
+def _opened(config: pytest.Config, context: AbstractContextManager[_T]) -> _T:
+    """Enter a context that lasts as long as the session."""
+    stack = ExitStack()
+    config.add_cleanup(stack.close)
+    return stack.enter_context(context)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -68,10 +77,12 @@ def pytest_configure(config: pytest.Config) -> None:
         options = config.stash[OPTIONS] = Options.read(config)
         if options.autopilot:
             chosen(options.autopilot, config.invocation_params.dir)  # a wrong name ends the session before anything runs
+        simulator = None
         if options.simulator != "bullet":
             from pytest_rvads.simulators.simulator import named
 
-            named(options.simulator, config.invocation_params.dir)
+            simulator = named(options.simulator, config.invocation_params.dir)
+        _opened(config, choosing(simulator))
     except RvadsError as error:
         raise pytest.UsageError(str(error)) from error
     register_marks(config)

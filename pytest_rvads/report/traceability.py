@@ -22,6 +22,7 @@ _COLUMNS = {
     "verdict": "status",
     "known": "known",
     "driver": "driver",
+    "simulator": "simulator",
     "run": "hash",
     "item": "nodeid",
 }
