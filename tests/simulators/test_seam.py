@@ -123,6 +123,65 @@ def test_a_simulator_is_found_by_name() -> None:
         named("no_such_module:thing")
     with pytest.raises(ScenarioError, match="has no vmax"):
         named("math:sqrt")
+    for wrong in (":mine", "own:", "own:a:b", "..own:mine", "own.:mine", "own:.mine", "no module:x"):
+        with pytest.raises(ScenarioError, match=f"simulator {wrong!r} can't be loaded: expected module:name"):
+            named(wrong)
+
+
+@pytest.mark.parametrize(
+    ("made", "wrong"),
+    [
+        ("Counting", "is a class"),
+        ("type('Mine', (Counting,), {'name': 3})()", "is called 3, which is no text"),
+        ("type('Mine', (Counting,), {'name': ''})()", "is called '', which is no text"),
+        ("type('Mine', (Counting,), {'vmax': 1.0})()", "has no vmax"),
+        ("type('Mine', (), {'name': 'x', 'vmax': lambda self: 1.0})()", "has no __call__"),
+    ],
+)
+def test_what_is_no_simulator_is_refused_as_option_fixture_and_argument(pytester: pytest.Pytester, made: str, wrong: str) -> None:
+    pytester.makepyfile(own=f"{textwrap.dedent(OWN)}\nmine = {made}")
+    pytester.makepyfile("""
+        import pytest
+        import pytest_rvads as rvads
+        from own import mine
+
+        @pytest.fixture
+        def rvads_simulator():
+            return mine
+
+        @rvads.scenario("stop4", classes=1, grid="C", rules="p1")
+        def test_fixture(rule, monitor):
+            monitor.check(rule)
+
+        def test_argument():
+            rvads.vmax(1.0, simulator=mine)
+    """)
+    options = ("--rvads-autopilot=reference", "-p", "no:cacheprovider")
+    result = pytester.runpytest(*options, "--rvads-simulator=own:mine")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines([f"ERROR: simulator 'own:mine' {wrong}: it has to be an object with a name, *"])
+    result = pytester.runpytest(*options)
+    result.assert_outcomes(errors=1, failed=1)
+    result.stdout.fnmatch_lines(
+        [f"simulator <*own.*> {wrong}: it has to be an object *", f"E  *ScenarioError: simulator <*> {wrong}: *"]
+    )
+
+
+@pytest.mark.parametrize("speed", ["x", float("nan"), float("inf"), -1.0, True])
+def test_a_limit_that_is_no_speed_is_an_error_that_names_the_simulator(speed: Any) -> None:
+    class Wrong(Counting):
+        def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
+            answer: float = speed
+            return answer
+
+    says = f"the simulator 'counting' must give v\\(d\\)max as a speed of 0 m/s or more, or as None, got {speed!r} at 0.3 m"
+    for ask in (
+        lambda: rvads.vmax(0.3, simulator=Wrong()),
+        lambda: closed_vmax(0.3, rvads.Reference, simulator=Wrong()),
+        lambda: look_for("stop4", rvads.Reference, "p1", budget=20, near=0.3, far=0.5, simulator=Wrong()),
+    ):
+        with pytest.raises(rvads.RunError, match=says):
+            ask()
 
 
 def test_the_option_chooses_what_simulates_and_how_fast_one_may_come(pytester: pytest.Pytester) -> None:
