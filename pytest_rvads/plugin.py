@@ -62,13 +62,6 @@ def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
     early_config.stash[BOOK] = _opened(early_config, own_desk())
 
 
-def _opened(config: pytest.Config, context: AbstractContextManager[_T]) -> _T:
-    """Enter a context that lasts as long as the session."""
-    stack = ExitStack()
-    config.add_cleanup(stack.close)
-    return stack.enter_context(context)
-
-
 def pytest_configure(config: pytest.Config) -> None:
     """Read the options once and register the marks."""
     from pytest_rvads.collection import register_marks
@@ -174,3 +167,10 @@ def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str]
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
     """Show NA and what came too late by letters of their own."""
     return letter(report)
+
+
+def _opened(config: pytest.Config, context: AbstractContextManager[_T]) -> _T:
+    """Enter a context that lasts as long as the session."""
+    stack = ExitStack()
+    config.add_cleanup(stack.close)
+    return stack.enter_context(context)

@@ -67,7 +67,7 @@ def named(name: str, here: Path | None = None) -> Simulator:
             f"unknown simulator {name!r}, there is {', '.join(SIMULATORS)}, or say module:name{suggest(name, SIMULATORS)}"
         )
     try:
-        return usable(at(where, here), name)
+        return usable(at(where, here), repr(name))
     except (ImportError, AttributeError) as error:
         raise ScenarioError(f"simulator {name!r} can't be loaded: {error}") from error
 
@@ -87,12 +87,12 @@ def usable(simulator: Any, said: str = "") -> Simulator:
     elif missing := next((a for a in ("__call__", "vmax") if not callable(getattr(simulator, a, None))), ""):
         wrong = f"has no {missing}"
     elif not (isinstance(name := getattr(simulator, "name", None), str) and name):
-        wrong = f"is called {name!r}, which is no text"
+        wrong = f"is called {name!r}, which is no name"
     else:
         found: Simulator = simulator
         return found
     raise ScenarioError(
-        f"simulator {repr(said) if said else f'{simulator!r:.60}'} {wrong}: it has to be an object with a name, a text, and "
+        f"simulator {said or f'{simulator!r:.60}'} {wrong}: it has to be an object with a name, a text, and "
         "vmax(distance, aggression, vehicle), that can be called with a case"
     )
 
@@ -103,7 +103,8 @@ def meant(simulator: Simulator | None = None) -> Simulator:
     Raises:
         ScenarioError: what is named is no simulator.
     """
-    return choice() or bullet if simulator is None else usable(simulator)
+    found = choice() if simulator is None else usable(simulator)
+    return bullet if found is None else found
 
 
 def simulate(case: Case, simulator: Simulator | None = None) -> Run:

@@ -132,8 +132,8 @@ def test_a_simulator_is_found_by_name() -> None:
     ("made", "wrong"),
     [
         ("Counting", "is a class"),
-        ("type('Mine', (Counting,), {'name': 3})()", "is called 3, which is no text"),
-        ("type('Mine', (Counting,), {'name': ''})()", "is called '', which is no text"),
+        ("type('Mine', (Counting,), {'name': 3})()", "is called 3, which is no name"),
+        ("type('Mine', (Counting,), {'name': ''})()", "is called '', which is no name"),
         ("type('Mine', (Counting,), {'vmax': 1.0})()", "has no vmax"),
         ("type('Mine', (), {'name': 'x', 'vmax': lambda self: 1.0})()", "has no __call__"),
     ],
