@@ -15,9 +15,12 @@ import pytest_rvads as rvads
 from pytest_rvads.cli import main
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.search.falsify import look_for
+from pytest_rvads.search.relations import RELATIONS
 from pytest_rvads.simulators.bullet import bullet
 from pytest_rvads.simulators.closed_loop import closed_vmax
 from pytest_rvads.simulators.simulator import meant, named
+from pytest_rvads.studies import killing
+from pytest_rvads.studies.mutants import MUTANTS
 
 OWN = """
     from pytest_rvads import bullet
@@ -75,6 +78,16 @@ def test_every_search_takes_a_case_with_a_subject_and_a_simulator() -> None:
     assert counting.cases[-1].scenario.place.name == "light4"
 
 
+def test_mutants_are_tried_by_what_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(killing, "CELLS", (("stop4", "2000", "C"),))
+    monkeypatch.setattr(killing, "TURNED", killing.CELLS)
+    monkeypatch.setattr(killing, "RELATIONS", {"rotation": RELATIONS["rotation"]})
+    counting = Counting()
+    monkeypatch.setattr(killing, "named", {"counting": counting}.get)
+    killing.killed_by(next(iter(MUTANTS)), "counting")
+    assert len(counting.cases) == 1 + 4, "by the rules, which it keeps there, and in all four rotations"
+
+
 def test_a_search_finds_what_the_subject_alone_does_wrong() -> None:
     found = look_for("stop4", rvads.RollingStop, "full_stop", traffic="reference", subject=0, budget=10)
     assert found is not None
@@ -100,7 +113,7 @@ def test_commands_take_a_simulator(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--deficiency", "I3", "--seeds", "1", "--budget", "1", "--workers", "1"]
     assert main(["power", "--simulator", "own:counting", *arguments]) == 0
     assert sys.modules["own"].counting.runs > 0
-    for command in (["braking"], ["power", *arguments], ["simulate", "--jsonl"]):
+    for command in (["braking"], ["power", *arguments], ["power", "--mutants"], ["simulate", "--jsonl"]):
         assert main([*command, "--simulator", "own:nothing"]) == 2
         assert "simulator 'own:nothing' can't be loaded" in capsys.readouterr().err
 
@@ -281,6 +294,7 @@ def test_whoever_names_no_simulator_gets_that_of_the_session(pytester: pytest.Py
         from hypothesis import find
         from own import counting
         from pytest_rvads.search.falsify import look_for
+from pytest_rvads.search.relations import RELATIONS
         from pytest_rvads.simulators.closed_loop import closed_vmax
 
         CASE = rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000", distance=1.0, duration=8.0), rvads.Reference)
