@@ -6,7 +6,8 @@ It is imported by every pytest run of the environment, so it imports nothing hea
 from __future__ import annotations
 
 from collections.abc import Generator
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
+from typing import TypeVar
 
 import pytest
 
@@ -24,6 +25,7 @@ from pytest_rvads.session.items import OPTIONS, RECORD, attach, letter, prepare
 from pytest_rvads.session.main_process import Session
 from pytest_rvads.session.plan import Planner, in_part
 from pytest_rvads.session.time_budget import BUDGET, Budget
+from pytest_rvads.simulators.choice import choosing
 
 __all__ = [
     "monitor",
@@ -39,6 +41,8 @@ __all__ = [
     "rvads_vehicle",
 ]
 
+_T = TypeVar("_T")
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Declare ``--rvads-*`` and their ini twins."""
@@ -53,9 +57,7 @@ def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
     """Open the session's own book of rules."""
-    opened = ExitStack()
-    opened.enter_context(open_session(early_config))
-    early_config.add_cleanup(opened.close)
+    _opened(early_config, open_session(early_config))
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -66,10 +68,12 @@ def pytest_configure(config: pytest.Config) -> None:
         options = config.stash[OPTIONS] = Options.read(config)
         if options.autopilot:
             chosen(options.autopilot, config.invocation_params.dir)  # a wrong name ends the session before anything runs
+        simulator = None
         if options.simulator != "bullet":
             from pytest_rvads.simulators.simulator import named
 
-            named(options.simulator, config.invocation_params.dir)
+            simulator = named(options.simulator, config.invocation_params.dir)
+        _opened(config, choosing(simulator))
     except RvadsError as error:
         raise pytest.UsageError(str(error)) from error
     register_marks(config)
@@ -179,3 +183,10 @@ def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str]
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
     """Show NA and what came too late by letters of their own."""
     return letter(report)
+
+
+def _opened(config: pytest.Config, context: AbstractContextManager[_T]) -> _T:
+    """Enter a context that lasts as long as the session."""
+    stack = ExitStack()
+    config.add_cleanup(stack.close)
+    return stack.enter_context(context)

@@ -44,13 +44,13 @@ def _power(options: argparse.Namespace) -> int:
         value = getattr(options, name)
         if value is not None and value < 1:
             raise ScenarioError(f"--{name} must be at least 1, got {value}")
+    named(options.simulator, Path.cwd())  # an unknown one is refused before anything runs
     if options.mutants:
-        print(table_of_mutants(kill_all(options.workers, partial(progress, what="mutants"))))
+        print(table_of_mutants(kill_all(options.workers, partial(progress, what="mutants"), options.simulator)))
         return 0
     wanted = options.deficiency or tuple(DEFICIENCIES)
     if options.among is not None:
-        traffic(options.among)  # an unknown one is refused before anything runs
-    named(options.simulator, Path.cwd())  # likewise
+        traffic(options.among)  # likewise
     measured = measure(
         options.seeds,
         options.budget,

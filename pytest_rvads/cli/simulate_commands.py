@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,7 +32,10 @@ def declare(commands: Subparsers) -> None:
     braking.add_argument("--svg", metavar="OUT", help="also draw the curves into this file")
     braking.set_defaults(command=_braking)
 
-    paper = commands.add_parser("paper", help="simulate the two tables of the paper and mark where they disagree with it")
+    paper = commands.add_parser(
+        "paper",
+        help="simulate the two tables of the paper, by bullet as they were replicated, and mark where they disagree with it",
+    )
     paper.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     paper.add_argument("--svg", metavar="OUT", help="also draw the tables into this file")
     paper.add_argument("--strict", action="store_true", help="exit 1 when a cell is not as published")
@@ -49,16 +53,17 @@ def declare(commands: Subparsers) -> None:
     what = simulate.add_mutually_exclusive_group(required=True)
     what.add_argument("--jsonl", action="store_true", help="read a JSON object per line, write one for each")
     what.add_argument("--recorded", metavar="FILE", nargs="+", help="simulate the runs of recorded files and compare")
+    simulate.add_argument("--simulator", metavar="NAME", default="bullet", help="what makes the runs, a name or module:name")
     simulate.set_defaults(command=_simulate)
 
 
 def _braking(options: argparse.Namespace) -> int:
     from pytest_rvads.draw.curves import draw_braking
     from pytest_rvads.physics.braking import envelope
-    from pytest_rvads.simulators.simulator import named
+    from pytest_rvads.simulators.simulator import named, vmax
 
-    simulator = named(options.simulator, Path.cwd())
-    curves = envelope(_DISTANCES, limit=simulator.vmax)
+    limit = partial(vmax, simulator=named(options.simulator, Path.cwd()))
+    curves = envelope(_DISTANCES, limit=limit)
     title = "v(d)max of the plant, full service brake"
     if options.autopilot is not None:
         from pytest_rvads.studies.stopping import closed_envelope
@@ -73,7 +78,7 @@ def _braking(options: argparse.Namespace) -> int:
             cells = (speeds[row] for speeds in curves.values())
             print(f"{distance:6.2f}" + "".join(f"{'none' if v is None else f'{v:.2f}':>14}" for v in cells))
     if options.svg:
-        fine = envelope(_CURVE, limit=simulator.vmax)
+        fine = envelope(_CURVE, limit=limit)
         whole = {level: list(zip(_CURVE, speeds, strict=True)) for level, speeds in fine.items()}
         found = {level: list(zip(_DISTANCES, speeds, strict=True)) for level, speeds in curves.items()}
         picture = draw_braking(found, title, whole) if options.autopilot else draw_braking(whole, title)
@@ -126,15 +131,18 @@ def _evidence(options: argparse.Namespace) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    from pytest_rvads.simulators.simulator import named
+
+    simulator = named(options.simulator, Path.cwd())
     if options.recorded:
         from pytest_rvads.studies.predicted import compare, text_agreement
 
         for name in options.recorded:
-            print(text_agreement(compare(name, progress=progress), name), flush=True)
+            print(text_agreement(compare(name, simulator=options.simulator, progress=progress), name), flush=True)
         return 0
     from pytest_rvads.studies.prediction import answer
 
     for line in sys.stdin.buffer:
         if line.strip():
-            print(answer(line.decode("utf-8", errors="replace")), flush=True)
+            print(answer(line.decode("utf-8", errors="replace"), simulator), flush=True)
     return 0

@@ -140,7 +140,7 @@ class Ask:
             axes, letters = [(list(self.distances), list(self.speeds or (0.0,)))], []
         paper = grid(letters, ways, place.control) if letters else ()
         own = [configuration for distances, speeds in axes for configuration in explicit(distances, speeds, ways)]
-        kept = own if self.probe or not own else self._stopping(own, options.simulator, watch)
+        kept = own if self.probe or not own else self._stopping(own, watch)
         if own and not kept and not paper:
             asked = f"distances={axes[0][0]!r}, speeds={axes[0][1]!r}" if self.distances else f"grid={names!r}"
             raise ScenarioError(
@@ -149,14 +149,11 @@ class Ask:
             )
         return tuple(dict.fromkeys((*paper, *kept))), len(own) - len(kept)
 
-    def _stopping(
-        self, points: Sequence[Configuration], name: str, watch: Callable[..., Iterable[Configuration]]
-    ) -> list[Configuration]:
-        """Return the points from which vehicles can stop, as the simulator of that name has it."""
-        from pytest_rvads.simulators.simulator import named  # most tests need no physics before they run
+    def _stopping(self, points: Sequence[Configuration], watch: Callable[..., Iterable[Configuration]]) -> list[Configuration]:
+        """Return the points from which vehicles can stop, as the simulator of the session has it."""
+        from pytest_rvads.simulators.simulator import vmax  # most tests need no physics before they run
 
-        simulator = named(name)
-        return [point for point in watch(points) if not outside(point, lambda d: simulator.vmax(d, self.aggression))]
+        return [point for point in watch(points) if not outside(point, lambda d: vmax(d, self.aggression))]
 
 
 _SEVERAL: dict[str, tuple[Any, str]] = {

@@ -25,19 +25,21 @@ def stand_in() -> Factory:
 
 
 def at(name: str, here: Path | None = None) -> Any:
-    """Return what ``module:name`` names, which may have dots on both sides.
+    """Return what ``module:name`` names, where both may be several names with dots between them.
 
     Args:
         name: as options take it.
         here: a folder in which modules are looked for first, as ``python -m`` does.
 
     Raises:
-        ImportError: there is no such module.
+        ImportError: `name` is not written so, or there is no such module.
         AttributeError: nothing in it has this name.
     """
+    module, _, attribute = name.partition(":")
+    if not all(part.isidentifier() for part in (*module.split("."), *attribute.split("."))):
+        raise ImportError("expected module:name, both of them names with dots between them at most")
     if here is not None and str(here) not in sys.path:
         sys.path.insert(0, str(here))
-    module, _, attribute = name.partition(":")
     return attrgetter(attribute)(import_module(module))
 
 

@@ -30,17 +30,19 @@ def compare(report: Report, baseline: Report, name: str, erosion: float, gone: C
             not selected.
     """
     before = {record.nodeid: record for record in baseline.records}
+    simulators = dict.fromkeys((before[r.nodeid].simulator, r.simulator) for r in report.records if r.nodeid in before)
     changes = [_change(record, before.pop(record.nodeid, None), erosion) for record in report.records]
     for nodeid, record in before.items():
         if gone(nodeid):
             changes += [Change("LOST", nodeid, f"was {record.status}, does not exist any more")] if _judged(record) else []
         else:
             changes.append(Change("OUTSIDE", nodeid))
-    differences = (
+    differences = [
         f"{package} was {baseline.versions[package]} and is {version}"
         for package, version in report.versions.items()
         if package in baseline.versions and baseline.versions[package] != version
-    )
+    ]
+    differences += [f"the simulator was {was} and is {now}" for was, now in simulators if was and now and was != now]
     return Comparison(name, tuple(changes), tuple(differences))
 
 

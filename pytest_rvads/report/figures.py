@@ -1,4 +1,4 @@
-"""Figures of a session, a line each: who drove, how near, how hard, how long, and how slow."""
+"""Figures of a session, a line each: who drove and what simulated, how near, how hard, how long, and how slow."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from pytest_rvads.report.record import Computing, Record
 
-__all__ = ["drivers", "extremes", "slowest", "timing"]
+__all__ = ["extremes", "makers", "slowest", "timing"]
 
 _Pick = Callable[[Iterable[float]], float]
 _LINES: tuple[tuple[str, tuple[tuple[str, str, _Pick, str], ...]], ...] = (
@@ -16,13 +16,14 @@ _LINES: tuple[tuple[str, tuple[tuple[str, str, _Pick, str], ...]], ...] = (
 """Per line its first word, and per indicator what it is called, its name in the record, which one counts, its unit."""
 
 
-def drivers(records: Sequence[Record]) -> list[str]:
-    """Return a line per system under test: what it is called, and in how many runs it drove."""
+def makers(records: Sequence[Record]) -> list[str]:
+    """Return a line per system under test, and one per simulator: what it is called, and how many runs it made."""
     runs: dict[str, set[str]] = {}
-    for record in records:
-        if record.driver:
-            runs.setdefault(record.driver, set()).add(record.hash or record.nodeid)
-    return [f"driven by {name}: {len(found)} run{'' if len(found) == 1 else 's'}" for name, found in runs.items()]
+    for what, names in (("driven", [r.driver for r in records]), ("simulated", [r.simulator for r in records])):
+        for name, record in zip(names, records, strict=True):
+            if name:
+                runs.setdefault(f"{what} by {name}", set()).add(record.hash or record.nodeid)
+    return [f"{made}: {len(found)} run{'' if len(found) == 1 else 's'}" for made, found in runs.items()]
 
 
 def extremes(records: Sequence[Record]) -> list[str]:

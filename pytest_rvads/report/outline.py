@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from pytest_rvads.report.coverage import at_junctions, dropped, measure
-from pytest_rvads.report.figures import drivers, extremes, slowest, timing
+from pytest_rvads.report.figures import extremes, makers, slowest, timing
 from pytest_rvads.report.matrix import Matrix, matrices
 from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.triage import Cause, causes, provoked, unavoidable
@@ -82,7 +82,7 @@ class Causes:
 
 @dataclass(frozen=True, slots=True)
 class Figures(_Lines):
-    """Who drove, the extremes, what was exercised, and how long it took."""
+    """Who drove, what simulated, the extremes, what was exercised, and how long it took."""
 
     title: str = "coverage"
 
@@ -109,7 +109,7 @@ def outline(report: Report, short: bool = False) -> list[Block]:
     ):
         blocks += [Causes(title, tuple(groups))] if groups else []
     lines = (
-        *drivers(records),
+        *makers(records),
         *extremes(records),
         *at_junctions(records, report.totals),
         *timing(records),

@@ -77,5 +77,6 @@ def _item(record: Record, folder: Path) -> dict[str, Any]:
         "rule": record.asks,
         "text": record.message,
         "driver": record.driver,
+        "simulator": record.simulator,
         "look": record.look and os.path.relpath(record.look, folder).replace(os.sep, "/"),
     }

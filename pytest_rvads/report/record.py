@@ -164,6 +164,8 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     rule: str | None
     driver: str
     """What drove, as it calls itself."""
+    simulator: str = ""
+    """What made the run, likewise."""
     requirements: tuple[str, ...]
     """Identifiers of what scenario and rule trace to."""
     status: Outcome
@@ -308,4 +310,5 @@ def properties(record: Record) -> list[tuple[str, Any]]:
         ("rule", record.rule or record.test),
         ("verdict", record.status.value),
         ("driver", record.driver),
+        ("simulator", record.simulator),
     ]

@@ -22,6 +22,7 @@ _COLUMNS = {
     "verdict": "status",
     "known": "known",
     "driver": "driver",
+    "simulator": "simulator",
     "agents": "took_part",
     "run": "hash",
     "item": "nodeid",

@@ -18,8 +18,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import DT
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import bullet
-from pytest_rvads.simulators.simulator import Simulator
+from pytest_rvads.simulators.simulator import Simulator, simulate
 
 __all__ = ["Interval", "Spread", "intervals", "sweep"]
 
@@ -83,7 +82,9 @@ class Spread:
         return interval.high - interval.low + DT
 
 
-def sweep(case: Case, rule: str | Rule, low: float, high: float, *, step: float = STEP, simulator: Simulator = bullet) -> Spread:
+def sweep(
+    case: Case, rule: str | Rule, low: float, high: float, *, step: float = STEP, simulator: Simulator | None = None
+) -> Spread:
     """Judge a case over a range of the draw of its autopilot.
 
     Draws `step` apart are tried, and between two with different statuses the change is located to one tick of 0.01 s. What
@@ -95,7 +96,7 @@ def sweep(case: Case, rule: str | Rule, low: float, high: float, *, step: float 
         low: least draw [s].
         high: greatest draw [s].
         step: distance of the draws tried first [s].
-        simulator: what makes the runs.
+        simulator: what makes the runs, as for `simulate`.
 
     Raises:
         ScenarioError: an empty range, or a step below one tick.
@@ -105,7 +106,7 @@ def sweep(case: Case, rule: str | Rule, low: float, high: float, *, step: float 
     chosen = get_rule(rule)
 
     def status(wait: float) -> Status:
-        verdict = check(simulator(case.but(wait=wait)), chosen)
+        verdict = check(simulate(case.but(wait=wait), simulator), chosen)
         if verdict.status is Status.ERROR:
             raise RunError(f"{case.scenario.name} with a draw of {wait:g} s can't be judged: {verdict.reason}")
         return verdict.status

@@ -28,8 +28,7 @@ from pytest_rvads.scenarios.classes import label
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model
 from pytest_rvads.search.consistency import decide
-from pytest_rvads.simulators.bullet import bullet
-from pytest_rvads.simulators.simulator import Simulator
+from pytest_rvads.simulators.simulator import Simulator, simulate
 
 __all__ = ["Counterexample", "avoidable", "falsify", "look_for", "pasteable", "score"]
 
@@ -131,7 +130,7 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
     seed: int = 0,
     fleet: Fleet | None = None,
     name: str | None = None,
-    simulator: Simulator = bullet,
+    simulator: Simulator | None = None,
     **space: Any,
 ) -> Counterexample | None:
     """Look for a scenario in which a rule is broken.
@@ -145,7 +144,7 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
         seed: of the search.
         fleet: the bodies of the vehicles; passenger cars by default.
         name: under which counterexamples are kept in the example database; None keeps none.
-        simulator: what makes the runs.
+        simulator: what makes the runs, as for `simulate`.
         space: where to look, see `strategies.scenarios`.
 
     Returns:
@@ -205,7 +204,7 @@ class _Broken(Exception):
 class _Trial:
     """Simulates every scenario once, and no more than the budget allows."""
 
-    def __init__(self, rule: str | Rule, budget: int, case: Callable[[Scenario], Case], simulator: Simulator) -> None:
+    def __init__(self, rule: str | Rule, budget: int, case: Callable[[Scenario], Case], simulator: Simulator | None) -> None:
         self.rule = get_rule(rule)
         self.budget = budget
         self.simulations = 0
@@ -225,7 +224,7 @@ class _Trial:
             if self.simulations - (self.first or 0) >= self.budget:
                 return None
             self.simulations += 1
-            run = self.simulator(self._case(scenario))
+            run = simulate(self._case(scenario), self.simulator)
             verdict = self.known[scenario] = check(run, self.rule)
             self.triggered = self.triggered or verdict.status not in (Status.NA, Status.ERROR)
             self.counts[scenario] = broken(run, verdict) and avoidable(run, self.rule)

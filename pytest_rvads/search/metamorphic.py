@@ -17,8 +17,7 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
 from pytest_rvads.search.sidebyside import side_by_side
-from pytest_rvads.simulators.bullet import bullet
-from pytest_rvads.simulators.simulator import Simulator
+from pytest_rvads.simulators.simulator import Simulator, simulate
 
 __all__ = ["Comparison", "Difference", "compare", "equivalent", "judged"]
 
@@ -54,7 +53,7 @@ def equivalent(
     rules: str | Rule | Sequence[str | Rule] = "paper",
     *,
     relations: str | Iterable[str] = "rotation",
-    simulator: Simulator = bullet,
+    simulator: Simulator | None = None,
 ) -> Comparison:
     """Require that equivalent scenarios are judged alike; statuses are compared, not who goes first.
 
@@ -64,7 +63,7 @@ def equivalent(
         relations: one or several of ``rotation`` (the members of the structural equivalence class), ``creation`` (order of
             creation), ``renaming`` (names of the agents), ``motion`` (the map translated and rotated), ``mirror`` (the map in a
             mirror), ``approach`` (all vehicles start farther away).
-        simulator: what makes the runs.
+        simulator: what makes the runs, as for `simulate`.
 
     Returns:
         What was compared, and what could not be.
@@ -95,7 +94,7 @@ def compare(
     rules: str | Rule | Sequence[str | Rule] = "paper",
     *,
     relations: str | Iterable[str] = "rotation",
-    simulator: Simulator = bullet,
+    simulator: Simulator | None = None,
 ) -> Comparison:
     """Compare like `equivalent`, and return the differences instead of raising."""
     chosen = rules_for(rules, case.scenario.place.control)
@@ -124,13 +123,13 @@ def compare(
     return Comparison(tuple(compared), incomparable, tuple(differences), tuple(triggered))
 
 
-def judged(case: Case, rules: Iterable[Rule], simulator: Simulator = bullet) -> tuple[Run, dict[str, Verdict]]:
+def judged(case: Case, rules: Iterable[Rule], simulator: Simulator | None = None) -> tuple[Run, dict[str, Verdict]]:
     """Simulate and judge.
 
     Raises:
         RunError: the run ended by a fault.
     """
-    run = simulator(case)
+    run = simulate(case, simulator)
     verdicts = {rule.name: check(run, rule) for rule in rules}
     for verdict in verdicts.values():
         if verdict.status is Status.ERROR:

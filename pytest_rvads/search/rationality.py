@@ -18,7 +18,6 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.classes import rotate
 from pytest_rvads.search.metamorphic import judged
 from pytest_rvads.search.sidebyside import side_by_side
-from pytest_rvads.simulators.bullet import bullet
 from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = ["determinate", "rational"]
@@ -33,7 +32,7 @@ def rational(
     rules: str | Rule | Sequence[str | Rule] = "paper",
     *,
     farther: Sequence[float] = FARTHER,
-    simulator: Simulator = bullet,
+    simulator: Simulator | None = None,
 ) -> None:
     """Require that a rule which is kept from some distances is kept from greater ones with the same speeds.
 
@@ -41,7 +40,7 @@ def rational(
         case: the case to begin with.
         rules: a rulebook, rules, or both.
         farther: by how much all vehicles start farther away [m], one after the other.
-        simulator: what makes the runs.
+        simulator: what makes the runs, as for `simulate`.
 
     Raises:
         MetamorphicViolation: a PASS turns into FAIL or OPEN.
@@ -71,7 +70,7 @@ def determinate(
     *,
     at: float = 1.0,
     tolerance: float = 0.5,
-    simulator: Simulator = bullet,
+    simulator: Simulator | None = None,
 ) -> None:
     """Require that a run which starts from the positions and speeds of another one at time `at` goes on like it.
 
@@ -83,7 +82,7 @@ def determinate(
         rules: a rulebook, rules, or both.
         at: when to cut [s]; nobody may be past the stopping line.
         tolerance: by how much an entry may be earlier or later [s]; lags of drive and brake begin anew.
-        simulator: what makes the runs.
+        simulator: what makes the runs, as for `simulate`.
 
     Raises:
         MetamorphicViolation: the continuation differs.

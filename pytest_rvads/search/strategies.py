@@ -20,8 +20,7 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.scenarios.classes import WAYS, Directions
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import bullet
-from pytest_rvads.simulators.simulator import Simulator
+from pytest_rvads.simulators.simulator import Simulator, vmax
 
 __all__ = ["abstract_scenarios", "distances", "junctions", "scenarios", "waits"]
 
@@ -114,7 +113,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     wait: tuple[float, float] = (0.0, LONGEST_WAIT),
     aggression: int = 1,
     duration: float = 60.0,
-    simulator: Simulator = bullet,
+    simulator: Simulator | None = None,
 ) -> SearchStrategy[Scenario]:
     """Return a strategy for concrete scenarios inside v(d)max.
 
@@ -129,7 +128,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
         wait: range of the draw of autopilots that have one [s].
         aggression: braking level 1, 2 or 3.
         duration: longest run [s].
-        simulator: what will make the runs; v(d)max is its own.
+        simulator: what will make the runs, as for `simulate`; v(d)max is its own.
 
     Raises:
         MapError: unknown or unusable junction.
@@ -169,7 +168,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     return build()
 
 
-def _limit(distance: float, aggression: int, simulator: Simulator) -> float:
+def _limit(distance: float, aggression: int, simulator: Simulator | None) -> float:
     """Return a speed [m/s] up to v(d)max."""
     below = bisect_right(_KNOTS, distance)
-    return (simulator.vmax(_KNOTS[below - 1], aggression) or 0.0) if below else 0.0
+    return (vmax(_KNOTS[below - 1], aggression, simulator=simulator) or 0.0) if below else 0.0

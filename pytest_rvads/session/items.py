@@ -176,23 +176,24 @@ def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> 
 
     verdict, page = verdicts[-1], ""
     try:
-        told, page = _explanation(item, verdict, record.driver, report)
+        told, page = _explanation(item, verdict, record, report)
     except Exception as error:  # no explanation is worth the verdict
         told = f"{verdict.explanation}\n(no more can be told: {type(error).__name__}: {error})"
     report.sections.append((f"rvads {verdict.rule}", told))
     return replace(record, look=page)
 
 
-def _explanation(item: pytest.Item, verdict: Verdict, driver: str, report: pytest.TestReport) -> tuple[str, str]:
+def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: pytest.TestReport) -> tuple[str, str]:
     """Return what to print of a failure, and its page or nothing; its picture is put on the report."""
     from pytest_rvads.scenarios.configurations import Configuration, probe
+    from pytest_rvads.simulators.simulator import vmax
 
     cell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
     scenario = cell.scenario
-    lines = [verdict.explanation, f"driven by {driver}", f"start     {scenario.describe()}"]
+    made = [f"driven by {record.driver}", f"simulated by {record.simulator}"]
+    lines = [verdict.explanation, *made, f"start     {scenario.describe()}"]
     point = Configuration(scenario.configuration, scenario.distances, scenario.speeds)
-    simulator = item.stash[SIMULATOR]
-    probed = probe(point, lambda distance: simulator.vmax(distance, scenario.aggression))
+    probed = probe(point, lambda distance: vmax(distance, scenario.aggression, simulator=item.stash[SIMULATOR]))
     if probed:
         lines.append(f"probe     {probed}")
     run, folder = item.stash.get(RUN, None), item.config.stash[OPTIONS].artefacts

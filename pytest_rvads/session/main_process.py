@@ -96,6 +96,7 @@ class Session:
                 int(exitstatus),
                 self.records,
                 missing,
+                self.planner.unsaid(),
                 len(self.planner.plan().vanished),
                 self.undriven,
                 self.turned,

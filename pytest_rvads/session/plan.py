@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
@@ -88,6 +88,8 @@ class Planner:
         self._told: set[str] = set()
         """Node ids of items that somebody deselected as one should."""
         self._unsent = hasattr(config, "workerinput")
+        self._ids = 0
+        """How many items a worker has collected, ours or not."""
 
     def plan(self) -> Plan:
         """Return the plan; it is put together when first asked for, so that collecting costs nothing more."""
@@ -105,6 +107,10 @@ class Planner:
         self._plan.left_out |= left_out
         self._collected, self._selected = [], []
         return self._plan
+
+    def unsaid(self) -> int:
+        """Return how many items workers have collected, where none of them came to say what is planned; else 0."""
+        return 0 if self.plan().files else self._ids
 
     def gone(self, nodeid: str) -> bool:
         """Tell whether an item that was not selected does not exist any more, as far as this session can tell.
@@ -149,6 +155,11 @@ class Planner:
         """Take the plan off a worker's report in the main process, before anybody else reads it."""
         if not hasattr(self._config, "workerinput") and hasattr(report, _WIRE):
             self._plan.unpack(report.__dict__.pop(_WIRE))
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_xdist_node_collection_finished(self, ids: Sequence[str]) -> None:
+        """Note how much a worker has collected: before its first report no more comes from it."""
+        self._ids = len(ids)
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:

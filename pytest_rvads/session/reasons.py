@@ -29,6 +29,8 @@ class Ending:
     """By node id."""
     missing: int
     """Selected items that never ran."""
+    unsaid: int
+    """Items that workers collected, where none of them came to say which are ours."""
     vanished: int
     """Items that somebody dropped without deselecting them."""
     undriven: Mapping[str, str]
@@ -63,10 +65,12 @@ def counted(count: int) -> str:
 
 def _ended(ending: Ending) -> Reason | None:
     missing = f"{counted(ending.missing)} did not run"
+    if ending.unsaid:
+        missing = f"none of {counted(ending.unsaid)} ended, and no worker came to say which of them ask for a run"
     if ending.exitstatus not in (pytest.ExitCode.OK, _FAILED, _NOTHING):
         text = f"the session did not end by itself (exit status {ending.exitstatus}): {missing}"
-        return Reason(text, cut=ending.missing > 0)
-    return Reason(f"the session stopped early: {missing}") if ending.missing else None
+        return Reason(text, cut=bool(ending.missing or ending.unsaid))
+    return Reason(f"the session stopped early: {missing}") if ending.missing or ending.unsaid else None
 
 
 def _vanished(ending: Ending) -> Reason | None:

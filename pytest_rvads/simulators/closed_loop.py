@@ -14,8 +14,7 @@ from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import bullet
-from pytest_rvads.simulators.simulator import Simulator
+from pytest_rvads.simulators.simulator import Simulator, simulate, vmax
 
 __all__ = ["closed_vmax"]
 
@@ -26,7 +25,11 @@ _RED = 19.9
 
 
 def closed_vmax(
-    distance: float, driver: Factory, aggression: int = 1, vehicle: Vehicle | None = None, simulator: Simulator = bullet
+    distance: float,
+    driver: Factory,
+    aggression: int = 1,
+    vehicle: Vehicle | None = None,
+    simulator: Simulator | None = None,
 ) -> float | None:
     """Return the greatest speed from which `driver` stops a lone vehicle at a red light, straight ahead.
 
@@ -35,7 +38,7 @@ def closed_vmax(
         driver: as for `Case`.
         aggression: 1, 2 or 3, the scenario's.
         vehicle: the parameters; a passenger car by default.
-        simulator: what makes the runs.
+        simulator: what makes the runs, as for `simulate`.
 
     Returns:
         The speed up to which it stopped in every test, at most the plant's v(d)max [m/s]; None where it drives over the line
@@ -46,11 +49,11 @@ def closed_vmax(
         RunError: a run ended by a fault.
     """
     vehicle = vehicle or Vehicle()
-    limit, place = simulator.vmax(distance, aggression, vehicle), find("light4")
+    limit, place = vmax(distance, aggression, vehicle, simulator), find("light4")
 
     def safe(speed: float) -> bool:
         scenario = Scenario(place, "0200", distance=distance, speed=speed, aggression=aggression, duration=_RED)
-        run = simulator(Case(scenario, driver, fleet=Fleet(vehicle)))
+        run = simulate(Case(scenario, driver, fleet=Fleet(vehicle)), simulator)
         if run.fault is not None:
             raise RunError(f"no v(d)max at {distance:g} m: {run.fault.reason}")
         stands = run.speed is not None and abs(float(run.speed[-1, 0])) < STANDING

@@ -27,6 +27,9 @@ from pytest_rvads.simulators.perception import Perception
 
 __all__ = ["Seat", "crew"]
 
+_LONGEST = 4096
+"""Of what is told of a fault beside its reason [characters]."""
+
 
 class Seat:
     """One vehicle's place for an autopilot: any object with a method ``control``; `Autopilot` says what else it may have.
@@ -87,7 +90,7 @@ class Seat:
         try:
             answer = self._ask(seen)
         except AutopilotError as error:
-            raise Halt(self.agent.name, f"{self._where(seen)}: {error}", getattr(error, "detail", "")) from error
+            raise Halt(self.agent.name, f"{self._where(seen)}: {error}", _told(error, "detail")) from error
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # whatever it raises, a skip of pytest's included, ends its run and no more
@@ -103,8 +106,7 @@ class Seat:
                 return answer
         wrong = trouble(answer)
         if wrong:
-            abandon = getattr(self.autopilot, "abandon", None)
-            raise Halt(self.agent.name, f"{self._where(seen)} returned {wrong}", abandon() if callable(abandon) else "")
+            raise Halt(self.agent.name, f"{self._where(seen)} returned {wrong}", _told(self.autopilot, "abandon"))
         held: Command = clamped(answer) if isinstance(answer, Control) else answer
         return held
 
@@ -181,7 +183,7 @@ def _delegate(system: Any, agents: Sequence[Agent]) -> list[Any]:
     try:
         made = list(system.autopilots(tuple(agents)))
     except AutopilotError as error:
-        raise Halt(first, str(error), getattr(error, "detail", "")) from error
+        raise Halt(first, str(error), _told(error, "detail")) from error
     except KeyboardInterrupt:
         raise
     except BaseException as error:
@@ -189,6 +191,19 @@ def _delegate(system: Any, agents: Sequence[Agent]) -> list[Any]:
     if len(made) != len(agents):
         raise Halt(first, f"{name}.autopilots returned {len(made)} autopilots, expected one for each of {len(agents)} agents")
     return made
+
+
+def _told(teller: Any, name: str) -> str:
+    """Return what an attribute or method of `teller` adds to a fault, at most its last `_LONGEST` characters."""
+    try:
+        more = getattr(teller, name, None)
+        more = more() if callable(more) else more
+        text = "" if more is None else str(more)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # the run has ended anyway, and what ended it is known
+        text = f"{name} {_describe(error)}"
+    return text[-_LONGEST:]
 
 
 def _describe(error: BaseException) -> str:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
+from numbers import Real
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from pytest_rvads.drivers.naming import at
-from pytest_rvads.errors import ScenarioError, require, suggest
+from pytest_rvads.errors import RunError, ScenarioError, require, suggest
 from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.choice import choice
 
-__all__ = ["SIMULATORS", "Simulator", "named", "simulate"]
+__all__ = ["SIMULATORS", "Simulator", "meant", "named", "simulate", "usable", "vmax"]
 
 
 class Simulator(Protocol):
@@ -62,27 +67,107 @@ def named(name: str, here: Path | None = None) -> Simulator:
             f"unknown simulator {name!r}, there is {', '.join(SIMULATORS)}, or say module:name{suggest(name, SIMULATORS)}"
         )
     try:
-        found: Simulator = at(where, here)
+        return usable(at(where, here), repr(name))
     except (ImportError, AttributeError) as error:
         raise ScenarioError(f"simulator {name!r} can't be loaded: {error}") from error
-    for ability in ("__call__", "vmax", "name"):
-        if not hasattr(found, ability):
-            raise ScenarioError(
-                f"simulator {name!r} has no {ability}: it needs name, vmax(distance, ...) and to be called with a case"
-            )
-    return found
 
 
-def simulate(case: Case, simulator: Simulator = bullet) -> Run:
+def usable(simulator: Any, said: str = "") -> Simulator:
+    """Return what is to simulate, if it can.
+
+    Args:
+        simulator: from an option, a fixture, an argument.
+        said: what it was named by.
+
+    Raises:
+        ScenarioError: it is no simulator.
+    """
+    if isinstance(simulator, type):
+        wrong = "is a class"
+    elif missing := next((a for a in ("__call__", "vmax") if not callable(getattr(simulator, a, None))), ""):
+        wrong = f"has no {missing}"
+    elif not (isinstance(name := getattr(simulator, "name", None), str) and name):
+        wrong = f"is called {name!r}, which is no name"
+    else:
+        found: Simulator = simulator
+        return found
+    raise ScenarioError(
+        f"simulator {said or f'{simulator!r:.60}'} {wrong}: it has to be an object with a name, a text, and "
+        "vmax(distance, aggression, vehicle), that can be called with a case"
+    )
+
+
+def meant(simulator: Simulator | None = None) -> Simulator:
+    """Return the simulator that a caller names; by default that of the session, outside of sessions `bullet`.
+
+    Raises:
+        ScenarioError: what is named is no simulator.
+    """
+    found = choice() if simulator is None else usable(simulator)
+    return bullet if found is None else found
+
+
+def simulate(case: Case, simulator: Simulator | None = None) -> Run:
     """Return the run of a case; see `Simulator` for how runs end.
 
     Args:
         case: scenario, what drives, and in which bodies.
-        simulator: what makes the run.
+        simulator: what makes the run; by default what ``--rvads-simulator`` names, outside of sessions `bullet`.
 
     Raises:
         MapError: it is not known where the lanes of the junction lie.
-        ScenarioError: a vehicle does not fit on its approach, or two start inside each other.
+        ScenarioError: a vehicle does not fit on its approach, two start inside each other, or `simulator` is none.
+        RunError: what the simulator returned is not the run of this case.
     """
     require(case, Case, "simulate takes a case: write simulate(rvads.Case(scenario, driver))", ScenarioError)
-    return simulator(case)
+    maker = meant(simulator)
+    run = maker(case)
+    require(run, Run, f"the simulator {maker.name!r} must answer a case with its Run", RunError)
+    scenario = case.scenario
+    for what, got, expected in (
+        ("junction", run.junction, scenario.place),
+        ("agents", _routes(run.agents), _routes(case.agents())),
+        ("subject", run.subject, scenario.under_test),
+        ("label", run.label, scenario.name),
+    ):
+        if got != expected:
+            raise RunError(
+                f"the simulator {maker.name!r} must answer a case with its Run, got one with another {what}: {got!s:.200}, "
+                f"expected {expected!s:.200}"
+            )
+    return run
+
+
+def vmax(
+    distance: float, aggression: int = 1, vehicle: Vehicle | None = None, simulator: Simulator | None = None
+) -> float | None:
+    """Return the greatest safe speed `distance` metres before the stopping line.
+
+    Args:
+        distance: reference point to stopping line [m].
+        aggression: 1, 2 or 3, the scenario's; selects the service brake.
+        vehicle: the parameters; a passenger car by default.
+        simulator: whose vehicles brake; by default those of what ``--rvads-simulator`` names, outside of sessions of `bullet`.
+
+    Returns:
+        The speed, at most the speed limit [m/s]; None where not even a standing vehicle is safe.
+
+    Raises:
+        ScenarioError: a distance that is negative or not finite, an unknown aggression, or `simulator` is none.
+        RunError: what the simulator returned is no speed.
+    """
+    maker = meant(simulator)
+    speed: Any = maker.vmax(distance, aggression, vehicle)
+    if speed is None:
+        return None
+    number = float(speed) if isinstance(speed, Real) and not isinstance(speed, bool) else math.nan
+    if not 0 <= number < math.inf:
+        raise RunError(
+            f"the simulator {maker.name!r} must give v(d)max as a speed of 0 m/s or more, or as None, got {speed!r:.60} at "
+            f"{distance!r} m"
+        )
+    return number
+
+
+def _routes(agents: Iterable[Agent]) -> list[str]:
+    return [f"{agent.name} from {agent.entrance} to {agent.exit}" for agent in agents]

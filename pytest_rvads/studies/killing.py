@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.reference import Reference
@@ -16,7 +16,7 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.falsify import broken
 from pytest_rvads.search.metamorphic import compare
 from pytest_rvads.search.relations import RELATIONS
-from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.simulators.simulator import named, simulate
 from pytest_rvads.studies.mutants import MUTANTS
 from pytest_rvads.studies.pool import Progress, spread
 
@@ -48,22 +48,23 @@ class Killing:
     relations: tuple[str, ...]
 
 
-def kill_all(workers: int | None = None, progress: Progress | None = None) -> list[Killing]:
-    """Try every mutant."""
-    return list(spread(killed_by, list(MUTANTS), workers, progress, batch=1))
+def kill_all(workers: int | None = None, progress: Progress | None = None, simulator: str = "bullet") -> list[Killing]:
+    """Try every mutant, in runs by the simulator of that name."""
+    return list(spread(partial(killed_by, simulator=simulator), list(MUTANTS), workers, progress, batch=1))
 
 
-def killed_by(name: str) -> Killing:
+def killed_by(name: str, simulator: str = "bullet") -> Killing:
     """Return the rules that a mutant breaks where the reference autopilot keeps them, and the relations that it breaks."""
     mutant = MUTANTS[name]
     rules: dict[str, None] = {}
     for cell in CELLS:
         scenario = _scenario(*cell)
-        rules |= dict.fromkeys(r for r in _broken(scenario, mutant) if r not in _by_reference(scenario))
+        rules |= dict.fromkeys(r for r in _broken(scenario, mutant, simulator) if r not in _by_reference(scenario, simulator))
+    turned, plant = [Case(_scenario(*cell), mutant) for cell in TURNED], named(simulator)
     relations = [
         relation
         for relation in RELATIONS
-        if any(compare(Case(_scenario(*cell), mutant), ("paper", "road"), relations=relation).differences for cell in TURNED)
+        if any(compare(case, ("paper", "road"), relations=relation, simulator=plant).differences for case in turned)
     ]
     return Killing(name, " ".join((mutant.__doc__ or "").split()), tuple(rules), tuple(relations))
 
@@ -74,11 +75,11 @@ def _scenario(junction: str, directions: str, letter: str) -> Scenario:
 
 
 @lru_cache(maxsize=len(CELLS))
-def _by_reference(scenario: Scenario) -> list[str]:
-    return _broken(scenario, Reference)
+def _by_reference(scenario: Scenario, simulator: str) -> list[str]:
+    return _broken(scenario, Reference, simulator)
 
 
-def _broken(scenario: Scenario, factory: Factory) -> list[str]:
-    run = simulate(Case(scenario, factory))
+def _broken(scenario: Scenario, factory: Factory, simulator: str) -> list[str]:
+    run = simulate(Case(scenario, factory), named(simulator))
     rules = rules_for(("paper", "road"), run.junction.control)
     return [rule.name for rule in rules if broken(run, check(run, rule))]

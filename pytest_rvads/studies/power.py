@@ -21,8 +21,7 @@ from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.falsify import avoidable, broken
-from pytest_rvads.simulators.bullet import bullet
-from pytest_rvads.simulators.simulator import Simulator, named
+from pytest_rvads.simulators.simulator import Simulator, named, simulate
 from pytest_rvads.studies.methods import METHODS
 from pytest_rvads.studies.pool import Progress, spread
 
@@ -65,9 +64,9 @@ def autopilot(deficiency: str | None) -> Factory:
     return partial(LgsvlLike, i1=i1, i2=i2, i3=i3, i4=i4, i5=i5)
 
 
-def broken_rules(case: Case, simulator: Simulator = bullet) -> frozenset[str]:
+def broken_rules(case: Case, simulator: Simulator | None = None) -> frozenset[str]:
     """Return the paper's rules that a run breaks although they could have been kept; a subject, by its own doing."""
-    run = simulator(case)
+    run = simulate(case, simulator)
     verdicts = {rule: check(run, rule) for rule in rules_for("paper", run.junction.control)}
     return frozenset(rule.name for rule, v in verdicts.items() if broken(run, v) and not v.provoked and avoidable(run, rule))
 

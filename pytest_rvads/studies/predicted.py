@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from pytest_rvads.runs.recorded import read_recorded
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.simulators.simulator import named, simulate
 from pytest_rvads.studies.experiment import outcome
 from pytest_rvads.studies.pool import Progress, spread
 from pytest_rvads.studies.prediction import DEFAULT_WAIT, DURATION, RULES
@@ -65,8 +66,10 @@ class Compared:
         )
 
 
-def compare(path: str | Path, *, workers: int | None = None, progress: Progress | None = None) -> list[Compared]:
-    """Simulate every run of a recorded file.
+def compare(
+    path: str | Path, *, simulator: str = "bullet", workers: int | None = None, progress: Progress | None = None
+) -> list[Compared]:
+    """Simulate every run of a recorded file by the simulator of that name.
 
     Raises:
         RunError: the file is not of this format, or does not tell how its runs start.
@@ -84,7 +87,7 @@ def compare(path: str | Path, *, workers: int | None = None, progress: Progress 
     for run, row in zip(runs, kinds, strict=True):
         for column, kind in enumerate(row):
             earliest[kind] = min(_late(run.entry(column)), earliest.get(kind, math.inf))
-    simulated = list(spread(_simulate, [*sites, *lone.values()], workers, progress))
+    simulated = list(spread(partial(_simulate, simulator), [*sites, *lone.values()], workers, progress))
     alone = zip(lone, simulated[len(sites) :], strict=True)
     free = {kind: _late(entries[kind[0]]) - earliest[kind] for kind, (_, entries) in alone}
     return [
@@ -178,9 +181,9 @@ def _lone(site: Scenario, entrance: int) -> Scenario:
     return site.but(directions=directions)
 
 
-def _simulate(site: Scenario) -> tuple[dict[str, str], dict[int, float | None]]:
+def _simulate(simulator: str, site: Scenario) -> tuple[dict[str, str], dict[int, float | None]]:
     """Return the verdicts of a run, and the entry times by entrance."""
-    run = simulate(Case(site, LgsvlLike))
+    run = simulate(Case(site, LgsvlLike), named(simulator))
     return outcome(run, RULES[run.junction.control]), {agent.entrance: run.entry(k) for k, agent in enumerate(run.agents)}
 
 

@@ -17,7 +17,7 @@ from pytest_rvads.runs.recorded import Edge
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.studies.experiment import outcome
 from pytest_rvads.studies.site import Lengths, build_junction
 
@@ -52,8 +52,8 @@ class _Request(Struct, frozen=True):
     wait: float | None = None
 
 
-def answer(line: str) -> str:
-    """Answer a request, a JSON object in one line, with another one; see ``rvads simulate --jsonl``."""
+def answer(line: str, simulator: Simulator | None = None) -> str:
+    """Answer a request, a JSON object in one line, with another one, see ``rvads simulate --jsonl``."""
     id = None
     try:
         try:
@@ -65,7 +65,7 @@ def answer(line: str) -> str:
             id = json.loads(json.dumps(request.get("id"), allow_nan=False))
         except ValueError as error:
             raise ScenarioError(f"the id of a request must be a JSON value, which infinity and NaN are not: {error}") from error
-        run, rotation = predict(request)
+        run, rotation = predict(request, simulator)
         control = run.junction.control
         entry = {f"c{(a.entrance - rotation) % len(run.junction.entrances)}": run.entry(k) for k, a in enumerate(run.agents)}
         found: dict[str, Any] = {
@@ -81,8 +81,8 @@ def answer(line: str) -> str:
     return json.dumps(found)
 
 
-def predict(request: Mapping[str, Any]) -> tuple[Run, int]:
-    """Simulate what a request describes.
+def predict(request: Mapping[str, Any], simulator: Simulator | None = None) -> tuple[Run, int]:
+    """Simulate what a request describes, by what `simulate` takes for `simulator`.
 
     Returns:
         The run, and the rotation of the request.
@@ -104,7 +104,7 @@ def predict(request: Mapping[str, Any]) -> tuple[Run, int]:
         duration=DURATION[control],
         wait=DEFAULT_WAIT if asked.wait is None else asked.wait,
     )
-    return simulate(Case(scenario, autopilot)), rotation
+    return simulate(Case(scenario, autopilot), simulator), rotation
 
 
 def site_lengths(graph: Graph, order: Sequence[str]) -> Lengths:

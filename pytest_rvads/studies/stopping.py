@@ -46,4 +46,4 @@ def _work(job: _Job) -> float | None:
     if plant is not bullet:  # of another one it is not known when its answers change
         return closed_vmax(distance, traffic(name), aggression, vehicle, plant)
     key = {"what": name, "distance": distance, "aggression": aggression, "vehicle": asdict(vehicle)}
-    return cached(key, lambda: closed_vmax(distance, traffic(name), aggression, vehicle))
+    return cached(key, lambda: closed_vmax(distance, traffic(name), aggression, vehicle, plant))

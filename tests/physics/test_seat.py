@@ -82,6 +82,27 @@ def test_an_exception_becomes_a_fault_that_says_where() -> None:
     assert run.fault.reason.endswith("at 0.02 s")
 
 
+@pytest.mark.parametrize(
+    ("told", "detail"),
+    [
+        (lambda: 3, "3"),
+        (lambda: None, ""),
+        (lambda: 10_000 * "x" + "end", 4093 * "x" + "end"),
+        (lambda: 1 / 0, "abandon raised ZeroDivisionError: division by zero"),
+        (lambda: pytest.skip("not today"), "abandon raised Skipped: not today"),
+    ],
+)
+def test_whatever_an_autopilot_does_when_it_is_abandoned_is_no_more_than_a_text(told: Any, detail: str) -> None:
+    class Odd(answering(3)):  # type: ignore[misc]
+        def abandon(self) -> Any:
+            return told()
+
+    fault = simulate(Case(SCENARIO, Odd)).fault
+    assert fault is not None
+    assert fault.reason.endswith("returned an object of type int, expected a Control")
+    assert fault.detail.partition(" (")[0] == detail, "but for the place"
+
+
 def test_interrupts_pass() -> None:
     class Interrupted:
         def control(self, seen: Observation) -> Control:

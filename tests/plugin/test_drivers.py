@@ -78,6 +78,7 @@ def test_an_option_names_what_drives(tests: pytest.Pytester, name: str, driver: 
         ),
         ("stack:Runner", "*rvads_autopilot must name an autopilot as module:name, got 'stack:Runner': *no attribute 'Runner'*"),
         ("stack:PLAN", "*rvads_autopilot must name a class or something callable, 'stack:PLAN' is [[]8.0[]]*"),
+        (":Racer", "*rvads_autopilot must name an autopilot as module:name, got ':Racer': expected module:name, *"),
         ("referenze", "*unknown autopilot 'referenze'*"),
     ],
 )

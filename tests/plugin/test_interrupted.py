@@ -80,6 +80,24 @@ def test_ctrl_c(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
     assert f"rvads: {note}" in said
 
 
+def test_what_is_interrupted_before_any_worker_s_first_report_says_how_much_was_collected(pytester: pytest.Pytester) -> None:
+    pytester.makeconftest("""
+        class Interrupting:
+            def pytest_runtest_logstart(self):
+                raise KeyboardInterrupt
+
+        def pytest_configure(config):
+            if not hasattr(config, "workerinput"):
+                config.pluginmanager.register(Interrupting())
+    """)
+    pytester.makepyfile(test_it=TESTS)
+    result = pytester.runpytest_subprocess("-n", "2", "--rvads-report=out.json")
+    assert result.ret == pytest.ExitCode.INTERRUPTED
+    note = "none of 24 items ended, and no worker came to say which of them ask for a run"
+    (said,) = json.loads(Path("out.json").read_text(encoding="utf-8"))["notes"]
+    assert said == f"the session did not end by itself (exit status 2): {note}"
+
+
 def test_artefacts_that_can_t_be_written_cost_no_verdict(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_it=TESTS)
     pytester.path.joinpath("file").write_text("in the way", encoding="utf-8")

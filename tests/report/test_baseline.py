@@ -96,18 +96,19 @@ def test_what_the_session_has_no_record_of() -> None:
 
 
 def test_summary_and_report_start_with_what_changed() -> None:
-    old = [record(f"t{i}", "PASS") for i in range(12)]
-    now = [record(f"t{i}", "FAIL") for i in range(12)] + [record("u", "PASS")]
+    old = [replace(record(f"t{i}", "PASS"), simulator="bullet") for i in range(12)]
+    now = [replace(record(f"t{i}", "FAIL"), simulator="mine") for i in range(12)] + [record("u", "PASS")]
     base = Report(tuple(old), {4: (24, 81)}, versions={"numpy": "1.0", "python": "3.11"})
     report = Report(tuple(now), {4: (24, 81)}, versions={"numpy": "2.0", "python": "3.11"})
     report = with_baseline(report, compare(report, base, "old.json", 0.5, lambda _: False))
     text = summary(report, colour=False, width=100, unicode=False).splitlines()
-    assert text[:3] == [
+    assert text[:4] == [
         "against old.json: 12 NEW, 1 ADDED",
         "  numpy was 1.0 and is 2.0",
+        "  the simulator was bullet and is mine",
         "  NEW     t0  p1 at t=1.00 s: both in",
     ]
-    assert text[12] == "  NEW     ... and 2 more"
+    assert text[13] == "  NEW     ... and 2 more"
     assert markdown(report).index("against old.json") < markdown(report).index("Causes")
     assert markdown(report).count("- NEW     ") == 12, "a file has room for all"
     assert [r.change for r in report.records] == ["NEW"] * 12 + ["ADDED"]

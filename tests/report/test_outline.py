@@ -47,6 +47,7 @@ def record(number: int, outcome: Outcome, known: str | None = None) -> Record:
         "traffic": "hesitant",
         "rule": f"p{number % 2}",
         "driver": "mine.Pilot",
+        "simulator": "mine",
     }
     start = planned_record(f"t.py::test[stop4-class{number:02d}-p{number % 2}]", 3, "test", keys, 4, ("REQ-1", "REQ-2"))
     told = {"status": outcome.value, **TELLING.get(outcome, {})}
@@ -131,7 +132,7 @@ def test_no_form_leaves_out_what_another_says(form: str) -> None:
         *("causes of failures", "provoked by traffic", "unavoidable: nobody could have kept the rule", "coverage"),
     ]
     figures = blocks[-1].plain()
-    begins = ["driven by", "nearest", "most", "stop4", "stack ./mine", "slowest", "coverage", "2 points beyond"]
+    begins = ["driven by", "simulated by", "nearest", "most", "stop4", "stack ./mine", "slowest", "coverage", "2 points"]
     assert [next(b for b in begins if line.startswith(b)) for line in figures] == begins
     if form == "terminal":
         # Its notes are printed by who asks for the summary: tests/plugin/test_interrupted.py, test_gate.py.

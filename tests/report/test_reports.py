@@ -34,6 +34,7 @@ def record(  # noqa: PLR0913 - what a cell is told by
         "rotation": 0,
         "rule": rule,
         "driver": "mine.Pilot",
+        "simulator": "mine",
     }
     made = planned_record(f"t.py::test[{cls}-{scenario}-{cfg}-{rule}]", 3, "test", keys, 4)
     outcome = "skipped" if status == "NA" or known else "passed" if status == "PASS" else "failed"
@@ -141,6 +142,7 @@ def test_properties_are_builtins() -> None:
         "rule": "p1",
         "verdict": "FAIL",
         "driver": "mine.Pilot",
+        "simulator": "mine",
     }
 
 

@@ -1,8 +1,10 @@
 """The seam of simulators: chosen by name, by fixture and in every search; each with its own braking envelope."""
 
+import csv
 import json
 import sys
 import textwrap
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,9 +15,12 @@ import pytest_rvads as rvads
 from pytest_rvads.cli import main
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.search.falsify import look_for
+from pytest_rvads.search.relations import RELATIONS
 from pytest_rvads.simulators.bullet import bullet
 from pytest_rvads.simulators.closed_loop import closed_vmax
-from pytest_rvads.simulators.simulator import named
+from pytest_rvads.simulators.simulator import meant, named
+from pytest_rvads.studies import killing
+from pytest_rvads.studies.mutants import MUTANTS
 
 OWN = """
     from pytest_rvads import bullet
@@ -73,6 +78,16 @@ def test_every_search_takes_a_case_with_a_subject_and_a_simulator() -> None:
     assert counting.cases[-1].scenario.place.name == "light4"
 
 
+def test_mutants_are_tried_by_what_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(killing, "CELLS", (("stop4", "2000", "C"),))
+    monkeypatch.setattr(killing, "TURNED", killing.CELLS)
+    monkeypatch.setattr(killing, "RELATIONS", {"rotation": RELATIONS["rotation"]})
+    counting = Counting()
+    monkeypatch.setattr(killing, "named", {"counting": counting}.get)
+    killing.killed_by(next(iter(MUTANTS)), "counting")
+    assert len(counting.cases) == 1 + 4, "by the rules, which it keeps there, and in all four rotations"
+
+
 def test_a_search_finds_what_the_subject_alone_does_wrong() -> None:
     found = look_for("stop4", rvads.RollingStop, "full_stop", traffic="reference", subject=0, budget=10)
     assert found is not None
@@ -98,7 +113,7 @@ def test_commands_take_a_simulator(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--deficiency", "I3", "--seeds", "1", "--budget", "1", "--workers", "1"]
     assert main(["power", "--simulator", "own:counting", *arguments]) == 0
     assert sys.modules["own"].counting.runs > 0
-    for command in (["braking"], ["power", *arguments]):
+    for command in (["braking"], ["power", *arguments], ["power", "--mutants"], ["simulate", "--jsonl"]):
         assert main([*command, "--simulator", "own:nothing"]) == 2
         assert "simulator 'own:nothing' can't be loaded" in capsys.readouterr().err
 
@@ -121,6 +136,65 @@ def test_a_simulator_is_found_by_name() -> None:
         named("no_such_module:thing")
     with pytest.raises(ScenarioError, match="has no vmax"):
         named("math:sqrt")
+    for wrong in (":mine", "own:", "own:a:b", "..own:mine", "own.:mine", "own:.mine", "no module:x"):
+        with pytest.raises(ScenarioError, match=f"simulator {wrong!r} can't be loaded: expected module:name"):
+            named(wrong)
+
+
+@pytest.mark.parametrize(
+    ("made", "wrong"),
+    [
+        ("Counting", "is a class"),
+        ("type('Mine', (Counting,), {'name': 3})()", "is called 3, which is no name"),
+        ("type('Mine', (Counting,), {'name': ''})()", "is called '', which is no name"),
+        ("type('Mine', (Counting,), {'vmax': 1.0})()", "has no vmax"),
+        ("type('Mine', (), {'name': 'x', 'vmax': lambda self: 1.0})()", "has no __call__"),
+    ],
+)
+def test_what_is_no_simulator_is_refused_as_option_fixture_and_argument(pytester: pytest.Pytester, made: str, wrong: str) -> None:
+    pytester.makepyfile(own=f"{textwrap.dedent(OWN)}\nmine = {made}")
+    pytester.makepyfile("""
+        import pytest
+        import pytest_rvads as rvads
+        from own import mine
+
+        @pytest.fixture
+        def rvads_simulator():
+            return mine
+
+        @rvads.scenario("stop4", classes=1, grid="C", rules="p1")
+        def test_fixture(rule, monitor):
+            monitor.check(rule)
+
+        def test_argument():
+            rvads.vmax(1.0, simulator=mine)
+    """)
+    options = ("--rvads-autopilot=reference", "-p", "no:cacheprovider")
+    result = pytester.runpytest(*options, "--rvads-simulator=own:mine")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines([f"ERROR: simulator 'own:mine' {wrong}: it has to be an object with a name, *"])
+    result = pytester.runpytest(*options)
+    result.assert_outcomes(errors=1, failed=1)
+    result.stdout.fnmatch_lines(
+        [f"simulator <*own.*> {wrong}: it has to be an object *", f"E  *ScenarioError: simulator <*> {wrong}: *"]
+    )
+
+
+@pytest.mark.parametrize("speed", ["x", float("nan"), float("inf"), -1.0, True])
+def test_a_limit_that_is_no_speed_is_an_error_that_names_the_simulator(speed: Any) -> None:
+    class Wrong(Counting):
+        def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
+            answer: float = speed
+            return answer
+
+    says = f"the simulator 'counting' must give v\\(d\\)max as a speed of 0 m/s or more, or as None, got {speed!r} at 0.3 m"
+    for ask in (
+        lambda: rvads.vmax(0.3, simulator=Wrong()),
+        lambda: closed_vmax(0.3, rvads.Reference, simulator=Wrong()),
+        lambda: look_for("stop4", rvads.Reference, "p1", budget=20, near=0.3, far=0.5, simulator=Wrong()),
+    ):
+        with pytest.raises(rvads.RunError, match=says):
+            ask()
 
 
 def test_the_option_chooses_what_simulates_and_how_fast_one_may_come(pytester: pytest.Pytester) -> None:
@@ -178,4 +252,116 @@ def test_a_simulator_that_returns_no_run_is_an_error_of_the_item(pytester: pytes
     """)
     result = pytester.runpytest("--rvads-autopilot=reference", "--rvads-simulator=own:counting", "-p", "no:cacheprovider")
     result.assert_outcomes(errors=1)
-    result.stdout.fnmatch_lines(["*what rvads_simulator returns must answer a case with a Run, got None"])
+    result.stdout.fnmatch_lines(["*the simulator 'counting' must answer a case with its Run, got None"])
+
+
+@pytest.mark.parametrize(
+    ("answer", "wrong"),
+    [
+        (lambda case: 3, "3"),
+        (lambda case: bullet(case.but(directions="1100")), "another agents: .*'a1 from 1 to 2'.* expected .*'a1 from 1 to 3'"),
+        (lambda case: bullet(case.but(place=rvads.find("paper_stop4"))), "another junction: .* expected"),
+        (lambda case: bullet(case.but(subject=1)), "another subject: a1, expected a0"),
+        (
+            lambda case: bullet(case.but(distance=9.0)),
+            "another label: stop4-.*-cfgd09.00v00.00, expected stop4-.*-cfgd08.00v00.00",
+        ),
+    ],
+)
+def test_whoever_asks_for_a_run_is_told_of_an_answer_that_is_another_one(answer: Any, wrong: str) -> None:
+    class Wrong(Counting):
+        def __call__(self, case: rvads.Case) -> rvads.Run:
+            found: rvads.Run = answer(case)
+            return found
+
+    asked, wrong = case("stop4", "2200", duration=0.1), f"simulator 'counting' must answer a case with its Run, got.*{wrong}"
+    for ask in (
+        lambda: rvads.simulate(asked, Wrong()),
+        lambda: rvads.equivalent(asked, simulator=Wrong()),
+        lambda: rvads.rational(asked, simulator=Wrong()),
+        lambda: rvads.determinate(asked, simulator=Wrong()),
+        lambda: rvads.sweep(asked, "p1", 0.0, 0.1, simulator=Wrong()),
+    ):
+        with pytest.raises(rvads.RunError, match=wrong):
+            ask()
+
+
+def test_whoever_names_no_simulator_gets_that_of_the_session(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(own=OWN)
+    pytester.makepyfile("""
+        import pytest
+        import pytest_rvads as rvads
+        from hypothesis import find
+        from own import counting
+        from pytest_rvads.search.falsify import look_for
+from pytest_rvads.search.relations import RELATIONS
+        from pytest_rvads.simulators.closed_loop import closed_vmax
+
+        CASE = rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000", distance=1.0, duration=8.0), rvads.Reference)
+
+        @pytest.mark.parametrize("ask", [
+            lambda: rvads.simulate(CASE),
+            lambda: rvads.equivalent(CASE, "full_stop"),
+            lambda: rvads.rational(CASE, "full_stop", farther=(1.0,)),
+            lambda: rvads.determinate(CASE, "full_stop", at=0.5),
+            lambda: rvads.sweep(CASE, "full_stop", 0.0, 0.0),
+            lambda: look_for("stop4", rvads.Reference, "p1", budget=1),
+            lambda: closed_vmax(0.3, rvads.Reference),
+        ])
+        def test_it(ask):
+            before = counting.runs
+            ask()
+            assert counting.runs > before
+
+        def test_its_vehicles_brake_as_it_says():
+            assert rvads.vmax(20.0) == 1.0
+            assert max(find(rvads.strategies.scenarios(), lambda scenario: any(scenario.speeds)).speeds) <= 1.0
+    """)
+    pytester.runpytest("--rvads-simulator=own:counting", "-p", "no:cacheprovider").assert_outcomes(passed=8)
+    assert meant() is bullet, "and outside of sessions it is the one that ships"
+
+
+def test_a_test_has_the_simulator_of_its_own_file_in_any_scope_and_every_result_says_which(pytester: pytest.Pytester) -> None:
+    test = """
+        import pytest
+        import pytest_rvads as rvads
+        from own import Counting
+
+        class Mine(Counting):
+            name = "mine"
+
+        SCENARIO = rvads.scenario("stop4", scenarios="2000", distances=1.0, rules=["full_stop", "on_route"])
+
+        @SCENARIO
+        def test_it(rule, monitor):
+            monitor.check(rule)
+    """
+    pytester.makepyfile(own=OWN)
+    pytester.makepyfile(test_a_default=test)
+    for scope in ("function", "module", "session"):
+        fixture = f"""
+        @pytest.fixture(scope={scope!r})
+        def rvads_simulator():
+            return Mine()
+
+        def test_simulated_once():
+            assert Mine.runs == 1
+        """
+        pytester.makepyfile(**{f"test_{scope}": test + fixture})
+    files = ("out.json", "out.html", "out.md", "out.csv")
+    result = pytester.runpytest(
+        *("--rvads-autopilot=reference", "-p", "no:cacheprovider", "--junitxml=out.xml"),
+        *(f"--rvads-report={name}" for name in files),
+    )
+    result.assert_outcomes(passed=11)
+    result.stdout.fnmatch_lines(["simulated by bullet: 1 run", "simulated by mine: 1 run"])
+    text = {name: (pytester.path / name).read_text(encoding="utf-8") for name in files}
+    made = {record["nodeid"].partition("::")[0]: record["simulator"] for record in json.loads(text["out.json"])["records"]}
+    assert made == {
+        "test_a_default.py": "bullet",
+        **dict.fromkeys(("test_function.py", "test_module.py", "test_session.py"), "mine"),
+    }
+    assert all("simulated by mine: 1 run" in text[name] for name in ("out.html", "out.md"))
+    assert {row["simulator"] for row in csv.DictReader(text["out.csv"].splitlines()) if row["item"]} == {"bullet", "mine"}
+    properties = [(p.get("name"), p.get("value")) for p in ET.parse(pytester.path / "out.xml").iter("property")]
+    assert properties.count(("simulator", "mine")) == 6
