@@ -46,7 +46,7 @@ class Ask:
     distances: Values | None
     speeds: Values | None
     probe: bool
-    rules: tuple[str | Rule, ...]
+    rules: tuple[str | Rule, ...] | None
     subject: int | str | None
     traffic: tuple[Policy | None, ...]
     """None alone without a subject."""
@@ -74,7 +74,6 @@ class Ask:
         checked |= {
             "distances": _values("distances", asked["distances"]),
             "speeds": _values("speeds", asked["speeds"]),
-            "rules": checked["rules"] or ("paper" if asked["subject"] is None else "road",),
             "traffic": (None,) if asked["subject"] is None else _policies(asked["traffic"]),
             "senses": Senses.grid(asked["senses"]) if isinstance(asked["senses"], Mapping) else checked["senses"] or (IDEAL,),
             "requirement": checked["requirement"] or (),
@@ -105,10 +104,11 @@ class Ask:
         Raises:
             RvadsError: no such rule, or none about this kind of junction.
         """
-        rules = rules_for(self.rules, place.control)
+        names = self.rules or ("paper" if self.subject is None else "road",)
+        rules = rules_for(names, place.control)
         if not rules:
             raise ScenarioError(
-                f"no rule of {', '.join(map(repr, self.rules))} is about a junction with control {place.control.value!r} like "
+                f"no rule of {', '.join(map(repr, names))} is about a junction with control {place.control.value!r} like "
                 f"{place.name!r}: name rules outright, `rvads rules` lists them"
             )
         return rules

@@ -97,9 +97,12 @@ def _line(test: pytest.Function) -> str:
 def _cells(ask: Ask, metafunc: pytest.Metafunc, options: Options, added: Extensions) -> Iterator[Cell]:
     """Yield the cells of one mark."""
     test = metafunc.definition
+    takes_rule = "rule" in metafunc.fixturenames
+    if ask.rules and not takes_rule:
+        raise ScenarioError("rules= is what the argument `rule` of a test runs over: add that argument, or leave rules= out")
     watch = partial(watched, metafunc.config, "v(d)max of point", least=_POINTS)
     selection = ask.resolve(test.path.parent, options, added, watch)
-    rules = ask.judged_by(selection.place) if "rule" in metafunc.fixturenames else (None,)
+    rules = ask.judged_by(selection.place) if takes_rule else (None,)
     rows, points = selection.count(), len(selection.configurations) * len(selection.senses)
     total = rows * points * len(ask.traffic) * len(rules)
     if total > options.max_items:
