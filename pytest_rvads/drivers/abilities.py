@@ -14,7 +14,7 @@ from typing import Any
 
 from pytest_rvads.errors import AutopilotError
 
-__all__ = ["OF_AUTOPILOTS", "OF_SYSTEMS", "refuse", "spelling"]
+__all__ = ["OF_AUTOPILOTS", "OF_SYSTEMS", "check_factory", "refuse", "spelling"]
 
 
 def _number(value: Any) -> bool:
@@ -41,6 +41,20 @@ OF_SYSTEMS: Mapping[str, Callable[[Any], bool]] = {"autopilots": _method, "label
 """Abilities of what coordinates the autopilots of a run, see `rvads.TrafficSystem`."""
 _ALIKE = 0.8
 """How alike two names are of which one is taken for the other misspelt, see `difflib`; ``lable`` is that near to ``label``."""
+
+
+def check_factory(what: Any) -> None:
+    """Raise where something is nothing that can make autopilots.
+
+    Raises:
+        AutopilotError: it can't be called.
+    """
+    if not callable(what):
+        raise AutopilotError(
+            f"an autopilot must be a class or a callable that makes one, got {what!r}: every vehicle of every run "
+            "gets a new one, so pass the class, not an instance"
+            + ("; rvads.traffic(name) returns a traffic policy" if isinstance(what, str) else "")
+        )
 
 
 def spelling(made: Any, abilities: Mapping[str, Callable[[Any], bool]], base: type) -> str:
