@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.options import Options
 from pytest_rvads.scenarios.classes import parse
-from pytest_rvads.scenarios.configurations import Configuration, explicit, grid, outside, per_entrance
+from pytest_rvads.scenarios.configurations import Configuration, explicit, grid, outside, per_entrance, plain
 from pytest_rvads.scenarios.scenario import check_numbers
 from pytest_rvads.scenarios.selection import COVERS, Selection
 from pytest_rvads.scenarios.senses import IDEAL, Senses
@@ -158,7 +159,7 @@ class Ask:
 
 
 _SEVERAL: dict[str, tuple[Any, str]] = {
-    "classes": (int, "class numbers"),
+    "classes": (Integral, "class numbers"),
     "scenarios": (str, "direction strings such as '1133'"),
     "grid": (str, "letters of configurations or names of grids"),
     "rules": ((str, Rule), "rules or names of rules or rulebooks"),
@@ -194,7 +195,8 @@ def _refuse(asked: Mapping[str, Any]) -> None:
 
 def _values(name: str, axis: Any) -> Values | None:
     """Return distances or speeds, one after the other; how many entrances there are is not known yet."""
-    entries = axis if isinstance(axis, list) else [] if axis is None else [axis]
+    axis = plain(axis)
+    entries = list(map(plain, axis)) if isinstance(axis, list) else [] if axis is None else [axis]
     if axis == []:
         raise ScenarioError(f"{name} is an empty list: give at least one value")
     for entry in entries:

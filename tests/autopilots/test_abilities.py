@@ -174,6 +174,10 @@ simulate(rvads.LgsvlLike); simulate(lambda: Plain()); simulate(rvads.Process("./
 simulate(int)  # refused
 simulate(Mute)  # refused
 simulate(Plain())  # refused
+rvads.scenario("stop4", subject=0, traffic=(Plain, "hesitant"))
+rvads.scenario("stop4", subject=0, traffic=int)  # refused
+rvads.falsify("stop4", rule="p1", autopilot=int)  # refused
+rvads.falsify("stop4", rule="p1", near="x")  # refused
 """
 
 

@@ -153,6 +153,11 @@ mine = rvads.scenario("stop3", grid="C", classes=1)
             "test_it has @rvads.scenario(...) but its `run` is a fixture of yours: call that otherwise",
         ),
         (
+            "@mine\n@pytest.mark.parametrize('x, run', [(1, 1)])\ndef test_it(x, run, monitor): ...",
+            4,
+            "test_it has @rvads.scenario(...), which gives it its `run`: parametrize another argument",
+        ),
+        (
             "pytestmark = [mine,\n    rvads.scenario('stop3', classes=9)]\ndef test_it(run): ...",
             6,
             "test_it: a 3-way junction has classes 1..4, got 9",
@@ -209,6 +214,11 @@ def test_marks_are_told_by_their_own_line_wherever_they_stand(pytester: pytest.P
             "@rvads.known('I1', cls=4)\n@mine\nclass TestIt:\n    def test_it(self, run): ...",
             5,
             "TestIt: @rvads.known('I1', cls=(4,)) matches no cell of any of its tests",
+        ),
+        (
+            "@rvads.known('I1', cls=4)\ndef test_it(): ...",
+            5,
+            "test_it: @rvads.known('I1', cls=(4,)) matches no cell of any of its tests",
         ),
         (
             "@mine\nclass TestIt(unittest.TestCase):\n    def test_it(self): ...",
