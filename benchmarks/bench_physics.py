@@ -53,7 +53,7 @@ def test_four_vehicles_for_twenty_seconds(benchmark: BenchmarkFixture, case: Cas
         bare.append(time.process_time() - start)
     ratio = benchmark.stats["min"] / min(bare)
     benchmark.extra_info["total over bare steps"] = round(ratio, 1)
-    print(f"\n{case.scenario.place.name}: {benchmark.stats['min']:.3f} s, {ratio:.1f} times the bare steps ({min(bare):.4f} s)")  # noqa: T201
+    print(f"\n{case.scenario.place.name}: {benchmark.stats['min']:.3f} s, {ratio:.1f} times the bare steps ({min(bare):.4f} s)")
     assert benchmark.stats["min"] <= BUDGET
 
 

@@ -103,7 +103,7 @@ def test_collecting(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
             found.append(session(tmp_path, code, "--collect-only").collecting)
     ours, bare = (statistics.median(times[code]) for code in (OURS, BARE))
     with capsys.disabled():
-        print(f"\n{ITEMS} items: {ours:.3f} s, bare {bare:.3f} s, ratio {ours / bare:.2f}")  # noqa: T201
+        print(f"\n{ITEMS} items: {ours:.3f} s, bare {bare:.3f} s, ratio {ours / bare:.2f}")
     assert ours <= 1.5 * bare
 
 
@@ -115,7 +115,7 @@ def test_na_and_pass_items(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         ours, plain = (session(tmp_path, code).running for code in (CHEAP, bare))
         differences.append((ours - plain) / count)
     with capsys.disabled():
-        print(f"\n{count} NA and pass items: {1e3 * min(differences):.3f} ms of the plugin each")  # noqa: T201
+        print(f"\n{count} NA and pass items: {1e3 * min(differences):.3f} ms of the plugin each")
     assert min(differences) <= 1e-3
 
 
@@ -142,6 +142,6 @@ def test_the_profile_of_a_pull_request(tmp_path: Path, workers: tuple[str, ...],
     spent, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     worked = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     with capsys.disabled():
-        print(f"\n{spent:.1f} s, {worked:.1f} s of processors: {done.stdout.splitlines()[-1]}")  # noqa: T201
+        print(f"\n{spent:.1f} s, {worked:.1f} s of processors: {done.stdout.splitlines()[-1]}")
     assert "120 runs" in done.stdout
     assert worked <= 60, "so that two processors that have nothing else to do take less than a minute"

@@ -9,6 +9,7 @@ from pytest_rvads.drivers.lgsvl import LgsvlLike as LgsvlLike
 from pytest_rvads.drivers.playback import Replay as Replay
 from pytest_rvads.drivers.traffic import traffic as traffic
 from pytest_rvads.collection import known as known, scenario as scenario
+from pytest_rvads.collection.searching import falsify as falsify
 from pytest_rvads.errors import (
     AutopilotError as AutopilotError,
     FormulaError as FormulaError,
@@ -38,7 +39,6 @@ from pytest_rvads.scenarios.scenario import Scenario as Scenario
 from pytest_rvads.scenarios.senses import Senses as Senses
 from pytest_rvads.search import strategies as strategies
 from pytest_rvads.search.chance import sweep as sweep
-from pytest_rvads.search.falsify import falsify as falsify
 from pytest_rvads.search.metamorphic import equivalent as equivalent
 from pytest_rvads.search.rationality import determinate as determinate, rational as rational
 from pytest_rvads.runs.itineraries import Itinerary as Itinerary

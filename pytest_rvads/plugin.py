@@ -123,10 +123,15 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Refuse a mark on what can't be parametrized, so that it is not silently a plain test, and one that nothing matches."""
     for item in items:
-        if "rvads_cell" not in getattr(item, "fixturenames", ()) and (mark := item.get_closest_marker("rvads_scenario")):
+        if "rvads_cell" in getattr(item, "fixturenames", ()):
+            continue
+        if mark := item.get_closest_marker("rvads_scenario"):
             said = "has @rvads.scenario(...), which works on functions and classes of pytest only"
             raise pytest.UsageError(f"{mark.args[0].place}: {item.nodeid} {said}")
+        if item.get_closest_marker("rvads_known"):
+            from pytest_rvads.collection import idle
 
+            idle(item)
     if in_part(config):
         return
     from pytest_rvads.collection import unused

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from pytest_rvads.logic.rules.book import claim, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.options import Options
 from pytest_rvads.scenarios.classes import parse
-from pytest_rvads.scenarios.configurations import Configuration, explicit, grid, outside, per_entrance
+from pytest_rvads.scenarios.configurations import Configuration, explicit, grid, outside, per_entrance, plain
 from pytest_rvads.scenarios.scenario import check_numbers
 from pytest_rvads.scenarios.selection import COVERS, Selection
 from pytest_rvads.scenarios.senses import IDEAL, Senses
@@ -46,7 +47,7 @@ class Ask:
     distances: Values | None
     speeds: Values | None
     probe: bool
-    rules: tuple[str | Rule, ...]
+    rules: tuple[str | Rule, ...] | None
     subject: int | str | None
     traffic: tuple[Policy | None, ...]
     """None alone without a subject."""
@@ -74,7 +75,6 @@ class Ask:
         checked |= {
             "distances": _values("distances", asked["distances"]),
             "speeds": _values("speeds", asked["speeds"]),
-            "rules": checked["rules"] or ("paper" if asked["subject"] is None else "road",),
             "traffic": (None,) if asked["subject"] is None else _policies(asked["traffic"]),
             "senses": Senses.grid(asked["senses"]) if isinstance(asked["senses"], Mapping) else checked["senses"] or (IDEAL,),
             "requirement": checked["requirement"] or (),
@@ -105,10 +105,11 @@ class Ask:
         Raises:
             RvadsError: no such rule, none about this kind of junction, or one of a name that means another one elsewhere.
         """
-        rules = rules_for(self.rules, place.control)
+        names = self.rules or ("paper" if self.subject is None else "road",)
+        rules = rules_for(names, place.control)
         if not rules:
             raise ScenarioError(
-                f"no rule of {', '.join(map(repr, self.rules))} is about a junction with control {place.control.value!r} like "
+                f"no rule of {', '.join(map(repr, names))} is about a junction with control {place.control.value!r} like "
                 f"{place.name!r}: name rules outright, `rvads rules` lists them"
             )
         for rule in rules:
@@ -157,7 +158,7 @@ class Ask:
 
 
 _SEVERAL: dict[str, tuple[Any, str]] = {
-    "classes": (int, "class numbers"),
+    "classes": (Integral, "class numbers"),
     "scenarios": (str, "direction strings such as '1133'"),
     "grid": (str, "letters of configurations or names of grids"),
     "rules": ((str, Rule), "rules or names of rules or rulebooks"),
@@ -193,7 +194,8 @@ def _refuse(asked: Mapping[str, Any]) -> None:
 
 def _values(name: str, axis: Any) -> Values | None:
     """Return distances or speeds, one after the other; how many entrances there are is not known yet."""
-    entries = axis if isinstance(axis, list) else [] if axis is None else [axis]
+    axis = plain(axis)
+    entries = list(map(plain, axis)) if isinstance(axis, list) else [] if axis is None else [axis]
     if axis == []:
         raise ScenarioError(f"{name} is an empty list: give at least one value")
     for entry in entries:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.collection.misuse import several
@@ -105,7 +106,7 @@ class Known:
         for key, value in where.items():
             if key not in KEYS:
                 raise ScenarioError(f"@rvads.known selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
-            values[key] = several(key, (value,) if value is None else value, (str, int), "words or numbers") or ()
+            values[key] = several(key, (value,) if value is None else value, (str, Integral), "words or numbers") or ()
         return cls(place, name, reason, values)
 
     def __str__(self) -> str:

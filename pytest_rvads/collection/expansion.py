@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pytest_rvads.collection.extensions import Extensions
     from pytest_rvads.options import Options
 
-__all__ = ["LEFT_OUT", "expand", "unused"]
+__all__ = ["LEFT_OUT", "expand", "idle", "unused"]
 
 T = TypeVar("T")
 _POINTS, _CELLS = 10, 5000
@@ -60,8 +60,17 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
     metafunc.parametrize("rvads_cell", list(_params(items, [k for _, k in known])), indirect=True)
 
 
+def idle(item: pytest.Item) -> None:
+    """Note the known deficiencies of a test without cells, which none of them match."""
+    noted = item.config.stash.setdefault(_KNOWN, {})
+    for node, mark in item.iter_markers_with_node("rvads_known"):
+        for deficiency in mark.args:
+            if isinstance(deficiency, Known):
+                noted.setdefault(deficiency, (node.nodeid, False))
+
+
 def unused(config: pytest.Config) -> list[str]:
-    """Return a sentence for every mark of a known deficiency on a class or module that matches no cell of any test there."""
+    """Return a sentence for every mark of a known deficiency that matches no cell of any test where it stands."""
     noted = config.stash.get(_KNOWN, {}).items()
     return [f"{k.place}: {node}: {k} matches no cell of any of its tests" for k, (node, used) in noted if not used]
 
@@ -85,7 +94,17 @@ def _takes(metafunc: pytest.Metafunc, asks: Sequence[Ask]) -> str:
         own = "run" in metafunc.fixturenames
         why = "its `run` is a fixture of yours: call that otherwise" if own else "takes neither run nor monitor: add an argument"
         raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} has @rvads.scenario(...) but {why}")
+    if "run" in _parametrized(test):
+        why = "has @rvads.scenario(...), which gives it its `run`: parametrize another argument"
+        raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} {why}")
     return test.nodeid
+
+
+def _parametrized(test: pytest.Function) -> Iterator[str]:
+    """Yield the arguments that marks of pytest's give a test."""
+    for mark in test.iter_markers("parametrize"):
+        names = mark.args[0] if mark.args else mark.kwargs["argnames"]
+        yield from (name.strip() for name in (names.split(",") if isinstance(names, str) else names))
 
 
 def _line(test: pytest.Function) -> str:
@@ -97,9 +116,12 @@ def _line(test: pytest.Function) -> str:
 def _cells(ask: Ask, metafunc: pytest.Metafunc, options: Options, added: Extensions) -> Iterator[Cell]:
     """Yield the cells of one mark."""
     test = metafunc.definition
+    takes_rule = "rule" in metafunc.fixturenames
+    if ask.rules and not takes_rule:
+        raise ScenarioError("rules= is what the argument `rule` of a test runs over: add that argument, or leave rules= out")
     watch = partial(watched, metafunc.config, "v(d)max of point", least=_POINTS)
     selection = ask.resolve(test.path.parent, options, added, watch)
-    rules = ask.judged_by(selection.place) if "rule" in metafunc.fixturenames else (None,)
+    rules = ask.judged_by(selection.place) if takes_rule else (None,)
     rows, points = selection.count(), len(selection.configurations) * len(selection.senses)
     total = rows * points * len(ask.traffic) * len(rules)
     if total > options.max_items:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Never
 
 import pytest
@@ -11,6 +11,9 @@ from pytest_rvads.collection.cells import KEYS, Known
 from pytest_rvads.collection.misuse import caller, told_at
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pytest_rvads.drivers.interface import Factory
     from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.scenarios.senses import Senses
 
@@ -25,12 +28,12 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
     scenarios: str | Iterable[str] | None = None,
     cover: str | None = None,
     grid: str | Iterable[str] | None = None,
-    distances: float | Sequence[Any] | None = None,
-    speeds: float | Sequence[Any] | None = None,
+    distances: float | Sequence[Any] | NDArray[Any] | None = None,
+    speeds: float | Sequence[Any] | NDArray[Any] | None = None,
     probe: bool = False,
     rules: str | Rule | Iterable[str | Rule] | None = None,
     subject: int | str | None = None,
-    traffic: str | Callable[[], Any] | Iterable[str | Callable[[], Any]] | None = None,
+    traffic: str | Factory | Iterable[str | Factory] | None = None,
     senses: Senses | Iterable[Senses] | Mapping[str, Any] | None = None,
     duration: float = 60.0,
     aggression: int = 1,
@@ -50,7 +53,7 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
         cover: ``"class"`` runs one scenario per class, ``"scenario"`` every distinct member, ``"rotation"`` all rows.
         grid: ``"paper"``, or letters of the paper's configurations such as ``"CD"``.
         distances: instead of `grid`: metres to the stopping line, a number for all vehicles, a tuple with one
-            per entrance, or a list of either to run one after the other.
+            per entrance, or a list of either, or an array, to run one after the other.
         speeds: with `distances`: initial speeds [m/s], likewise; 0 by default.
         probe: keep points of the grid beyond the braking envelope v(d)max; by default they are left out.
         rules: a rulebook, rules, or both; of a rulebook only the rules about this kind of junction run. By default

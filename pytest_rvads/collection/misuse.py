@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from numbers import Integral
 from typing import Any
 
 import pytest
@@ -43,7 +44,7 @@ def told_at(place: str) -> Iterator[None]:
 
 
 def several(name: str, value: Any, kind: type | tuple[type, ...], what: str) -> tuple[Any, ...] | None:
-    """Return one value of an argument or several as a tuple, None as it is.
+    """Return one value of an argument or several as a tuple, None as it is; whole numbers as Python's own.
 
     Raises:
         ScenarioError: values of another type, or none at all.
@@ -56,4 +57,4 @@ def several(name: str, value: Any, kind: type | tuple[type, ...], what: str) -> 
         raise ScenarioError(f"{name} is empty: name {what}, or leave it out")
     if not all(isinstance(v, kind) and not isinstance(v, bool) for v in values):
         raise ScenarioError(f"{name} takes {what}, one or several, got {value!r}")
-    return values
+    return tuple(int(v) if isinstance(v, Integral) else v for v in values)

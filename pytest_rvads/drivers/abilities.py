@@ -14,7 +14,7 @@ from typing import Any
 
 from pytest_rvads.errors import AutopilotError
 
-__all__ = ["OF_AUTOPILOTS", "OF_SYSTEMS", "refuse", "spelling"]
+__all__ = ["OF_AUTOPILOTS", "OF_SYSTEMS", "check_factory", "refuse", "spelling"]
 
 
 def _number(value: Any) -> bool:
@@ -43,14 +43,31 @@ _ALIKE = 0.8
 """How alike two names are of which one is taken for the other misspelt, see `difflib`; ``lable`` is that near to ``label``."""
 
 
+def check_factory(what: Any) -> None:
+    """Raise where something is nothing that can make autopilots.
+
+    Raises:
+        AutopilotError: it can't be called.
+    """
+    if not callable(what):
+        raise AutopilotError(
+            f"an autopilot must be a class or a callable that makes one, got {what!r}: every vehicle of every run "
+            "gets a new one, so pass the class, not an instance"
+            + ("; rvads.traffic(name) returns a traffic policy" if isinstance(what, str) else "")
+        )
+
+
 def spelling(made: Any, abilities: Mapping[str, Callable[[Any], bool]], base: type) -> str:
-    """Return a question about an attribute of `made` that is misspelt for one of `abilities`, or nothing.
+    """Return what is wrong with a label, or a question about an attribute that is misspelt for one of `abilities`, or nothing.
 
     Args:
         made: an autopilot or a traffic system.
         abilities: those that it can have.
         base: the class whose attributes are defaults: an ability inherited from there is not one of its own.
     """
+    label = getattr(made, "label", None)
+    if not (label is None or isinstance(label, str) or callable(label)):
+        return f"its label must be a text, got an object of type {type(label).__name__}"
     defaults = vars(base)
     own = {name for name in abilities if hasattr(made, name) and getattr_static(made, name, None) is not defaults.get(name)}
     return _question(dir(made), lambda name: getattr_static(made, name, None), abilities, own)
@@ -72,18 +89,21 @@ def _question(
 ) -> str:
     """Return a question about the first of `names` that is no ability but nearly one, and of its sort; or nothing.
 
-    A word that goes on for letters, as ``controller``, or begins otherwise, as ``aiming``, is another word. So is one beside
-    the ability itself, which nobody misspells who has it.
+    A word that goes on for letters, as ``controller``, or begins otherwise, as ``aiming`` or ``_period``, is another word. So is
+    one beside the ability itself, which nobody misspells who has it, and what names a class, as ``Timing``. The same letters in
+    another order, or with a capital, are no word at all, whatever the value.
     """
     missing = {name: sort for name, sort in abilities.items() if name not in own}
     for name in names:
         if name in abilities:
             continue
+        small = name[:1].lower() + name[1:]
         for ability, sort in missing.items():
-            if name[:1] != ability[0] or abs(len(name) - len(ability)) > 1:
+            if small[:1] != ability[0] or abs(len(small) - len(ability)) > 1:
                 continue
-            if difflib.SequenceMatcher(None, name, ability).ratio() >= _ALIKE:
+            if difflib.SequenceMatcher(None, small, ability).ratio() >= _ALIKE:
                 value = look(name)
-                if isinstance(value, property) or sort(value):
+                fits = isinstance(value, property) or sort(value) or sorted(small) == sorted(ability)
+                if fits and not isinstance(value, type):
                     return f"has {name!r}: is it misspelt for {ability!r}? Spell it so, or give it another name"
     return ""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from numbers import Real
-from typing import Any
+from typing import Any, get_args
 
-from pytest_rvads.drivers.interface import Acceleration, Control, TargetSpeed, Trajectory, Waypoint
+from pytest_rvads.drivers.interface import Acceleration, Command, Control, TargetSpeed, Trajectory, Waypoint
 
 __all__ = ["clamped", "trouble"]
 
@@ -34,7 +34,8 @@ def trouble(answer: Any) -> str:
             return found or ("" if steering is None else _wrong("steering", steering, -math.pi / 2, math.pi / 2, "rad"))
         case Trajectory(points):
             return next(_wrong_points(points), "")
-    return f"an object of type {type(answer).__name__}, expected a Control"
+    kinds = " or ".join(kind.__name__ for kind in get_args(Command))
+    return f"an object of type {type(answer).__name__}, expected a {kinds}"
 
 
 def clamped(control: Control) -> Control:

@@ -31,6 +31,8 @@ class _Wrapper:
         self.label = name_of(inner)
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # no ability; copying and unpickling ask before there is anything inside
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         return getattr(self._inner, name)
 
 

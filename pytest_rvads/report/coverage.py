@@ -15,7 +15,7 @@ from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Cell, Report, cell_of
 
-__all__ = ["Coverage", "at_junctions", "dropped", "measure", "shortfall"]
+__all__ = ["Coverage", "at_junctions", "dropped", "measure", "shortfall", "traced"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +78,15 @@ def dropped(report: Report) -> list[str]:
     tests = ", ".join(f"{count} of {test}" for test, count in report.left_out.items())
     count = sum(report.left_out.values())
     return [f"{count} point{'' if count == 1 else 's'} beyond v(d)max left out: {tests}"]
+
+
+def traced(records: Sequence[Record]) -> list[str]:
+    """Return a line per requirement: the verdicts that trace to it, by status."""
+    found: dict[str, list[Record]] = {}
+    for record in records:
+        for requirement in record.requirements:
+            found.setdefault(requirement, []).append(record)
+    return [f"requirement {name}: {_counted(found[name])}" for name in sorted(found)]
 
 
 def at_junctions(records: Sequence[Record], totals: Mapping[int, tuple[int, int]]) -> list[str]:

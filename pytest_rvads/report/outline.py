@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from pytest_rvads.report.coverage import at_junctions, dropped, measure
+from pytest_rvads.report.coverage import at_junctions, dropped, measure, traced
 from pytest_rvads.report.figures import extremes, makers, slowest, timing
 from pytest_rvads.report.matrix import Matrix, matrices
 from pytest_rvads.report.session_report import Comparison, Report
-from pytest_rvads.report.triage import Cause, causes, provoked, unavoidable
+from pytest_rvads.report.triage import Cause, causes, idle, known, provoked, unavoidable
 
 __all__ = ["Block", "Causes", "Changes", "Figures", "Notes", "Verdicts", "outline"]
 
@@ -95,25 +95,31 @@ def outline(report: Report, short: bool = False) -> list[Block]:
 
     Args:
         report: of a session, or merged.
-        short: name three slow runs at most, and none where all were quick.
+        short: name three slow runs at most, none where all were quick, and leave out what a glance does not need: why items are
+            known failures or were not judged, requirements, versions.
     """
     records = report.records
     blocks: list[Block] = [Notes(report.notes)] if report.notes else []
     if report.comparison:
         blocks.append(Changes(report.comparison))
     blocks += map(Verdicts, matrices(records))
-    for title, groups in (
-        ("causes of failures", causes(records)),
-        ("provoked by traffic", provoked(records)),
-        ("unavoidable: nobody could have kept the rule", unavoidable(records)),
-    ):
-        blocks += [Causes(title, tuple(groups))] if groups else []
+    grouped = [
+        ("causes of failures", causes),
+        ("provoked by traffic", provoked),
+        ("unavoidable: nobody could have kept the rule", unavoidable),
+    ]
+    grouped += [] if short else [("known failures", known), ("not applicable, skipped or not run", idle)]
+    for title, group in grouped:
+        blocks += [Causes(title, tuple(found))] if (found := group(records)) else []
+    versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
     lines = (
         *makers(records),
         *extremes(records),
         *at_junctions(records, report.totals),
         *timing(records),
         *(slowest(report.seconds, 3, 1.0) if short else slowest(report.seconds, _SLOWEST)),
+        *([] if short else traced(records)),
+        *([f"versions: {versions}"] if versions and not short else []),
         f"coverage: {measure(report)}",
         *dropped(report),
     )

@@ -266,13 +266,14 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
         error: what a failure is that is no failed assertion: ERROR, or NOT JUDGED where the test was to judge and did not.
 
     The status is that of the verdicts, worst first. A test of a run without rule and monitor is PASS or FAIL by its
-    assertions. One that was skipped by somebody is NOT RUN; it never counts as a pass, and no failed test as anything but a
-    failure.
+    assertions, also where an xfail expected the latter. One that was skipped by somebody is NOT RUN; it never counts as a pass,
+    and no failed test as anything but a failure.
     """
     given = msgspec.convert(list(verdicts), tuple[VerdictRecord, ...])
     worst = min((verdict.outcome for verdict in given), key=lambda found: found.severity, default=None)
     if outcome != "failed":
-        status = worst or (Outcome.NOT_RUN if when != "call" or outcome == "skipped" else Outcome.PASS)
+        ran = Outcome.FAIL if known else Outcome.NOT_RUN if outcome == "skipped" else Outcome.PASS
+        status = worst or (ran if when == "call" else Outcome.NOT_RUN)
     elif error is Outcome.NOT_JUDGED:
         status = error
     elif error or when != "call" or worst is Outcome.ERROR:

@@ -98,17 +98,18 @@ class _Screen:
 
 def _pages(matrix: Matrix, short: dict[str, str], width: int) -> list[list[int]]:
     """Split the columns so that no table is wider than the terminal; a configuration stays together where it can."""
-    room = width - 3 - max(len("class"), *(len(label) for label, _ in matrix.rows))
+    room = width - 3 - min(max(len("class"), *(len(label) for label, _ in matrix.rows)), width // 3)
     pages: list[list[int]] = [[]]
     used = 0
     for _, group in groupby(range(len(matrix.columns)), lambda i: matrix.columns[i][0]):
         columns = list(group)
-        need = sum(_wide(matrix, i, short) for i in columns)
-        if pages[-1] and used + need > room:
-            pages.append([])
-            used = 0
-        pages[-1] += columns
-        used += need
+        wide = [_wide(matrix, i, short) for i in columns]
+        for k, column in enumerate(columns):
+            if pages[-1] and used + (wide[k] if k else sum(wide)) > room:
+                pages.append([])
+                used = 0
+            pages[-1].append(column)
+            used += wide[k]
     return pages
 
 
@@ -125,7 +126,7 @@ def _table(matrix: Matrix, columns: list[int], short: dict[str, str], unicode: b
     previous = None
     for configuration, rule in (matrix.columns[i] for i in columns):
         head = short.get(configuration, configuration) if configuration != previous else ""
-        table.add_column(f"{head}\n{rule}", no_wrap=True)
+        table.add_column(f"{head}\n{rule}", no_wrap=len(columns) > 1, overflow="fold")
         previous = configuration
     for label, cells in matrix.rows:
         table.add_row(label, *(Text(cells[i].text, style=cells[i].style) for i in columns))

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, VerdictRecord
 
-__all__ = ["Cause", "causes", "provoked", "unavoidable"]
+__all__ = ["Cause", "causes", "idle", "known", "provoked", "unavoidable"]
 
 _RULES = 3
 """Rules named per cause; the rest is counted."""
@@ -72,6 +72,35 @@ def provoked(records: Sequence[Record]) -> list[Cause]:
 def unavoidable(records: Sequence[Record]) -> list[Cause]:
     """Group what nobody could have avoided and no test failed for, likewise."""
     return _grouped([record for record in records if record.status is Outcome.UNAVOIDABLE and not record.failed])
+
+
+def known(records: Sequence[Record]) -> list[Cause]:
+    """Group known failures by what they are known as, likewise."""
+    return _worded([(record.known, record) for record in records if record.known])
+
+
+def idle(records: Sequence[Record]) -> list[Cause]:
+    """Group what neither passed nor failed, and is no known failure, by the reason given, likewise."""
+    rest = [record for record in records if not (record.failed or record.known or record.outcome == "passed")]
+    return _worded([(record.message.strip().partition("\n")[0], record) for record in rest if record.message])
+
+
+def _worded(told: Sequence[tuple[str, Record]]) -> list[Cause]:
+    """Group records of which the same is told."""
+    groups: dict[str, list[Record]] = {}
+    for text, record in told:
+        groups.setdefault(text, []).append(record)
+    found = [
+        Cause(
+            rules=tuple(dict.fromkeys(record.asks for record in group)),
+            text=text,
+            nodeids=tuple(record.nodeid for record in group),
+            runs=len({record.hash or record.nodeid for record in group}),
+            example=group[0].nodeid,
+        )
+        for text, group in groups.items()
+    ]
+    return sorted(found, key=lambda cause: -cause.count)
 
 
 def _grouped(records: Sequence[Record]) -> list[Cause]:

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
+from pytest_rvads.drivers.abilities import check_factory
 from pytest_rvads.drivers.interface import Factory
-from pytest_rvads.errors import AutopilotError, ScenarioError, require
+from pytest_rvads.errors import ScenarioError, require
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario
@@ -75,12 +76,7 @@ class Case:
                 "traffic= drives the vehicles beside a subject: give the scenario a subject, or leave traffic= out"
             )
         for factory in (self.driver,) if self.traffic is None else (self.driver, self.traffic):
-            if not callable(factory):
-                raise AutopilotError(
-                    f"an autopilot must be a class or a callable that makes one, got {factory!r}: every vehicle of every run "
-                    "gets a new one, so pass the class, not an instance"
-                    + ("; rvads.traffic(name) returns a traffic policy" if isinstance(factory, str) else "")
-                )
+            check_factory(factory)
 
     def but(self, **changes: Any) -> Case:
         """Return the case with some arguments of its scenario's constructor changed."""

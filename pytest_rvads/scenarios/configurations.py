@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
+
+import numpy as np
 
 from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.maps.control import JunctionControl
@@ -23,6 +26,7 @@ __all__ = [
     "grid",
     "outside",
     "per_entrance",
+    "plain",
     "probe",
 ]
 
@@ -138,9 +142,10 @@ def per_entrance(name: str, value: float | Sequence[float], entrances: int) -> t
     Raises:
         ScenarioError: another count, or a number that is negative or not finite.
     """
+    value = plain(value)
     if isinstance(value, str) or not isinstance(value, int | float | Sequence):
         raise ScenarioError(f"{name} takes numbers, got {value!r}")
-    values = (value,) * entrances if isinstance(value, int | float) else tuple(value)
+    values = (value,) * entrances if isinstance(value, int | float) else tuple(map(plain, value))
     if len(values) != entrances:
         raise ScenarioError(f"{name} needs one value, or one per entrance ({entrances}), got {len(values)}: {values!r}")
     for number in values:
@@ -149,7 +154,13 @@ def per_entrance(name: str, value: float | Sequence[float], entrances: int) -> t
     return tuple(float(v) for v in values)
 
 
+def plain(value: Any) -> Any:
+    """Return an array or number of numpy's as Python's own, anything else as it is."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
 def _points(name: str, axis: Axis, entrances: int) -> list[tuple[float, ...]]:
+    axis = plain(axis)
     entries: list[float | tuple[float, ...]] = axis if isinstance(axis, list) else [axis]
     if not entries:
         raise ScenarioError(f"{name} is an empty list: give at least one value")

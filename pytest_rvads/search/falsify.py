@@ -5,11 +5,10 @@ A run that breaks the rule only because nobody could have obeyed it (see `consis
 
 from __future__ import annotations
 
-import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from pytest_rvads.conduct.blame import cut_short_by
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.errors import OpenObligation, RuleViolation, RunError, ScenarioError
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule
@@ -28,9 +28,10 @@ from pytest_rvads.scenarios.classes import label
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model
 from pytest_rvads.search.consistency import decide
+from pytest_rvads.search.space import Space, explored
 from pytest_rvads.simulators.simulator import Simulator, simulate
 
-__all__ = ["Counterexample", "avoidable", "falsify", "look_for", "pasteable", "score"]
+__all__ = ["Counterexample", "Search", "avoidable", "look_for", "pasteable", "score", "violation"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,83 +46,56 @@ class Counterexample:
     """All simulations, those of shrinking included."""
 
 
-def falsify(
-    junction: str,
-    *,
-    rule: str | Rule,
-    autopilot: Factory | None = None,
-    traffic: str | Factory | None = None,
-    budget: int = 200,
-    seed: int = 0,
-    **space: Any,
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a test that looks for a scenario in which a rule is broken, and fails with the simplest one it finds.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Search:
+    """What to look for and where, whatever is to drive."""
 
-    The body of the test is called once nothing was found; its arguments are fixtures. What was found is kept in Hypothesis'
-    example database and tried first the next time. A rule that never was triggered was not tried, which is an error.
+    place: Junction
+    rule: str | Rule
+    traffic: Factory | None
+    """Drives the vehicles around a subject; None without one."""
+    budget: int
+    seed: int
+    space: Space
 
-    Args:
-        junction: built-in name, or id of a junction in ``map``.
-        rule: the rule to break.
-        autopilot: the system under test; by default what an option names, else that of the fixture ``rvads_autopilot``.
-        traffic: with ``subject``, what drives the others: a policy by name, or an autopilot of yours; the reference by default.
-        budget: most simulations before a counterexample, and most for making it simpler.
-        seed: other seeds look elsewhere.
-        space: where to look, see `strategies.scenarios`: ``map``, ``subject``, ``partial``, ``near``, ``far``, ``pace``,
-            ``wait``, ``aggression``, ``duration``.
+    @classmethod
+    def of(
+        cls, junction: str | Junction, rule: str | Rule, traffic: str | Factory | None, budget: int, seed: int, space: Space
+    ) -> Search:
+        """Check arguments, and find the junction; rules are looked up when it begins, because they may be defined until then.
 
-    Example:
-        >>> @falsify("stop4", rule="p1", budget=50)
-        ... def test_nobody_meets_in_the_junction(): ...
-    """
-    if not isinstance(budget, int) or budget < 1:
-        raise ScenarioError(f"budget must be a number of simulations, at least 1, got {budget!r}")
-    around = _traffic(traffic, space)
-
-    def decorate(test: Callable[..., None]) -> Callable[..., None]:
-        wanted = inspect.signature(test)
-        needed = ["rvads_vehicle", "rvads_simulator", *([] if autopilot is not None else ["rvads_sut", "rvads_autopilot"])]
-
-        def wrapper(**fixtures: Any) -> None:
-            __tracebackhide__ = True
-            tested = (autopilot, fixtures.get("rvads_sut"), fixtures.get("rvads_autopilot"))
-            driver = next(driver for driver in tested if driver is not None)
-            name = f"{test.__module__}.{test.__qualname__}"
-            fleet = Fleet(fixtures["rvads_vehicle"])
-            trial = _Trial(rule, budget, lambda s: Case(s, driver, around, fleet), fixtures["rvads_simulator"])
-            found = _search(junction, trial, seed, name, space)
-            if found is not None:
-                raise _violation(found)
-            if not trial.triggered:
-                raise ScenarioError(
-                    f"{trial.rule.name} was not triggered in any of {trial.simulations} simulations at {junction}, so nothing "
-                    "was tried: choose another rule or junction, or look elsewhere"
-                )
-            test(**{key: value for key, value in fixtures.items() if key in wanted.parameters})
-
-        for attribute in ("__name__", "__qualname__", "__module__", "__doc__"):
-            setattr(wrapper, attribute, getattr(test, attribute))
-        wrapper.__dict__.update(test.__dict__)
-        keyword = inspect.Parameter.KEYWORD_ONLY
-        parameters = [p.replace(kind=keyword) for p in wanted.parameters.values()]
-        parameters += [inspect.Parameter(name, keyword) for name in needed if name not in wanted.parameters]
-        wrapper.__signature__ = wanted.replace(parameters=parameters)  # type: ignore[attr-defined]
-        return wrapper
-
-    return decorate
-
-
-def _traffic(given: str | Factory | None, space: Mapping[str, Any]) -> Factory | None:
-    """Return what drives the vehicles around a subject, None where there is none in the space to search."""
-    if space.get("subject") is None:
-        if given is not None:
+        Raises:
+            RvadsError: an argument that means nothing.
+        """
+        place = explored(junction, space)
+        if not isinstance(rule, str | Rule):
+            raise ScenarioError(f"rule must be the name of a rule in quotes, or a rule, got {rule!r}")
+        if type(budget) is not int or budget < 1:
+            raise ScenarioError(f"budget must be a number of simulations, at least 1, got {budget!r}")
+        if type(seed) is not int:
+            raise ScenarioError(f"seed must be a whole number, got {seed!r}")
+        if space.get("subject") is not None:
+            around = Policy.of("reference" if traffic is None else traffic).factory
+        elif traffic is None:
+            around = None
+        else:
             raise ScenarioError("traffic= drives the vehicles beside a subject: say subject=0, or leave traffic= out")
-        return None
-    return Policy.of("reference" if given is None else given).factory
+        return cls(place=place, rule=rule, traffic=around, budget=budget, seed=seed, space=space)
+
+    def begin(self, driver: Factory, fleet: Fleet, simulator: Simulator | None, name: str | None = None) -> Counterexample | None:
+        """Look for a counterexample, see `look_for`."""
+        trial = _Trial(self.rule, self.budget, lambda s: Case(s, driver, self.traffic, fleet), simulator)
+        found = _search(self, trial, name)
+        if found is None and not trial.triggered:
+            raise ScenarioError(
+                f"{trial.rule.name} was not triggered in any of {trial.simulations} simulations at {self.place.name}, so "
+                "nothing was tried: choose another rule or junction, or look elsewhere"
+            )
+        return found
 
 
 def look_for(  # noqa: PLR0913 - keywords; a search has many settings
-    junction: str,
+    junction: str | Junction,
     autopilot: Factory,
     rule: str | Rule,
     *,
@@ -131,12 +105,12 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
     fleet: Fleet | None = None,
     name: str | None = None,
     simulator: Simulator | None = None,
-    **space: Any,
+    **space: Unpack[Space],
 ) -> Counterexample | None:
     """Look for a scenario in which a rule is broken.
 
     Args:
-        junction: built-in name, or id of a junction in ``map``.
+        junction: built-in name, or id of a junction in ``map``; or the junction itself.
         autopilot: drives all vehicles, or the subject.
         rule: the rule to break.
         traffic: with ``subject``, what drives the others; the reference by default.
@@ -152,14 +126,13 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
 
     Raises:
         RunError: a run ended by a fault; the scenario is in the message.
+        ScenarioError: an argument that means nothing, or a rule that never was triggered.
     """
-    around = _traffic(traffic, space)
-    trial = _Trial(rule, budget, lambda s: Case(s, autopilot, around, fleet or Fleet()), simulator)
-    return _search(junction, trial, seed, name, space)
+    return Search.of(junction, rule, traffic, budget, seed, space).begin(autopilot, fleet or Fleet(), simulator, name)
 
 
-def _search(junction: str, trial: _Trial, seed: int, name: str | None, space: Mapping[str, Any]) -> Counterexample | None:
-    """Have Hypothesis try scenarios until one breaks the rule of `trial`; see `look_for`."""
+def _search(search: Search, trial: _Trial, name: str | None) -> Counterexample | None:
+    """Have Hypothesis try scenarios until one breaks the rule of `trial`."""
     from hypothesis import HealthCheck, Phase, Verbosity, given, settings, target
     from hypothesis import seed as seeded
 
@@ -177,7 +150,7 @@ def _search(junction: str, trial: _Trial, seed: int, name: str | None, space: Ma
         target(score(verdict))
 
     # Hypothesis tells stored examples apart by the name of the function.
-    attempt.__name__ = re.sub(r"\W", "_", f"{name}__{junction}__{trial.rule.name}")
+    attempt.__name__ = re.sub(r"\W", "_", f"{name}__{search.place.name}__{trial.rule.name}")
     configured = settings(
         max_examples=trial.budget,
         deadline=None,
@@ -189,9 +162,9 @@ def _search(junction: str, trial: _Trial, seed: int, name: str | None, space: Ma
         database=settings().database if name else None,
     )
     # A seed turns the database off, so it comes first.
-    search = configured(seeded(seed)(given(strategies.scenarios(junction, simulator=trial.simulator, **space))(attempt)))
+    scenarios = strategies.scenarios(search.place, simulator=trial.simulator, **search.space)
     try:
-        search()
+        configured(seeded(search.seed)(given(scenarios)(attempt)))()
     except _Broken:
         return Counterexample(simplest[0], trial.known[simplest[0]], trial.first or 0, trial.simulations)
     return None
@@ -281,7 +254,8 @@ def pasteable(scenario: Scenario, rule: str) -> str:
     return "\n".join(lines)
 
 
-def _violation(found: Counterexample) -> RuleViolation:
+def violation(found: Counterexample) -> RuleViolation:
+    """Return the failure that tells of a counterexample."""
     verdict = found.verdict
     kind = OpenObligation if verdict.status is Status.OPEN else RuleViolation
     error = kind(f"{verdict.message}, in {found.scenario.name}")

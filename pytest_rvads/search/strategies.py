@@ -20,6 +20,7 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.scenarios.classes import WAYS, Directions
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.search.space import Space, explored
 from pytest_rvads.simulators.simulator import Simulator, vmax
 
 __all__ = ["abstract_scenarios", "distances", "junctions", "scenarios", "waits"]
@@ -132,11 +133,10 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
 
     Raises:
         MapError: unknown or unusable junction.
-        ScenarioError: an empty range, or a pace beyond 0..1.
+        ScenarioError: an empty range, or a value that means nothing.
     """
-    if not 0 <= pace <= 1:
-        raise ScenarioError(f"pace is a share of v(d)max, from 0 to 1, got {pace!r}")
-    place = junction if isinstance(junction, Junction) else find(junction, map)
+    asked = Space(map=map, subject=subject, partial=partial, near=near, far=far, pace=pace)
+    place = explored(junction, {**asked, "wait": wait, "aggression": aggression, "duration": duration})
     reach = [min(far, place.approach(e)) for e in range(len(place.entrances))]
     spans = [distances(min(near, room), room) for room in reach]
     codes, delays = _codes(place.ways, len(place.entrances), partial=partial), waits(*wait)

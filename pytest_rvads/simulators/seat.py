@@ -44,7 +44,7 @@ class Seat:
         self.autopilot = autopilot
         wrong = spelling(autopilot, OF_AUTOPILOTS, Autopilot)
         if not wrong and not callable(getattr(autopilot, "control", None)):
-            wrong = "an autopilot needs a method control(seen: Observation) -> Control"
+            wrong = "an autopilot needs a method control(seen: Observation) -> Command"
         if wrong:
             raise self._unfit(wrong)
         self._ask = autopilot.control

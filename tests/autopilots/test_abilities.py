@@ -1,5 +1,7 @@
 """What a driver can have: any object will do, a misspelt ability is refused, a wrapper has all of them, types are checked."""
 
+import copy
+import pickle
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -46,6 +48,10 @@ def driving(**attributes: object) -> type:
         ("timings", lambda self: None, "timing"),
         ("abandonn", lambda self: "", "abandon"),
         ("periods", property(lambda self: 0.05), "period"),
+        ("Period", 0.05, "period"),
+        ("Label", "mine", "label"),
+        ("peroid", "0.05", "period"),
+        ("lable", 3, "label"),
     ],
 )
 def test_a_misspelt_ability_is_refused(name: str, value: object, ability: str) -> None:
@@ -78,7 +84,8 @@ def test_no_reasonable_name_is_refused() -> None:
     names: dict[str, Any] = dict.fromkeys(NUMBERS.split(), 0.5) | dict.fromkeys(WORDS.split(), "x")
     names |= dict.fromkeys(METHODS.split(), lambda self: None)
     names |= {"controls": [], "labels": ["car"], "periods": [0.1], "timings": {}, "abandoned": False, "last_control": CONTROL}
-    assert len(names) >= 130
+    names |= {"Timing": type("Timing", (), {}), "Control": rvads.Control, "PERIOD": 0.05, "_period": 0.05, "_label": "x"}
+    assert len(names) >= 135
     assert crew(AGENTS[:1], driving(**names))[0].name == "Driver"
     type("Mine", (rvads.Follower,), names)
 
@@ -87,6 +94,14 @@ def test_who_has_an_ability_may_have_a_name_near_it() -> None:
     both: dict[str, Any] = {"timing": lambda self: None, "timings": lambda self: None, "period": 0.05, "period_": 0.1}
     crew(AGENTS[:1], driving(**both))
     type("Mine", (rvads.Follower,), both)
+
+
+@pytest.mark.parametrize("label", [3, b"mine"])
+def test_a_label_is_a_text(label: object) -> None:
+    case = rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000", duration=0.05), driving(label=label))
+    says = f"Driver can't drive a0: its label must be a text, got an object of type {type(label).__name__}"
+    assert rvads.simulate(case).fault.reason == says
+    crew(AGENTS[:1], driving(label=None))
 
 
 class Able:
@@ -125,6 +140,8 @@ def test_what_is_wrapped_has_every_ability(factory: type) -> None:
             here, there = (getattr(seat.autopilot, ability, None) for seat in (one, other))
             assert (here() == there()) if callable(here) else here == there, ability
     assert name_of(renamed(factory, NAMES)) == name_of(factory)
+    for again in (copy.deepcopy(renamed(factory, NAMES)), pickle.loads(pickle.dumps(renamed(factory, NAMES)))):
+        assert [seat.name for seat in crew(AGENTS, again)] == [seat.name for seat in plain]
     made = renamed(Ables, NAMES)()
     assert all(getattr(made, ability) for ability in OF_SYSTEMS)
 
@@ -174,6 +191,10 @@ simulate(rvads.LgsvlLike); simulate(lambda: Plain()); simulate(rvads.Process("./
 simulate(int)  # refused
 simulate(Mute)  # refused
 simulate(Plain())  # refused
+rvads.scenario("stop4", subject=0, traffic=(Plain, "hesitant"))
+rvads.scenario("stop4", subject=0, traffic=int)  # refused
+rvads.falsify("stop4", rule="p1", autopilot=int)  # refused
+rvads.falsify("stop4", rule="p1", near="x")  # refused
 """
 
 

@@ -47,7 +47,7 @@ WORDS = st.lists(st.sampled_from(LETTERS), max_size=5)
 def truth(formula: f.Formula, values: Mapping[str, Any], after: Any) -> Any:  # noqa: C901 - one case per operator
     """Truth at every position of many lassos: `values` per proposition, shape (words, positions); `after` the successor."""
 
-    def go(x: f.Formula) -> Any:  # noqa: C901 - likewise
+    def go(x: f.Formula) -> Any:  # noqa: C901 - one case per operator
         match x:
             case f.Atom(name):
                 return values[name]

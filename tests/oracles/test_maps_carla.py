@@ -106,7 +106,7 @@ def test_lane_centres(shared: Path, stem: str, record_property: Callable[[str, o
     off, third = deviations(path)
     figures = f"median {np.median(off) * 1000:.2f} mm, largest {off.max() * 1000:.1f} mm, {len(third)} above 1 cm"
     ours = f"; there the definition lies within {max(third) * 1000:.2f} mm of ours" if third else ""
-    print(f"{stem}: {len(off)} lane centres, {figures}{ours}")  # noqa: T201
+    print(f"{stem}: {len(off)} lane centres, {figures}{ours}")
     record_property("largest", float(off.max()))
     assert len(off) > 20
     assert max(third, default=0.0) < 0.001

@@ -55,7 +55,7 @@ def compare(path: Path, out: Path) -> tuple[int, list[tuple[object, ...]]]:
 @pytest.mark.parametrize("stem", STEMS)
 def test_turn_types(shared: Path, tmp_path: Path, stem: str) -> None:
     compared, other = compare(shared / "maps" / f"{stem}.xodr", tmp_path / "net.xml")
-    print(f"{stem}: {compared} movements, {len(other)} with another turn type {other}")  # noqa: T201
+    print(f"{stem}: {compared} movements, {len(other)} with another turn type {other}")
     assert compared
     # What is "partially right" to SUMO (R), because a straighter movement shares its entrance, is straight to the paper.
     assert all(row[4] in ({"L"}, {"R"}) and row[3] == "straight" for row in other)

@@ -32,7 +32,7 @@ def answering(answer: Any, after: float = 0.03, who: str = "a1") -> Any:
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
-        (None, "of type NoneType, expected a Control"),
+        (None, "of type NoneType, expected a Control or TargetSpeed or Acceleration or Trajectory"),
         ((0.0, 0.0, 0.0), "of type tuple, expected a Control"),
         (Control(math.nan), "returned throttle nan, expected a finite number"),
         (Control(0.0, math.inf), "returned brake inf, expected a finite number"),

@@ -1,5 +1,7 @@
 """Marks expand into items with stable ids, selectable by -k and -m."""
 
+from textwrap import dedent
+
 import pytest
 
 from .conftest import Lines
@@ -45,6 +47,18 @@ def test_explicit_values_in_ids(pytester: pytest.Pytester, brackets: Names) -> N
         "stop4-class07-as1133-cfgd05.00v01.50-p2",
         "stop4-class07-as1133-cfgd20.00_20.00_00.30_00.30v01.50-p2",
     ]
+
+
+def test_arrays_and_numbers_of_numpy_are_taken_as_lists_and_numbers(pytester: pytest.Pytester, brackets: Names) -> None:
+    arguments = "classes={}, distances={}, speeds={}, probe=True, rules='p2'"
+    plain = brackets(collect(pytester, arguments.format("[6, 7]", "[5, 8]", "[(0, 1, 2, 3), 4.5]")))
+    assert len(plain) == 2 * 2 * 2
+    arrays = ("np.arange(6, 8)", "np.array([5.0, 8.0])", "[np.arange(4), np.float32(4.5)]")
+    pytester.makepyfile("import numpy as np\n" + dedent(RULES).format(arguments=arguments.format(*arrays)))
+    assert brackets(pytester.runpytest("--collect-only", "-q")) == plain
+    one = arguments.format("np.int64(7)", "np.int64(5)", "0")
+    pytester.makepyfile("import numpy as np\n" + dedent(RULES).format(arguments=one))
+    assert brackets(pytester.runpytest("--collect-only", "-q")) == ["stop4-class07-as1133-cfgd05.00v00.00-p2"]
 
 
 @pytest.mark.parametrize(("cover", "count"), [("class", 24), ("scenario", 81), ("rotation", 96)])

@@ -101,6 +101,39 @@ def test_what_only_the_session_knows_is_told_there_too(pytester: pytest.Pytester
     )
 
 
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ('3, rule="p1"', "junction must be a name in quotes or what rvads.find returns, got 3"),
+        ('"stop9", rule="p1"', "unknown junction 'stop9': the built-in ones are stop4"),
+        ('"1", rule="p1", map="nowhere.xodr"', "map file nowhere.xodr"),
+        ('"stop4", rule=3', "rule must be the name of a rule in quotes, or a rule, got 3"),
+        ('"stop4", rule="p1", autopilot=3', "an autopilot must be a class or a callable that makes one, got 3"),
+        ('"stop4", rule="p1", budget=True', "budget must be a number of simulations, at least 1, got True"),
+        ('"stop4", rule="p1", seed="x"', "seed must be a whole number, got 'x'"),
+        ('"stop4", rule="p1", subjct=0', "where to look is said by map, subject, partial, near, "),
+        ('"stop4", rule="p1", subjct=0', "got 'subjct'; did you mean 'subject'"),
+        ('"stop4", rule="p1", subject=9', "subject must be an entrance of 'stop4', 0 to 3, got 9"),
+        ('"stop4", rule="p1", partial=1', "partial must be True or False, got 1"),
+        ('"stop4", rule="p1", near="x"', "near must be a distance of 0 m or more, got 'x'"),
+        ('"stop4", rule="p1", far=float("inf")', "far must be a distance of 0 m or more, got inf"),
+        ('"stop4", rule="p1", pace=2', "pace must be a share of v(d)max, from 0 to 1, got 2"),
+        ('"stop4", rule="p1", wait=3', "wait must be the least and the greatest number of seconds, such as (0, 4), got 3"),
+        ('"stop4", rule="p1", aggression=4', "aggression must be 1, 2 or 3, got 4"),
+        ('"stop4", rule="p1", duration=0', "duration must be a number of seconds above 0 and up to 3600, got 0"),
+        ('"stop4", rule="p1", traffic="hesitant"', "traffic= drives the vehicles beside a subject: say subject=0, or leave"),
+        ('"stop4", rule="p1", subject=0, traffic=3', "traffic takes names of policies or classes of autopilots, got 3"),
+    ],
+)
+def test_a_search_is_told_where_it_is_written_too(pytester: pytest.Pytester, arguments: str, says: str) -> None:
+    refused(pytester, f"import pytest_rvads as rvads\n\n@rvads.falsify({arguments})\ndef test_it(): ...", 3, says)
+
+
+def test_a_search_is_no_class(pytester: pytest.Pytester) -> None:
+    code = "import pytest_rvads as rvads\n\n@rvads.falsify('stop4', rule='p1')\nclass TestIt:\n    def test_it(self): ..."
+    refused(pytester, code, 3, "@rvads.falsify makes a test of a function or method, got <class '")
+
+
 HEAD = """import pytest
 import unittest
 import pytest_rvads as rvads
@@ -120,9 +153,19 @@ mine = rvads.scenario("stop3", grid="C", classes=1)
             "test_it has @rvads.scenario(...) but its `run` is a fixture of yours: call that otherwise",
         ),
         (
+            "@mine\n@pytest.mark.parametrize('x, run', [(1, 1)])\ndef test_it(x, run, monitor): ...",
+            4,
+            "test_it has @rvads.scenario(...), which gives it its `run`: parametrize another argument",
+        ),
+        (
             "pytestmark = [mine,\n    rvads.scenario('stop3', classes=9)]\ndef test_it(run): ...",
             6,
             "test_it: a 3-way junction has classes 1..4, got 9",
+        ),
+        (
+            "@rvads.scenario('stop3', rules='p9')\ndef test_it(run): ...",
+            5,
+            "test_it: rules= is what the argument `rule` of a test runs over: add that argument, or leave rules= out",
         ),
         (
             "far = rvads.scenario('stop5')\n@far\nclass TestIt:\n    def test_it(self, run): ...",
@@ -171,6 +214,11 @@ def test_marks_are_told_by_their_own_line_wherever_they_stand(pytester: pytest.P
             "@rvads.known('I1', cls=4)\n@mine\nclass TestIt:\n    def test_it(self, run): ...",
             5,
             "TestIt: @rvads.known('I1', cls=(4,)) matches no cell of any of its tests",
+        ),
+        (
+            "@rvads.known('I1', cls=4)\ndef test_it(): ...",
+            5,
+            "test_it: @rvads.known('I1', cls=(4,)) matches no cell of any of its tests",
         ),
         (
             "@mine\nclass TestIt(unittest.TestCase):\n    def test_it(self): ...",

@@ -36,6 +36,22 @@ def test_ids_name_the_seat_and_the_traffic(pytester: pytest.Pytester, brackets: 
     ]
 
 
+def test_traffic_need_not_be_hashable(pytester: pytest.Pytester, reference: None) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        class Parked(list):
+            def __call__(self):
+                return rvads.traffic("stopped")()
+
+        @rvads.scenario("stop3", subject=0, classes=1, grid="C", duration=0.1, traffic=[Parked()])
+        def test_it(run): ...
+        """
+    )
+    pytester.runpytest().assert_outcomes(passed=1)
+
+
 def test_the_road_rulebook_is_the_default_with_a_subject(pytester: pytest.Pytester, brackets: Lines) -> None:
     pytester.makepyfile(
         """

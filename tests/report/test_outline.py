@@ -54,7 +54,7 @@ def record(number: int, outcome: Outcome, known: str | None = None) -> Record:
     verdicts = [told] if outcome.value in (*TELLING, "PASS", "NA") else []
     kpis = msgspec.convert(INDICATORS, Indicators)
     ran = structs.replace(start, run=f"run{number}", hash=f"h{number}", kpis=kpis, timing={"a1": STACK})
-    result = "skipped" if known or outcome is Outcome.NA else "failed" if outcome.bad else "passed"
+    result = "skipped" if known or outcome.meaning == "idle" else "failed" if outcome.bad else "passed"
     over = conclude(ran, verdicts, "call", result, known=known, text=f"{outcome} in run {number}")
     return structs.replace(over, status=outcome)
 
@@ -129,21 +129,103 @@ def test_no_form_leaves_out_what_another_says(form: str) -> None:
     blocks = outline(report)
     assert [block.title for block in blocks] == [
         *("notes", "since the baseline", "stop4 among hesitant traffic   t.py::test"),
-        *("causes of failures", "provoked by traffic", "unavoidable: nobody could have kept the rule", "coverage"),
+        *("causes of failures", "provoked by traffic", "unavoidable: nobody could have kept the rule"),
+        *("known failures", "not applicable, skipped or not run", "coverage"),
     ]
     figures = blocks[-1].plain()
-    begins = ["driven by", "simulated by", "nearest", "most", "stop4", "stack ./mine", "slowest", "coverage", "2 points"]
+    begins = [
+        "driven by",
+        "simulated by",
+        "nearest",
+        "most",
+        "stop4",
+        "stack ./mine",
+        "slowest",
+        "requirement REQ-1",
+        "requirement REQ-2",
+        "versions",
+    ]
+    begins += ["coverage", "2 points beyond"]
     assert [next(b for b in begins if line.startswith(b)) for line in figures] == begins
     if form == "terminal":
-        # Its notes are printed by who asks for the summary: tests/plugin/test_interrupted.py, test_gate.py.
-        text = summary(report, colour=False, width=400, unicode=True, full=True)
-        blocks = blocks[1:]
-    else:
-        text = FORMATS[form](report, Path())
-    said = read(form, text).lower()
+        blocks = blocks[1:]  # Who asks for the summary prints the notes: tests/plugin/test_interrupted.py, test_gate.py.
+    said = rendered(form, report)
     wanted = [fact for block in blocks for fact in facts(block)]
     assert len(wanted) > 60
     assert [fact for fact in wanted if fact.lower() not in said] == []
+
+
+def rendered(form: str, report: Report) -> str:
+    """What a reader of a form reads, in small letters."""
+    if form == "terminal":
+        return summary(report, colour=False, width=400, unicode=True, full=True).lower()
+    return read(form, FORMATS[form](report, Path())).lower()
+
+
+SUMMED_UP = {
+    "nodeid": "the first of each cause",
+    "line": "the node id tells where it is",
+    "ways": "the junction has them",
+    "scenario": "rows are classes",
+    "rotation": "rows are classes",
+    "seat": "rows are classes",
+    "verdicts": "as causes, by what was violated",
+    "outcome": "pytest tells it",
+    "run": "those with extremes, and the slowest",
+    "hash": "programs compare it",
+    "place": "programs compare it",
+    "duration": "the slowest, by the clock on the wall",
+    "kpis": "the extremes",
+    "timing": "per stack",
+    "unkept": "one note for all",
+    "flaky": "as a cause",
+    "look": "the page links them",
+    "change": "in the list of changes",
+}
+"""The fields of records that text does not say record by record, and what it says instead; JSON has all of them."""
+
+
+def told(one: Record) -> dict[str, tuple[str, ...]]:
+    """What text says of a record by itself, by field."""
+    idle = one.status in ("NA", "NOT RUN") and not one.known  # messages of failures are told as causes, those of passes are not
+    return {
+        "junction": (one.junction,),
+        "test": (one.test,),
+        "cls": (f"{one.cls:02d}",),
+        "cfg": (one.cfg,),
+        "rule": (one.asks,),
+        "traffic": (one.traffic,),
+        "driver": (one.driver,),
+        "requirements": one.requirements,
+        "status": () if one.known else (one.status.cell,),
+        "known": (one.known,) if one.known else (),
+        "message": (one.message,) if idle else (),
+    }
+
+
+@pytest.mark.parametrize("form", [*FORMATS, "terminal"])
+def test_every_form_says_all_of_every_record_but_what_is_summed_up(form: str) -> None:
+    report = everything()
+    assert {*told(report.records[0]), *SUMMED_UP} == set(Record.__struct_fields__)
+    said = rendered(form, report)
+    wanted = [(one.nodeid, fact) for one in report.records for facts in told(one).values() for fact in facts]
+    assert [(item, fact) for item, fact in wanted if fact.lower() not in said] == []
+    assert [fact for name, version in report.versions.items() for fact in (name, version) if fact not in said] == []
+
+
+def test_the_tables_have_a_row_with_all_columns_for_every_record() -> None:
+    report = everything()
+    rows = {row["item"]: row for row in csv.DictReader(FORMATS[".csv"](report, Path()).splitlines())}
+    for one in report.records:
+        found = {heading: rows[one.nodeid][heading] for heading in ("class", "verdict", "known", "run", "text", "versions")}
+        assert list(found.values()) == [str(one.cls), one.status, one.known or "", one.hash, one.message, "numpy 2.0"]
+
+
+def test_a_known_failure_without_a_rule_is_a_failure_and_not_something_that_did_not_run() -> None:
+    start = record(1, Outcome.NOT_RUN)
+    assert conclude(start, [], "call", "skipped", known="I7: too slow", text="assert 3 < 1").status is Outcome.FAIL
+    assert conclude(start, [], "call", "skipped", text="no camera here").status is Outcome.NOT_RUN
+    assert conclude(start, [], "setup", "skipped", known="I7: too slow").status is Outcome.NOT_RUN
 
 
 def test_a_report_read_back_says_the_same(tmp_path: Path) -> None:
@@ -207,5 +289,5 @@ def test_an_outcome_is_all_in_one_place() -> None:
     assert [outcome for outcome in Outcome if outcome.judges] == ["PASS", "FAIL", "OPEN"]
     assert {outcome for outcome in Outcome if outcome.bad} == {"ERROR", "FLAKY", "FAIL", "NOT JUDGED", "OPEN"}
     assert all(Outcome(outcome.value) is outcome and outcome.word and outcome.cell for outcome in Outcome)
-    empty = replace(everything(), records=(), seconds={}, notes=(), comparison=None, left_out={}, planned=())
+    empty = replace(everything(), records=(), seconds={}, notes=(), comparison=None, left_out={}, planned=(), versions={})
     assert [list(block.plain()) for block in outline(empty)] == [["coverage: 0/0 cells exercised (0.0 %)"]]

@@ -1,6 +1,7 @@
 """Matrices, causes and files, from records written by hand."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.report.coverage import at_junctions
 from pytest_rvads.report.figures import extremes
 from pytest_rvads.report.files import load, save
@@ -197,6 +199,21 @@ def test_extremes_name_value_vehicle_and_run() -> None:
     text = summary(Report(tuple(runs), TOTALS), colour=False, width=60, unicode=False)
     assert all(line in text for line in extremes(runs))
     assert all(f"- {line}\n" in markdown(Report(tuple(runs), TOTALS)) for line in extremes(runs))
+
+
+@pytest.mark.parametrize("width", [30, 60, 80, 100])
+def test_every_rule_and_verdict_can_be_read_in_narrow_terminals_too(width: int) -> None:
+    """The rulebook of the road, at classes that do not fit into one line."""
+    rules = [rule.name for rule in rulebook("road")]
+    classes = range(1, 41, 2)
+    made = [record(cls, cfg, rule, "UNAVOIDABLE") for cls in classes for cfg in "CE" for rule in rules]
+    text = summary(Report(tuple(made), TOTALS), colour=False, width=width, unicode=False, full=True)
+    table = text[: text.index("causes of failures")]
+    assert all(len(line) <= width for line in table.splitlines()[1:])
+    words = re.findall(r"[\w.]+", table)
+    assert [words.count(rule) for rule in rules] == [2] * len(rules)
+    assert words.count("unavoidable") == 2 * len(rules)
+    assert {f"{cls:02d}" for cls in classes} <= set(words)
 
 
 def test_the_terminal_summary_is_plain_where_the_terminal_is() -> None:

@@ -85,7 +85,7 @@ def test_cause_groups_are_few_and_pure() -> None:
         runs[mutant] |= failures(mutant, "stop4", "CE", classes)
         runs[mutant] |= failures(mutant, "light4", "HJ", classes)
     ratios, purities = measure(runs, 100)
-    print(  # noqa: T201
+    print(
         f"{len(ratios)} draws: {sum(ratios) / len(ratios):.2f} groups per cause, at most {max(ratios):.2f}; "
         f"{100 * sum(purities) / len(purities):.1f} % pure, {sum(p >= 0.95 for p in purities)} of them at least 95 %"
     )

@@ -39,7 +39,7 @@ def test_ignored_ties_are_found_with_two_vehicles_every_time_alike() -> None:
 
 
 def test_the_reference_survives() -> None:
-    assert look_for("stop4", rvads.Reference, "p2", budget=12) is None
+    assert look_for("stop4", rvads.Reference, "p1", budget=12, partial=False) is None
 
 
 def test_what_nobody_could_have_avoided_is_no_counterexample() -> None:
@@ -127,8 +127,27 @@ def test_falsification_works_on_two_workers(pytester: pytest.Pytester) -> None:
     pytester.runpytest_subprocess("-p", "no:cacheprovider", "-n", "2").assert_outcomes(passed=1, failed=1)
 
 
-def test_misuse(pytester: pytest.Pytester) -> None:
-    with pytest.raises(rvads.ScenarioError, match="budget must be"):
-        rvads.falsify("stop4", rule="p1", budget=0)
+def test_a_method_searches_too_and_what_goes_wrong_in_a_search_is_told_by_its_line(pytester: pytest.Pytester) -> None:
+    file = pytester.makepyfile("""
+        import pytest_rvads as rvads
+
+        class TestIt:
+            @rvads.falsify(rvads.find("stop4"), rule="speed_limit", budget=2, autopilot=rvads.Reference)
+            def test_method(self, tmp_path):
+                assert tmp_path.exists() and isinstance(self, TestIt)
+
+        @rvads.falsify("stop4", rule="p91", autopilot=rvads.Reference)
+        def test_rule(): ...
+
+        @rvads.falsify("stop4", rule="p1", autopilot=int)
+        def test_driver(): ...
+    """)
+    result = pytester.runpytest("-p", "no:cacheprovider")
+    result.assert_outcomes(passed=1, failed=2)
+    result.stdout.fnmatch_lines([f"E *FormulaError: {file.name}:8: unknown rule 'p91', there are *"])
+    result.stdout.fnmatch_lines([f"E *RunError: {file.name}:11: *int can't drive a*: an autopilot needs a method control*"])
+
+
+def test_misuse() -> None:
     with pytest.raises(rvads.FormulaError, match="unknown rule 'p9'"):
         look_for("stop4", rvads.Reference, "p9")

@@ -60,6 +60,7 @@ def test_they_shrink_to_few_vehicles_and_round_numbers() -> None:
         (lambda: strategies.distances(5, 1), "distances go from"),
         (lambda: strategies.waits(-1, 1), "waits go from"),
         (lambda: strategies.scenarios("stop5"), "unknown junction 'stop5'"),
+        (lambda: strategies.scenarios("stop4", subject=9), "subject must be an entrance of 'stop4', 0 to 3, got 9"),
     ],
 )
 def test_misuse(call: Callable[[], object], says: str) -> None:

@@ -71,7 +71,7 @@ def test_every_search_takes_a_case_with_a_subject_and_a_simulator() -> None:
     rvads.determinate(case("stop4", "2200"), at=0.5, simulator=counting)
     rvads.sweep(case("stop4", "2200"), "p2", 0.0, 0.2, simulator=counting).check()
     before = len(counting.cases)
-    assert look_for("stop4", rvads.Reference, "p3", traffic="hesitant", subject=1, budget=4, simulator=counting) is None
+    assert look_for("stop4", rvads.Reference, "speed_limit", traffic="hesitant", subject=1, budget=4, simulator=counting) is None
     assert len(counting.cases) == before + 4
     assert all(c.scenario.subject == 1 and c.traffic is not None for c in counting.cases[before:])
     assert closed_vmax(0.3, rvads.Reference, simulator=counting) is not None

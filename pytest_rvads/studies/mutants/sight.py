@@ -102,7 +102,7 @@ class LateSight(_Misled):
 class _Coloured(_Misled):
     """Takes some colours for others."""
 
-    taken: dict[Colour, Colour] = {}  # noqa: RUF012 - never changed
+    taken: dict[Colour, Colour] = {}
 
     def perceive(self, seen: Observation) -> Observation:
         return seen._replace(lights=tuple([self.taken.get(colour, colour) for colour in seen.lights]))
@@ -111,16 +111,16 @@ class _Coloured(_Misled):
 class Yellow(_Coloured):
     """Takes yellow for green."""
 
-    taken = {Colour.YELLOW: Colour.GREEN}  # noqa: RUF012
+    taken = {Colour.YELLOW: Colour.GREEN}
 
 
 class RunsRed(_Coloured):
     """Takes red for green."""
 
-    taken = {Colour.RED: Colour.GREEN}  # noqa: RUF012
+    taken = {Colour.RED: Colour.GREEN}
 
 
 class Unlit(_Coloured):
     """Takes green for red: never goes, except to the right."""
 
-    taken = {Colour.GREEN: Colour.RED}  # noqa: RUF012
+    taken = {Colour.GREEN: Colour.RED}

@@ -1,0 +1,92 @@
+"""``@rvads.falsify``: a test that searches, checked where it is written as marks are."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Unpack
+
+from pytest_rvads.collection.misuse import caller, told_at
+from pytest_rvads.drivers.abilities import check_factory
+from pytest_rvads.errors import RvadsError, ScenarioError
+from pytest_rvads.scenarios.case import Fleet
+from pytest_rvads.search.falsify import Search, violation
+
+if TYPE_CHECKING:
+    from pytest_rvads.drivers.interface import Factory
+    from pytest_rvads.junctions.junction import Junction
+    from pytest_rvads.logic.rules.rule import Rule
+    from pytest_rvads.search.space import Space
+
+__all__ = ["falsify"]
+
+
+def falsify(
+    junction: str | Junction,
+    *,
+    rule: str | Rule,
+    autopilot: Factory | None = None,
+    traffic: str | Factory | None = None,
+    budget: int = 200,
+    seed: int = 0,
+    **space: Unpack[Space],
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a test that looks for a scenario in which a rule is broken, and fails with the simplest one it finds.
+
+    The body of the test is called once nothing was found; its arguments are fixtures. What was found is kept in Hypothesis'
+    example database and tried first the next time. A rule that never was triggered was not tried, which is an error.
+
+    Args:
+        junction: built-in name, or id of a junction in ``map``; or the junction itself.
+        rule: the rule to break.
+        autopilot: the system under test; by default what an option names, else that of the fixture ``rvads_autopilot``.
+        traffic: with ``subject``, what drives the others: a policy by name, or an autopilot of yours; the reference by default.
+        budget: most simulations before a counterexample, and most for making it simpler.
+        seed: other seeds look elsewhere.
+        space: where to look, see `strategies.scenarios`: ``map``, ``subject``, ``partial``, ``near``, ``far``, ``pace``,
+            ``wait``, ``aggression``, ``duration``.
+
+    Raises:
+        RvadsError: an argument that means nothing, or a class instead of a function; pytest shows it with the line and without
+            a traceback.
+
+    Example:
+        >>> @falsify("stop4", rule="p1", budget=50)
+        ... def test_nobody_meets_in_the_junction(): ...
+    """
+    place = caller()
+    with told_at(place):
+        search = Search.of(junction, rule, traffic, budget, seed, space)
+        if autopilot is not None:
+            check_factory(autopilot)
+
+    def decorate(test: Callable[..., None]) -> Callable[..., None]:
+        with told_at(place):
+            if not inspect.isfunction(test):
+                raise ScenarioError(f"@rvads.falsify makes a test of a function or method, got {test!r}: write it there")
+        wanted = inspect.signature(test)
+        needed = ["rvads_vehicle", "rvads_simulator", *([] if autopilot is not None else ["rvads_sut", "rvads_autopilot"])]
+
+        def wrapper(*instance: Any, **fixtures: Any) -> None:
+            __tracebackhide__ = True
+            tested = (autopilot, fixtures.get("rvads_sut"), fixtures.get("rvads_autopilot"))
+            driver = next(driver for driver in tested if driver is not None)
+            name = f"{test.__module__}.{test.__qualname__}"
+            try:
+                found = search.begin(driver, Fleet(fixtures["rvads_vehicle"]), fixtures["rvads_simulator"], name)
+            except RvadsError as error:
+                raise type(error)(f"{place}: {error}") from None
+            if found is not None:
+                raise violation(found)
+            test(*instance, **{key: value for key, value in fixtures.items() if key in wanted.parameters})
+
+        for attribute in ("__name__", "__qualname__", "__module__", "__doc__"):
+            setattr(wrapper, attribute, getattr(test, attribute))
+        wrapper.__dict__.update(test.__dict__)
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        parameters = [p.replace(kind=keyword) for p in wanted.parameters.values()]
+        parameters += [inspect.Parameter(name, keyword) for name in needed if name not in wanted.parameters]
+        wrapper.__signature__ = wanted.replace(parameters=parameters)  # type: ignore[attr-defined]
+        return wrapper
+
+    return decorate

@@ -1,0 +1,81 @@
+"""The space that a search for scenarios goes through: its arguments, and what is wrong with them."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from numbers import Real
+from typing import Any, TypedDict
+
+from pytest_rvads.errors import ScenarioError, suggest
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction
+
+__all__ = ["Space", "explored"]
+
+
+class Space(TypedDict, total=False):
+    """Where to look, see `strategies.scenarios`, which has the defaults."""
+
+    map: str | None
+    subject: int | None
+    partial: bool
+    near: float
+    far: float
+    pace: float
+    wait: tuple[float, float]
+    aggression: int
+    duration: float
+
+
+def explored(junction: str | Junction, space: Space) -> Junction:
+    """Return the junction that scenarios are looked for at.
+
+    Raises:
+        MapError: unknown or unusable junction.
+        ScenarioError: an argument of `space` that is none, or that means nothing at this junction.
+    """
+    names = Space.__annotations__
+    for name, value in space.items():
+        if name not in names:
+            raise ScenarioError(f"where to look is said by {', '.join(names)}, got {name!r}{suggest(name, names)}")
+        if name in _RIGHT and not _RIGHT[name][0](value):
+            raise ScenarioError(f"{name} must be {_RIGHT[name][1]}, got {value!r}")
+    if not isinstance(junction, str | Junction):
+        raise ScenarioError(f"junction must be a name in quotes or what rvads.find returns, got {junction!r:.60}")
+    place = junction if isinstance(junction, Junction) else find(junction, space.get("map"))
+    subject, ways = space.get("subject"), len(place.entrances)
+    if subject is not None and not (type(subject) is int and 0 <= subject < ways):
+        raise ScenarioError(f"subject must be an entrance of {place.name!r}, 0 to {ways - 1}, got {subject!r}")
+    return place
+
+
+def _number(value: Any, least: float, most: float) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and least <= float(value) <= most and float(value) < math.inf
+
+
+def _range(value: Any) -> bool:
+    return (
+        isinstance(value, tuple | list)
+        and len(value) == 2
+        and all(_number(end, 0, math.inf) for end in value)
+        and value[0] <= value[1]
+    )
+
+
+def _distance(value: Any) -> bool:
+    return _number(value, 0, math.inf)
+
+
+_RIGHT: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "map": (lambda file: file is None or isinstance(file, str | os.PathLike), "the path of an OpenDRIVE file"),
+    "partial": (lambda partial: isinstance(partial, bool), "True or False"),
+    "near": (_distance, "a distance of 0 m or more"),
+    "far": (_distance, "a distance of 0 m or more"),
+    "pace": (lambda pace: _number(pace, 0, 1), "a share of v(d)max, from 0 to 1"),
+    "wait": (_range, "the least and the greatest number of seconds, such as (0, 4)"),
+    "aggression": (lambda level: type(level) is int and 1 <= level <= 3, "1, 2 or 3"),
+    "duration": (lambda seconds: _number(seconds, 0, 3600) and seconds > 0, "a number of seconds above 0 and up to 3600"),
+}
+"""What each argument must be that no junction is needed to judge: whether it is that, and how to say it."""
