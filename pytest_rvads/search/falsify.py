@@ -221,7 +221,9 @@ def score(verdict: Verdict) -> float:
 
 
 def broken(run: Run, verdict: Verdict) -> bool:
-    """Return whether a run breaks a rule; what a collision cut short in the middle is open, not broken."""
+    """Return whether a run breaks a rule: what a collision cut short is no breach, nor is what traffic provoked."""
+    if verdict.provoked:
+        return False
     return verdict.status is Status.FAIL or (verdict.status is Status.OPEN and not cut_short_by(run))
 
 

@@ -68,7 +68,7 @@ def broken_rules(case: Case, simulator: Simulator | None = None) -> frozenset[st
     """Return the paper's rules that a run breaks although they could have been kept; a subject, by its own doing."""
     run = simulate(case, simulator)
     verdicts = {rule: check(run, rule) for rule in rules_for("paper", run.junction.control)}
-    return frozenset(rule.name for rule, v in verdicts.items() if broken(run, v) and not v.provoked and avoidable(run, rule))
+    return frozenset(rule.name for rule, v in verdicts.items() if broken(run, v) and avoidable(run, rule))
 
 
 def detects(job: Job) -> bool:

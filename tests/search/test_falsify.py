@@ -14,7 +14,7 @@ from hypothesis.database import DirectoryBasedExampleDatabase
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.logic.rules.book import get_rule
-from pytest_rvads.search.falsify import avoidable, look_for, pasteable
+from pytest_rvads.search.falsify import avoidable, broken, look_for, pasteable
 
 NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
 
@@ -49,6 +49,15 @@ def test_what_nobody_could_have_avoided_is_no_counterexample() -> None:
     two = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("paper_stop4"), "2200"), lgsvl("i3")))
     assert rvads.check(two, "p2").status is rvads.Status.FAIL
     assert avoidable(two, get_rule("p2"))
+
+
+def test_what_traffic_provoked_is_no_counterexample() -> None:
+    starts: dict[str, Any] = {"distance": (16.4, 16.8, 10.4, 10.0), "speed": (0.0, 0.0, 3.8, 3.8), "wait": 2.48}
+    scenario = rvads.Scenario(rvads.find("stop4"), "3233", subject=1, **starts)
+    run = rvads.simulate(rvads.Case(scenario, rvads.Reference, rvads.traffic("hesitant")))
+    verdict = rvads.check(run, "p3")
+    assert (verdict.status, verdict.provoked) == (rvads.Status.OPEN, True)
+    assert not broken(run, verdict)
 
 
 def test_faults_are_reported_with_the_scenario() -> None:
