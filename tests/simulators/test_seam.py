@@ -294,7 +294,6 @@ def test_whoever_names_no_simulator_gets_that_of_the_session(pytester: pytest.Py
         from hypothesis import find
         from own import counting
         from pytest_rvads.search.falsify import look_for
-from pytest_rvads.search.relations import RELATIONS
         from pytest_rvads.simulators.closed_loop import closed_vmax
 
         CASE = rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000", distance=1.0, duration=8.0), rvads.Reference)
@@ -305,7 +304,7 @@ from pytest_rvads.search.relations import RELATIONS
             lambda: rvads.rational(CASE, "full_stop", farther=(1.0,)),
             lambda: rvads.determinate(CASE, "full_stop", at=0.5),
             lambda: rvads.sweep(CASE, "full_stop", 0.0, 0.0),
-            lambda: look_for("stop4", rvads.Reference, "p1", budget=1),
+            lambda: look_for("stop4", rvads.Reference, "full_stop", budget=1),
             lambda: closed_vmax(0.3, rvads.Reference),
         ])
         def test_it(ask):
