@@ -100,7 +100,8 @@ _FACTS = get_type_hints(Facts, include_extras=True)
 class Run:
     """A run of the system: states every `dt` seconds, as arrays with one row per state.
 
-    Arrays and provenance are the run's own and can't be written to. What a recording does not hold is None, never guessed.
+    Its arrays are its own, and neither they nor the keys of its provenance can be written to. What a recording does not hold is
+    None, never guessed.
     """
 
     label: str
@@ -132,7 +133,7 @@ class Run:
     def __post_init__(self) -> None:
         for name in ARRAYS:
             array = getattr(self, name)
-            if array is not None and (array.flags.writeable or not array.flags.owndata):
+            if array is not None:
                 own = array.copy()
                 own.flags.writeable = False
                 object.__setattr__(self, name, own)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Mapping
-from dataclasses import astuple, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import MapError, RunError
+from pytest_rvads.errors import MapError, RunError, require
 from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
 from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Segment, Turn
@@ -86,12 +86,6 @@ class _Agent(msgspec.Struct, frozen=True):
     size: tuple[Positive, Positive] | None
 
 
-class _Facts(msgspec.Struct, frozen=True):
-    subject: str | None
-    speed_limit: Positive | None
-    strayed: tuple[str, ...]
-
-
 class _Header(msgspec.Struct, frozen=True):
     format: str
     version: int
@@ -101,7 +95,7 @@ class _Header(msgspec.Struct, frozen=True):
     junction: _Junction
     collisions: list[Collision] | None
     fault: Fault | None
-    facts: _Facts
+    facts: Facts
     provenance: dict[str, Any]
 
 
@@ -115,6 +109,7 @@ def save_run(run: Run, path: str | Path) -> None:
     Raises:
         RunError: the file can't be written, or ``provenance`` is not builtins.
     """
+    require(run, Run, "save_run takes a run, such as rvads.simulate(case) returns", RunError)
     path = Path(path)
     arrays = {name: array for name in _ARRAYS if (array := getattr(run, name)) is not None}
     lines: list[Segment] = []
@@ -127,7 +122,7 @@ def save_run(run: Run, path: str | Path) -> None:
         _put(run.junction, lines),
         None if run.collisions is None else list(run.collisions),
         run.fault and replace(run.fault, detail=""),
-        _Facts(*astuple(run.facts)),
+        run.facts,
         {},
     )
     try:
@@ -220,7 +215,7 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Run:
         **optional,
         collisions=None if header.collisions is None else tuple(header.collisions),
         fault=header.fault,
-        facts=Facts(*msgspec.structs.astuple(header.facts)),
+        facts=header.facts,
         provenance=header.provenance,
     )
 

@@ -11,19 +11,21 @@ from typing import Any
 
 __all__ = ["choice", "choosing"]
 
-_CHOICES: list[Any] = [None]
+_CHOICES: list[list[Any]] = [[None]]
+"""One entry per open session, a list of its own so that a session takes back its own choice, whoever ends first."""
 
 
 def choice() -> Any:
     """Return the `Simulator` of the session; None for ``bullet``, not loaded yet, as outside of sessions."""
-    return _CHOICES[-1]
+    return _CHOICES[-1][0]
 
 
 @contextmanager
 def choosing(simulator: Any) -> Iterator[None]:
     """Have a simulator, or None for ``bullet``, make the runs for which callers name no other."""
-    _CHOICES.append(simulator)
+    own = [simulator]
+    _CHOICES.append(own)
     try:
         yield
     finally:
-        _CHOICES.pop()
+        _CHOICES[:] = [entry for entry in _CHOICES if entry is not own]

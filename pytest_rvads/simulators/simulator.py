@@ -156,6 +156,8 @@ def vmax(
         ScenarioError: a distance that is negative or not finite, an unknown aggression, or `simulator` is none.
         RunError: what the simulator returned is no speed.
     """
+    require(distance, Real, "vmax takes a distance to the stopping line in metres", ScenarioError)
+    require(vehicle, Vehicle | None, "vehicle= takes a rvads.Vehicle", ScenarioError)
     maker = meant(simulator)
     speed: Any = maker.vmax(distance, aggression, vehicle)
     if speed is None:

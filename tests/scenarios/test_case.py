@@ -104,6 +104,9 @@ MISTAKES: dict[str, tuple[Callable[[Any], object], str]] = {
     "check": (lambda rvads: rvads.check(scenario(), "p1"), "check takes a run, such as"),
     "validate": (lambda rvads: rvads.validate(scenario()), "validate takes a run"),
     "kpis": (lambda rvads: rvads.kpis(scenario()), "kpis takes a run"),
+    "save": (lambda rvads: rvads.save_run(3, "run.npz"), "save_run takes a run"),
+    "v(d)max of a text": (lambda rvads: rvads.vmax("x"), "a distance to the stopping line in metres, got 'x'"),
+    "v(d)max of no vehicle": (lambda rvads: rvads.vmax(5.0, vehicle=3), "takes a rvads.Vehicle, got 3"),
     "find a number": (lambda rvads: rvads.find(3), "such as 'stop4', got 3"),
     "find nothing": (lambda rvads: rvads.find(None), "got None"),
 }

@@ -17,6 +17,7 @@ from pytest_rvads.errors import ScenarioError
 from pytest_rvads.search.falsify import look_for
 from pytest_rvads.search.relations import RELATIONS
 from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.choice import choice, choosing
 from pytest_rvads.simulators.closed_loop import closed_vmax
 from pytest_rvads.simulators.simulator import meant, named
 from pytest_rvads.studies import killing
@@ -318,6 +319,16 @@ def test_whoever_names_no_simulator_gets_that_of_the_session(pytester: pytest.Py
     """)
     pytester.runpytest("--rvads-simulator=own:counting", "-p", "no:cacheprovider").assert_outcomes(passed=8)
     assert meant() is bullet, "and outside of sessions it is the one that ships"
+
+
+def test_a_session_that_ends_takes_back_its_own_choice() -> None:
+    one, other = choosing("one"), choosing("other")
+    one.__enter__()
+    other.__enter__()
+    one.__exit__(None, None, None)
+    assert choice() == "other", "whichever began first"
+    other.__exit__(None, None, None)
+    assert choice() is None
 
 
 def test_a_test_has_the_simulator_of_its_own_file_in_any_scope_and_every_result_says_which(pytester: pytest.Pytester) -> None:
