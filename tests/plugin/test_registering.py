@@ -29,6 +29,9 @@ def test_what_a_test_file_registers_is_unknown_in_another(pytester: pytest.Pytes
     result = pytester.runpytest("--collect-only", "-q", *order)
     result.assert_outcomes(errors=1)
     result.stdout.fnmatch_lines(["*test_a.py::test_asked?*mine?", "*test_c.py:*unknown rule 'mine'*"])
+    if order[0] == "test_a.py":
+        told = "registers it for that file or test alone: move it to a conftest, or into a module that is no test file"
+        result.stdout.fnmatch_lines([f"*; *test_a.py:5 {told}"])
 
 
 def test_what_a_conftest_or_a_helper_registers_is_known_in_all(pytester: pytest.Pytester) -> None:
