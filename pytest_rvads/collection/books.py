@@ -1,4 +1,4 @@
-"""The book of rules of a session, those of its test files, and those of single tests: what a file registers is known in it alone."""
+"""The book of rules of a session, those of its test files, and those of tests: what one registers is known there alone."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def open_book(node: pytest.Item | pytest.Collector) -> Iterator[None]:
 
 @contextmanager
 def outliving(fixture: pytest.FixtureDef[Any]) -> Iterator[None]:
-    """Let what a fixture registers while it is set up live as long as the fixture can: where a test has it alone, with the test."""
+    """Let what a fixture registers while it is set up end with the test only where the fixture does."""
     opened = desk()
     before, opened.outlived = opened.outlived, opened.test and fixture.scope != "function"
     try:

@@ -39,7 +39,7 @@ def test_adding_to_a_book_makes_another_one() -> None:
     book = RuleBook().add(mine)
     assert (book["mine"], book.own, SHIPPED.own) == (mine, (mine,), ())
     assert book.add(Rule("mine", mine.text, place="there:2"))["mine"].place == "here:1", "the same rule again is no news"
-    with pytest.raises(FormulaError, match="'mine' is registered at here:1 and says something else at there:2: rename one"):
+    with pytest.raises(FormulaError, match="'mine' is registered at here:1 and says something else at there:2: give each a name"):
         book.add(Rule("mine", "forall a. G a@j", place="there:2"))
     for name in ("p1", "paper"):
         with pytest.raises(FormulaError, match=f"'{name}' is a shipped rule or rulebook"):
@@ -257,7 +257,7 @@ def test_functions_are_the_same_where_all_that_they_work_with_is() -> None:
 def test_a_word_tells_where_it_was_made_and_shipped_ones_stay() -> None:
     fast, slow = Word("fast", ("agent",), early), Word("fast", ("agent",), late)
     line = int(fast.place.rpartition(":")[2])
-    told = rf"'fast' is registered at {__file__}:{line} and says something else at {__file__}:{line}: rename one"
+    told = rf"'fast' is registered at {__file__}:{line} and says something else at {__file__}:{line}: give each a name"
     with pytest.raises(FormulaError, match=told):
         RuleBook().define(fast).define(slow)
     with pytest.raises(FormulaError, match=f"rule 'mine': {told}"):

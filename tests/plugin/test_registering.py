@@ -142,6 +142,22 @@ def test_asked(monitor):
     pytester.runpytest("-q").assert_outcomes(passed=1)
 
 
+@pytest.mark.parametrize("made", ["rvads.rule", "rvads.Rule"])
+def test_what_tests_are_judged_by_has_one_meaning_per_name(pytester: pytest.Pytester, made: str) -> None:
+    """Reports would take both for one; what a test registers and nobody is judged by is its own affair."""
+    test = f"""
+@pytest.mark.parametrize("text", ["F a@j", "F a@j", "G a@j"])
+@rvads.scenario("stop4", scenarios="1000", distances=0.3)
+def test_asked(monitor, text):
+    monitor.check({made}("body", f"forall a. {{text}}"))
+"""
+    write(pytester, test_a=test)
+    result = pytester.runpytest("-q")
+    result.assert_outcomes(passed=2, failed=1)
+    told = "'body' is registered at *test_a.py:9 and says something else at *test_a.py:9: give each a name of its own"
+    result.stdout.fnmatch_lines([f"*FormulaError: {told}*"])
+
+
 FIXTURES = """
 @pytest.fixture(params=["F a@j", "G a@j"])
 def limit(request):

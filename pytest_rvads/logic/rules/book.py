@@ -49,7 +49,8 @@ class RuleBook:
         known = self.rules.get(rule.name, rule)
         if known != rule:
             raise FormulaError(
-                f"{rule.name!r} is registered at {known.place} and says something else at {rule.place}: rename one of them"
+                f"{rule.name!r} is registered at {known.place} and says something else at {rule.place}: "
+                "give each a name of its own"
             )
         return replace(self, rules={**self.rules, rule.name: known})
 
@@ -107,7 +108,7 @@ def joined(one: RuleBook, two: RuleBook) -> RuleBook:
 
 
 def claim(rule: Rule) -> None:
-    """Note a rule that a test asks for, whether it is registered or not.
+    """Note a rule that a test is judged by, whether it is registered or not, and by whomever.
 
     Raises:
         FormulaError: another one of the session bears its name, so that reports would take both for one.

@@ -36,7 +36,7 @@ class Desk:
         """Tell whether what code registers is for the test file or test alone; another file is imported once, so for all."""
         if self.outlived:
             return False
-        return self.test and not _imported(frame) or frame.f_globals.get("__file__", self.file) == self.file
+        return (self.test and not _imported(frame)) or frame.f_globals.get("__file__", self.file) == self.file
 
 
 PROCESS = Desk()

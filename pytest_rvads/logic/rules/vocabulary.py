@@ -188,7 +188,8 @@ class Vocabulary(Names[Word]):
             raise FormulaError(f"{word.name!r} is a shipped word, not to be changed at {word.place}: choose another name")
         if known != word:
             raise FormulaError(
-                f"{word.name!r} is registered at {known.place} and says something else at {word.place}: rename one of them"
+                f"{word.name!r} is registered at {known.place} and says something else at {word.place}: "
+                "give each a name of its own"
             )
         return self
 
