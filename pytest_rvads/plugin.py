@@ -12,7 +12,7 @@ from typing import TypeVar
 import pytest
 
 from pytest_rvads import hooks
-from pytest_rvads.collection.books import close_setup, open_book, open_session
+from pytest_rvads.collection.books import open_book, open_session, outliving
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_run, rvads_runs
@@ -155,6 +155,13 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Generator[None, object, object]:
+    """Keep the rules that a fixture registers as long as its scope says."""
+    with outliving(fixturedef):
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
     """Let no item of ours pass that judged nothing, or went on after a violation as if nothing had been."""
     if RECORD not in item.stash:
@@ -174,8 +181,6 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Attach the record of the item to its report: explanation, properties, the place of an NA."""
     report = yield
-    if call.when == "setup":
-        close_setup(item)
     attach(item, call, report)
     return report
 

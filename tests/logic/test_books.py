@@ -2,7 +2,7 @@
 
 import pickle
 from collections.abc import Callable
-from functools import partial
+from functools import partial, reduce
 from types import FunctionType
 from typing import Any, NamedTuple, cast
 
@@ -39,7 +39,7 @@ def test_adding_to_a_book_makes_another_one() -> None:
     book = RuleBook().add(mine)
     assert (book["mine"], book.own, SHIPPED.own) == (mine, (mine,), ())
     assert book.add(Rule("mine", mine.text, place="there:2"))["mine"].place == "here:1", "the same rule again is no news"
-    with pytest.raises(FormulaError, match="'mine' is registered at here:1 and says something else at there:2: rename one"):
+    with pytest.raises(FormulaError, match="'mine' is registered at here:1 and says something else at there:2: give each a name"):
         book.add(Rule("mine", "forall a. G a@j", place="there:2"))
     for name in ("p1", "paper"):
         with pytest.raises(FormulaError, match=f"'{name}' is a shipped rule or rulebook"):
@@ -147,6 +147,18 @@ def over(limit: float) -> Callable[..., np.ndarray]:
     return fast
 
 
+def packed(package: str, body: str = "from .limits import K as limit") -> Callable[..., np.ndarray]:
+    """Return a predicate of a module in a package."""
+    module: dict[str, Any] = {"__package__": package}
+    exec(f"def fast(run, agent):\n    {body}\n    return run.speed[:, agent] > limit\n", module)
+    return cast("Callable[..., np.ndarray]", module["fast"])
+
+
+def deep(functions: int) -> Callable[..., np.ndarray]:
+    """Return a function that works with a function, and so on."""
+    return reduce(lambda inner, _: over(inner), range(functions), over(3))  # type: ignore[arg-type]
+
+
 class Over:
     """A limit with a method that asks whether it is kept."""
 
@@ -215,6 +227,8 @@ def test_functions_are_the_same_where_all_that_they_work_with_is() -> None:
         (over((3, "m")), over((3, "m"))),  # type: ignore[arg-type]
         (over(loaded(3)), over(loaded(3))),  # type: ignore[arg-type]
         (owner.fast, owner.fast),
+        (packed("one"), packed("one")),
+        (packed("one", "limit = 3"), packed("two", "limit = 3")),
         (recursive, FunctionType(recursive.__code__, globals(), "again")),
     ]
     assert [same(one, two) for one, two in alike] == [True] * len(alike)
@@ -233,6 +247,9 @@ def test_functions_are_the_same_where_all_that_they_work_with_is() -> None:
         (Over(3).fast, Over(3).fast),
         (early, late),
         (partial(early), partial(early)),
+        (packed("one"), packed("two")),
+        (packed("one", "limit = globals()['K']"), packed("one", "limit = globals()['K']")),
+        (deep(1500), deep(1500)),
     ]
     assert [same(one, two) for one, two in apart] == [False] * len(apart)
 
@@ -240,7 +257,7 @@ def test_functions_are_the_same_where_all_that_they_work_with_is() -> None:
 def test_a_word_tells_where_it_was_made_and_shipped_ones_stay() -> None:
     fast, slow = Word("fast", ("agent",), early), Word("fast", ("agent",), late)
     line = int(fast.place.rpartition(":")[2])
-    told = rf"'fast' is registered at {__file__}:{line} and says something else at {__file__}:{line}: rename one"
+    told = rf"'fast' is registered at {__file__}:{line} and says something else at {__file__}:{line}: give each a name"
     with pytest.raises(FormulaError, match=told):
         RuleBook().define(fast).define(slow)
     with pytest.raises(FormulaError, match=f"rule 'mine': {told}"):
@@ -282,3 +299,19 @@ def test_words_of_a_predicate_name_its_arguments() -> None:
         rvads.predicate("near", "agent", says="{1} is near")
     with pytest.raises(FormulaError, match=r"got '\{0 is near'"):
         rvads.predicate("near", "agent", denies="{0 is near")
+    for says in ("{0.z}", "{0[z]}", 3):
+        with pytest.raises(FormulaError, match="'near': words name its 1 arguments by number"):
+            Word("near", ("agent",), says=says)  # type: ignore[arg-type]
+
+
+def test_what_is_no_name_rule_or_vocabulary_is_refused_where_it_is_passed() -> None:
+    wrong: Any = 3
+    for ask, told in (
+        (lambda: Word(wrong, ("agent",)), "a predicate needs a free identifier as its name, got 3"),
+        (lambda: RuleBook({"a": wrong}), "rules= takes rules by their names, got 3"),
+        (lambda: RuleBook(wrong), "rules= takes rules by their names, got 3"),
+        (lambda: RuleBook(vocabulary=wrong), "vocabulary= takes a Vocabulary, got 3"),
+        (lambda: rules_for(wrong), "rules are named one by one, or as a list of names and of Rules, got 3"),
+    ):
+        with pytest.raises(FormulaError, match=told):
+            ask()

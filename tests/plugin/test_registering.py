@@ -29,6 +29,9 @@ def test_what_a_test_file_registers_is_unknown_in_another(pytester: pytest.Pytes
     result = pytester.runpytest("--collect-only", "-q", *order)
     result.assert_outcomes(errors=1)
     result.stdout.fnmatch_lines(["*test_a.py::test_asked?*mine?", "*test_c.py:*unknown rule 'mine'*"])
+    if order[0] == "test_a.py":
+        told = "registers it for that file or test alone: move it to a conftest, or into a module that is no test file"
+        result.stdout.fnmatch_lines([f"*; *test_a.py:5 {told}"])
 
 
 def test_what_a_conftest_or_a_helper_registers_is_known_in_all(pytester: pytest.Pytester) -> None:
@@ -108,7 +111,7 @@ class TestAfter:
 
 
 def test_what_a_test_registers_ends_with_it(pytester: pytest.Pytester) -> None:
-    """What its fixtures register stays in its file, and what it imports for all."""
+    """What fixtures of its file register stays in the file, and what it imports for all."""
     after = "def test_elsewhere():\n    assert known() == ['everywhere', 'imported']\n"
     write(pytester, conftest=CONFTEST, lazy="rvads.rule('imported', 'forall a. F a@j')", test_a=BODIES, test_b=after)
     pytester.runpytest("-q").assert_outcomes(passed=4)
@@ -137,3 +140,83 @@ def test_asked(monitor):
 """
     write(pytester, test_a=MINE + test)
     pytester.runpytest("-q").assert_outcomes(passed=1)
+
+
+@pytest.mark.parametrize("made", ["rvads.rule", "rvads.Rule"])
+def test_what_tests_are_judged_by_has_one_meaning_per_name(pytester: pytest.Pytester, made: str) -> None:
+    """Reports would take both for one; what a test registers and nobody is judged by is its own affair."""
+    test = f"""
+@pytest.mark.parametrize("text", ["F a@j", "F a@j", "G a@j"])
+@rvads.scenario("stop4", scenarios="1000", distances=0.3)
+def test_asked(monitor, text):
+    monitor.check({made}("body", f"forall a. {{text}}"))
+"""
+    write(pytester, test_a=test)
+    result = pytester.runpytest("-q")
+    result.assert_outcomes(passed=2, failed=1)
+    told = "'body' is registered at *test_a.py:9 and says something else at *test_a.py:9: give each a name of its own"
+    result.stdout.fnmatch_lines([f"*FormulaError: {told}*"])
+
+
+FIXTURES = """
+@pytest.fixture(params=["F a@j", "G a@j"])
+def limit(request):
+    return rvads.rule("limit", f"forall a. {request.param}")
+
+@pytest.fixture(scope="module")
+def lasting():
+    return rvads.rule("lasting", "forall a. F a@j")
+
+def test_limit(limit):
+    assert known() == ["limit"]
+
+def test_none():
+    assert known() == []
+
+def test_asks_in_its_body(request, limit):
+    request.getfixturevalue("lasting")
+    assert known() == ["lasting", "limit"]
+
+def test_asks_again(lasting):
+    assert known() == ["lasting"]
+"""
+
+
+def test_what_a_fixture_registers_lives_as_long_as_its_scope(pytester: pytest.Pytester) -> None:
+    write(pytester, test_a=FIXTURES)
+    pytester.runpytest("-q").assert_outcomes(passed=6)
+
+
+def test_a_session_in_a_test_knows_nothing_of_the_test_and_its_file(pytester: pytest.Pytester) -> None:
+    inner = "def test_knows_nothing(pytester):\n    assert known() == ['mine']\n" + (
+        "    pytester.makepyfile('from pytest_rvads.logic.rules.book import current_book\\n'\n"
+        "        'def test_inner():\\n    assert current_book().own == ()')\n"
+        "    pytester.inline_run('-q').assertoutcome(passed=1)\n"
+    )
+    write(pytester, conftest="pytest_plugins = ['pytester']\n", test_a=MINE + inner)
+    pytester.runpytest("-q").assert_outcomes(passed=1)
+
+
+def test_a_module_that_is_collected_for_its_examples_alone_registers_for_all(pytester: pytest.Pytester) -> None:
+    """What its examples register ends with them."""
+    helper = 'rvads.rule("helped", "forall a. F a@j")\n\ndef example():\n    """\n    >>> known()\n    [\'helped\']\n'
+    helper += '    >>> rvads.rule("mine", "forall a. F a@j")\n    <Rule mine: forall a. F a@j>\n    """\n'
+    write(pytester, arules=helper, test_b="import arules\ndef test_knows():\n    assert known() == ['helped']\n")
+    pytester.runpytest("-q", "--doctest-modules").assert_outcomes(passed=2)
+
+
+LAZY = """
+class Rules:
+    rvads.rule("in_class", "forall a. F a@j")
+
+def register():
+    rvads.rule("in_function", "forall a. F a@j")
+
+register()
+"""
+
+
+def test_a_module_that_a_test_imports_registers_for_all_wherever_it_does(pytester: pytest.Pytester) -> None:
+    test = "def test_{}():\n    import lazy\n    assert known() == ['in_class', 'in_function']\n"
+    write(pytester, lazy=LAZY, test_a=test.format("imports") + test.format("again"))
+    pytester.runpytest("-q").assert_outcomes(passed=2)

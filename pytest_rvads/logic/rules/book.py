@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -32,6 +32,10 @@ class RuleBook:
     vocabulary: Vocabulary = BUILT_IN
 
     def __post_init__(self) -> None:
+        require(self.rules, Mapping, "rules= takes rules by their names", FormulaError)
+        for rule in self.rules.values():
+            require(rule, Rule, "rules= takes rules by their names", FormulaError)
+        require(self.vocabulary, Vocabulary, "vocabulary= takes a Vocabulary", FormulaError)
         object.__setattr__(self, "rules", Names(self.rules))
 
     def add(self, rule: Rule) -> RuleBook:
@@ -45,7 +49,8 @@ class RuleBook:
         known = self.rules.get(rule.name, rule)
         if known != rule:
             raise FormulaError(
-                f"{rule.name!r} is registered at {known.place} and says something else at {rule.place}: rename one of them"
+                f"{rule.name!r} is registered at {known.place} and says something else at {rule.place}: "
+                "give each a name of its own"
             )
         return replace(self, rules={**self.rules, rule.name: known})
 
@@ -103,7 +108,7 @@ def joined(one: RuleBook, two: RuleBook) -> RuleBook:
 
 
 def claim(rule: Rule) -> None:
-    """Note a rule that a test asks for, whether it is registered or not.
+    """Note a rule that a test is judged by, whether it is registered or not, and by whomever.
 
     Raises:
         FormulaError: another one of the session bears its name, so that reports would take both for one.
@@ -222,7 +227,17 @@ def get_rule(rule: str | Rule, book: RuleBook | None = None) -> Rule:
     """
     book = current_book(book)
     require(rule, str | Rule, "a rule is a Rule or the name of one, such as 'p1'", FormulaError)
-    return rule if isinstance(rule, Rule) else book[rule]
+    if isinstance(rule, Rule):
+        return rule
+    try:
+        return book[rule]
+    except FormulaError as error:
+        index = desk().index
+        if index is None or book is not current_book() or rule not in _on(index).rules:
+            raise
+        place = _on(index)[rule].place
+        remedy = "move it to a conftest, or into a module that is no test file"
+        raise FormulaError(f"{error}; {place} registers it for that file or test alone: {remedy}") from None
 
 
 def rules_for(
@@ -238,6 +253,8 @@ def rules_for(
     Raises:
         FormulaError: an unknown name, or different rules of the same name, also that of a shipped one.
     """
+    wanted = "rules are named one by one, or as a list of names and of Rules"
+    require(spec, str | Rule | Iterable, wanted, FormulaError)
     found: dict[str, Rule] = {}
     for part in (spec,) if isinstance(spec, str | Rule) else spec:
         if isinstance(part, str) and part in _SHELF:

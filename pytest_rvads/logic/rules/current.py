@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-__all__ = ["PACKAGE", "Desk", "desk", "desks", "here", "own_desk"]
+__all__ = ["PACKAGE", "PROCESS", "Desk", "desk", "desks", "here", "own_desk"]
 
 PACKAGE = "pytest-rvads"
 """The place of the rules and words that come with the package."""
@@ -20,21 +20,28 @@ class Desk:
     Imports nothing, because every session of pytest has one, also where nobody asks for rules.
     """
 
-    def __init__(self, book: Any = None, file: str = "", index: Desk | None = None) -> None:
+    def __init__(self, book: Any = None, file: str = "", index: Desk | None = None, *, test: bool = False) -> None:
         self.book: Any = book
         """A `RuleBook`; None for that of the shipped rules, not loaded yet."""
         self.file = file
         """The test file that it is open for; empty for one that is open for all."""
         self.index = index
-        """Where all lies that a session registers, so that a name means one thing in it; None while a test runs."""
+        """Where all lies that a session registers for more than one test, so that a name means one thing in it."""
+        self.test = test
+        """Whether it is open for one test of the file, and dropped with it."""
+        self.outlived = False
+        """Whether a fixture is being set up that other tests have as well, so that what it registers stays with their file."""
 
     def alone(self, frame: FrameType) -> bool:
         """Tell whether what code registers is for the test file or test alone; another file is imported once, so for all."""
-        by_test = self.index is None and frame.f_code.co_name != "<module>"
-        return by_test or frame.f_globals.get("__file__", self.file) == self.file
+        if self.outlived:
+            return False
+        return (self.test and not _imported(frame)) or frame.f_globals.get("__file__", self.file) == self.file
 
 
-_DESKS = [Desk()]
+PROCESS = Desk()
+"""Where the book lies that is open outside of any session."""
+_DESKS = [PROCESS]
 
 
 def desk() -> Desk:
@@ -49,7 +56,7 @@ def desks() -> list[Desk]:
         found.append(one)
         if not one.file or one.alone(frame):
             break
-    return list(dict.fromkeys([*found, *(one.index for one in found if one.index)]))
+    return list(dict.fromkeys([*found, *(one.index for one in found if one.index and not one.test)]))
 
 
 @contextmanager
@@ -74,3 +81,10 @@ def _caller() -> FrameType:
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == __name__.partition(".")[0]:
         frame = frame.f_back
     return frame
+
+
+def _imported(frame: FrameType) -> bool:
+    """Tell whether code runs because its module is imported, be it in a class or in a function that is called there."""
+    while frame.f_back is not None and frame.f_back.f_globals is frame.f_globals:
+        frame = frame.f_back
+    return frame.f_code.co_name == "<module>"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dis
 from collections.abc import Iterator
 from types import CellType, CodeType, FunctionType, MethodType
 
@@ -9,16 +10,22 @@ __all__ = ["same"]
 
 _PLAIN = (bool, int, float, complex, str, bytes)
 _UNBOUND = object()
+_UNSEEN = {"globals", "eval", "exec", "locals", "vars", "__import__"}
+"""By these a function reaches what its code does not name."""
+_IMPORT = dis.opmap["IMPORT_NAME"]
 
 
 def same(one: object, two: object) -> bool:
     """Return whether two functions, or two values that functions work with, are the same.
 
     They are when they are identical; plain values that are equal, or tuples of such; methods of one object and the same function;
-    or functions of the same code, lines apart, whose defaults, attributes, closures and globals are the same. Anything else may
-    come to differ unseen, and is not.
+    or functions of the same code, lines apart, whose defaults, attributes, closures and globals are the same, and the package too
+    where they import. Anything else may come to differ unseen, and is not.
     """
-    return _same(one, two, set())
+    try:
+        return _same(one, two, set())
+    except RecursionError:  # functions of functions, too deep to look through
+        return False
 
 
 def _same(one: object, two: object, assumed: set[tuple[int, int]]) -> bool:
@@ -42,9 +49,12 @@ def _works_with(function: FunctionType) -> tuple[object, ...]:
     """Return what a function works with beside its arguments, in an order that its code tells."""
     named = (function.__kwdefaults__ or {}, vars(function))
     cells = tuple(_content(cell) for cell in function.__closure__ or ())
-    used = dict.fromkeys(name for code in _codes(function.__code__) for name in code.co_names)
+    codes = tuple(_codes(function.__code__))
+    used = dict.fromkeys(name for code in codes for name in code.co_names)
     values = tuple(function.__globals__.get(name, _UNBOUND) for name in used)
-    return function.__defaults__, tuple(tuple(sorted(values.items())) for values in named), cells, values
+    unseen = None if _UNSEEN.isdisjoint(used) else object()  # like no other
+    package = function.__globals__.get("__package__") if any(_IMPORT in code.co_code[::2] for code in codes) else None
+    return function.__defaults__, tuple(tuple(sorted(values.items())) for values in named), cells, values, unseen, package
 
 
 def _content(cell: CellType) -> object:

@@ -63,7 +63,7 @@ class Word:
             return
         if not self.place:
             object.__setattr__(self, "place", here())
-        if not self.name.isidentifier() or self.name in _RESERVED:
+        if not isinstance(self.name, str) or not self.name.isidentifier() or self.name in _RESERVED:
             raise FormulaError(f"a predicate needs a free identifier as its name, got {self.name!r}")
         for sort in (sort for sorts in self.sorts for sort in sorts_in(sorts)):
             if sort not in set(Sort):
@@ -71,7 +71,7 @@ class Word:
         for text in (self.says, self.denies):
             try:
                 text.format(*self.sorts)
-            except (LookupError, ValueError) as error:
+            except (AttributeError, LookupError, TypeError, ValueError) as error:
                 raise FormulaError(
                     f"predicate {self.name!r}: words name its {len(self.sorts)} arguments by number, {{0}} the first, "
                     f"got {text!r}"
@@ -188,7 +188,8 @@ class Vocabulary(Names[Word]):
             raise FormulaError(f"{word.name!r} is a shipped word, not to be changed at {word.place}: choose another name")
         if known != word:
             raise FormulaError(
-                f"{word.name!r} is registered at {known.place} and says something else at {word.place}: rename one of them"
+                f"{word.name!r} is registered at {known.place} and says something else at {word.place}: "
+                "give each a name of its own"
             )
         return self
 
