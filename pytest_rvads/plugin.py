@@ -164,6 +164,7 @@ def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Generator[Non
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
     """Let no item of ours pass that judged nothing, or went on after a violation as if nothing had been."""
+    __tracebackhide__ = True
     if RECORD not in item.stash:
         return (yield)
     try:

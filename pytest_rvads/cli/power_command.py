@@ -25,7 +25,9 @@ def declare(commands: Subparsers) -> None:
         "--deficiency", action="append", choices=("I1", "I2", "I3", "I4", "I5"), help="only this one, may be repeated"
     )
     power.add_argument("--among", metavar="TRAFFIC", help="one vehicle has the deficiency, among traffic of this policy")
-    power.add_argument("--simulator", metavar="NAME", default="bullet", help="what makes the runs, a name or module:name")
+    power.add_argument(
+        "--simulator", metavar="NAME", default="bullet", help="what makes the runs, a name or module:name; starts stay bullet's"
+    )
     power.add_argument("--seeds", type=int, default=100, help="repetitions (default: 100)")
     power.add_argument("--budget", type=int, default=40, help="simulations after which a search gives up (default: 40)")
     power.add_argument("--workers", type=int, help="processes (default: one per processor)")

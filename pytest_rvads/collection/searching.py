@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Unpack
@@ -9,13 +10,15 @@ from typing import TYPE_CHECKING, Any, Unpack
 from pytest_rvads.collection.misuse import caller, told_at
 from pytest_rvads.drivers.abilities import check_factory
 from pytest_rvads.errors import RvadsError, ScenarioError
+from pytest_rvads.logic.rules.book import claim, rules_for
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.scenarios.case import Fleet
 from pytest_rvads.search.falsify import Search, violation
+from pytest_rvads.simulators.simulator import usable
 
 if TYPE_CHECKING:
     from pytest_rvads.drivers.interface import Factory
     from pytest_rvads.junctions.junction import Junction
-    from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.search.space import Space
 
 __all__ = ["falsify"]
@@ -57,6 +60,8 @@ def falsify(
     place = caller()
     with told_at(place):
         search = Search.of(junction, rule, traffic, budget, seed, space)
+        if isinstance(rule, Rule):  # a name is looked up when the test runs, and registered rules are noted
+            claim(*rules_for(rule))
         if autopilot is not None:
             check_factory(autopilot)
 
@@ -64,25 +69,30 @@ def falsify(
         with told_at(place):
             if not inspect.isfunction(test):
                 raise ScenarioError(f"@rvads.falsify makes a test of a function or method, got {test!r}: write it there")
+            if inspect.iscoroutinefunction(test) or inspect.isasyncgenfunction(test) or inspect.isgeneratorfunction(test):
+                raise ScenarioError(
+                    f"@rvads.falsify calls the body of a test, got {test.__qualname__}, whose body a call would not run: write "
+                    "it as a plain def without yield"
+                )
         wanted = inspect.signature(test)
         needed = ["rvads_vehicle", "rvads_simulator", *([] if autopilot is not None else ["rvads_sut", "rvads_autopilot"])]
 
+        @functools.wraps(test)
         def wrapper(*instance: Any, **fixtures: Any) -> None:
             __tracebackhide__ = True
             tested = (autopilot, fixtures.get("rvads_sut"), fixtures.get("rvads_autopilot"))
-            driver = next(driver for driver in tested if driver is not None)
+            driver: Any = next((driver for driver in tested if driver is not None), None)
             name = f"{test.__module__}.{test.__qualname__}"
             try:
-                found = search.begin(driver, Fleet(fixtures["rvads_vehicle"]), fixtures["rvads_simulator"], name)
+                check_factory(driver)
+                found = search.begin(driver, Fleet(fixtures["rvads_vehicle"]), usable(fixtures["rvads_simulator"]), name)
             except RvadsError as error:
-                raise type(error)(f"{place}: {error}") from None
+                error.args = (f"{place}: {error}",)
+                raise error.with_traceback(None) from None
             if found is not None:
                 raise violation(found)
             test(*instance, **{key: value for key, value in fixtures.items() if key in wanted.parameters})
 
-        for attribute in ("__name__", "__qualname__", "__module__", "__doc__"):
-            setattr(wrapper, attribute, getattr(test, attribute))
-        wrapper.__dict__.update(test.__dict__)
         keyword = inspect.Parameter.KEYWORD_ONLY
         parameters = [p.replace(kind=keyword) for p in wanted.parameters.values()]
         parameters += [inspect.Parameter(name, keyword) for name in needed if name not in wanted.parameters]

@@ -13,7 +13,7 @@ from itertools import pairwise
 from pytest_rvads.errors import RuleViolation, RunError, ScenarioError, require
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.logic.rules.book import get_rule
+from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import DT
 from pytest_rvads.scenarios.case import Case
@@ -100,10 +100,11 @@ def sweep(
 
     Raises:
         ScenarioError: an empty range, or a step below one tick.
+        FormulaError: an unknown rule, or another one that bears the name of a shipped one.
         RunError: a run ended by a fault.
     """
     require(case, Case, "sweep takes a rvads.Case(scenario, driver)", ScenarioError)
-    chosen = get_rule(rule)
+    (chosen,) = rules_for(get_rule(rule))
 
     def status(wait: float) -> Status:
         verdict = check(simulate(case.but(wait=wait), simulator), chosen)

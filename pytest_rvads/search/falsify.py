@@ -19,10 +19,11 @@ from pytest_rvads.errors import OpenObligation, RuleViolation, RunError, Scenari
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.logic.rules.book import get_rule
+from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
+from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.classes import label
 from pytest_rvads.scenarios.scenario import Scenario
@@ -80,12 +81,13 @@ class Search:
             around = None
         else:
             raise ScenarioError("traffic= drives the vehicles beside a subject: say subject=0, or leave traffic= out")
+        space = {**space, "map": None}  # the junction is found
         return cls(place=place, rule=rule, traffic=around, budget=budget, seed=seed, space=space)
 
     def begin(self, driver: Factory, fleet: Fleet, simulator: Simulator | None, name: str | None = None) -> Counterexample | None:
         """Look for a counterexample, see `look_for`."""
         trial = _Trial(self.rule, self.budget, lambda s: Case(s, driver, self.traffic, fleet), simulator)
-        found = _search(self, trial, name)
+        found = _search(self, trial, fleet.vehicle, name)
         if found is None and not trial.triggered:
             raise ScenarioError(
                 f"{trial.rule.name} was not triggered in any of {trial.simulations} simulations at {self.place.name}, so "
@@ -127,11 +129,12 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
     Raises:
         RunError: a run ended by a fault; the scenario is in the message.
         ScenarioError: an argument that means nothing, or a rule that never was triggered.
+        FormulaError: an unknown rule, or another one that bears the name of a shipped one.
     """
     return Search.of(junction, rule, traffic, budget, seed, space).begin(autopilot, fleet or Fleet(), simulator, name)
 
 
-def _search(search: Search, trial: _Trial, name: str | None) -> Counterexample | None:
+def _search(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None) -> Counterexample | None:
     """Have Hypothesis try scenarios until one breaks the rule of `trial`."""
     from hypothesis import HealthCheck, Phase, Verbosity, given, settings, target
     from hypothesis import seed as seeded
@@ -162,7 +165,7 @@ def _search(search: Search, trial: _Trial, name: str | None) -> Counterexample |
         database=settings().database if name else None,
     )
     # A seed turns the database off, so it comes first.
-    scenarios = strategies.scenarios(search.place, simulator=trial.simulator, **search.space)
+    scenarios = strategies.scenarios(search.place, vehicle=vehicle, simulator=trial.simulator, **search.space)
     try:
         configured(seeded(search.seed)(given(scenarios)(attempt)))()
     except _Broken:
@@ -178,7 +181,7 @@ class _Trial:
     """Simulates every scenario once, and no more than the budget allows."""
 
     def __init__(self, rule: str | Rule, budget: int, case: Callable[[Scenario], Case], simulator: Simulator | None) -> None:
-        self.rule = get_rule(rule)
+        (self.rule,) = rules_for(get_rule(rule))
         self.budget = budget
         self.simulations = 0
         self.triggered = False
@@ -188,16 +191,25 @@ class _Trial:
         self.counts: dict[Scenario, bool] = {}
         """Whether the violation in a scenario could have been avoided."""
         self.known: dict[Scenario, Verdict] = {}
+        self.errors: dict[Scenario, Exception] = {}
+        """What the simulator raised; Hypothesis asks again for what failed, and has to see the same."""
         self._case = case
         self.simulator = simulator
 
     def judge(self, scenario: Scenario) -> Verdict | None:
         """Return the verdict, or None where the budget is spent."""
+        if scenario in self.errors:
+            raise self.errors[scenario]
         if scenario not in self.known:
             if self.simulations - (self.first or 0) >= self.budget:
                 return None
             self.simulations += 1
-            run = simulate(self._case(scenario), self.simulator)
+            try:
+                run = simulate(self._case(scenario), self.simulator)
+            except Exception as error:
+                self.first = self.first or self.simulations
+                self.errors[scenario] = error
+                raise
             verdict = self.known[scenario] = check(run, self.rule)
             self.triggered = self.triggered or verdict.status not in (Status.NA, Status.ERROR)
             self.counts[scenario] = broken(run, verdict) and avoidable(run, self.rule)

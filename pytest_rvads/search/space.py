@@ -11,8 +11,12 @@ from typing import Any, TypedDict
 from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.scenarios.scenario import check_numbers
 
-__all__ = ["Space", "explored"]
+__all__ = ["FARTHEST", "NEAREST", "Space", "explored"]
+
+NEAREST, FARTHEST = 0.3, 30.0
+"""Range of distances to the stopping line [m], where nothing else is said."""
 
 
 class Space(TypedDict, total=False):
@@ -44,7 +48,19 @@ def explored(junction: str | Junction, space: Space) -> Junction:
             raise ScenarioError(f"{name} must be {_RIGHT[name][1]}, got {value!r}")
     if not isinstance(junction, str | Junction):
         raise ScenarioError(f"junction must be a name in quotes or what rvads.find returns, got {junction!r:.60}")
+    check_numbers(space.get("duration", 60.0), space.get("aggression", 1), wait=0.0)
+    if isinstance(junction, Junction) and space.get("map") is not None:
+        raise ScenarioError(f"map= is where a junction is looked for by name, got it beside {junction.name!r}: leave it out")
     place = junction if isinstance(junction, Junction) else find(junction, space.get("map"))
+    near, far = space.get("near", NEAREST), space.get("far", FARTHEST)
+    if not near < far:
+        raise ScenarioError(f"near must be less than far, got {near!r} and {far!r} m: vehicles start between them")
+    room, entrance = min((place.approach(e), e) for e in range(len(place.entrances)))
+    if not near < room:
+        raise ScenarioError(
+            f"near must be less than the approaches of {place.name!r} are long, got {near!r} m, and that of entrance {entrance} "
+            f"is {room:.1f} m long"
+        )
     subject, ways = space.get("subject"), len(place.entrances)
     if subject is not None and not (type(subject) is int and 0 <= subject < ways):
         raise ScenarioError(f"subject must be an entrance of {place.name!r}, 0 to {ways - 1}, got {subject!r}")
@@ -75,7 +91,5 @@ _RIGHT: dict[str, tuple[Callable[[Any], bool], str]] = {
     "far": (_distance, "a distance of 0 m or more"),
     "pace": (lambda pace: _number(pace, 0, 1), "a share of v(d)max, from 0 to 1"),
     "wait": (_range, "the least and the greatest number of seconds, such as (0, 4)"),
-    "aggression": (lambda level: type(level) is int and 1 <= level <= 3, "1, 2 or 3"),
-    "duration": (lambda seconds: _number(seconds, 0, 3600) and seconds > 0, "a number of seconds above 0 and up to 3600"),
 }
 """What each argument must be that no junction is needed to judge: whether it is that, and how to say it."""

@@ -18,15 +18,14 @@ from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.finder import find, names
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.classes import WAYS, Directions
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.search.space import Space, explored
+from pytest_rvads.search.space import FARTHEST, NEAREST, Space, explored
 from pytest_rvads.simulators.simulator import Simulator, vmax
 
 __all__ = ["abstract_scenarios", "distances", "junctions", "scenarios", "waits"]
 
-NEAREST, FARTHEST = 0.3, 30.0
-"""Range of distances to the stopping line [m]."""
 LONGEST_WAIT = 4.0
 """Range of the draw of autopilots that have one, from 0 [s]."""
 USUAL_WAIT = 1.5
@@ -114,13 +113,14 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     wait: tuple[float, float] = (0.0, LONGEST_WAIT),
     aggression: int = 1,
     duration: float = 60.0,
+    vehicle: Vehicle | None = None,
     simulator: Simulator | None = None,
 ) -> SearchStrategy[Scenario]:
     """Return a strategy for concrete scenarios inside v(d)max.
 
     Args:
         junction: built-in name, or id of a junction in `map`; or the junction itself.
-        map: OpenDRIVE file.
+        map: OpenDRIVE file of a junction given by id.
         subject: entrance of the vehicle under test among traffic; there is always one.
         partial: with empty entrances.
         near: least distance to the stopping line [m].
@@ -129,6 +129,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
         wait: range of the draw of autopilots that have one [s].
         aggression: braking level 1, 2 or 3.
         duration: longest run [s].
+        vehicle: whose v(d)max bounds the speeds; a passenger car by default.
         simulator: what will make the runs, as for `simulate`; v(d)max is its own.
 
     Raises:
@@ -138,7 +139,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     asked = Space(map=map, subject=subject, partial=partial, near=near, far=far, pace=pace)
     place = explored(junction, {**asked, "wait": wait, "aggression": aggression, "duration": duration})
     reach = [min(far, place.approach(e)) for e in range(len(place.entrances))]
-    spans = [distances(min(near, room), room) for room in reach]
+    spans = [distances(near, room) for room in reach]
     codes, delays = _codes(place.ways, len(place.entrances), partial=partial), waits(*wait)
     codes = codes.filter(lambda code: all(not d or (e, d) in place.by_direction for e, d in enumerate(code)))
     if subject is not None:
@@ -152,7 +153,8 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
             if direction:
                 distance = draw(spans[e])
                 share = draw(st.integers(0, _SHARES))
-                speed = math.floor(10 * pace * _limit(distance, aggression, simulator) * share / _SHARES) / 10 if share else 0.0
+                limit = _limit(distance, aggression, vehicle, simulator) if share else 0.0
+                speed = math.floor(10 * pace * limit * share / _SHARES) / 10
                 starts[e] = (distance, speed)
         return Scenario(
             place,
@@ -168,7 +170,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     return build()
 
 
-def _limit(distance: float, aggression: int, simulator: Simulator | None) -> float:
+def _limit(distance: float, aggression: int, vehicle: Vehicle | None, simulator: Simulator | None) -> float:
     """Return a speed [m/s] up to v(d)max."""
     below = bisect_right(_KNOTS, distance)
-    return (vmax(_KNOTS[below - 1], aggression, simulator=simulator) or 0.0) if below else 0.0
+    return (vmax(_KNOTS[below - 1], aggression, vehicle, simulator) or 0.0) if below else 0.0

@@ -193,7 +193,8 @@ def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: py
     made = [f"driven by {record.driver}", f"simulated by {record.simulator}"]
     lines = [verdict.explanation, *made, f"start     {scenario.describe()}"]
     point = Configuration(scenario.configuration, scenario.distances, scenario.speeds)
-    probed = probe(point, lambda distance: vmax(distance, scenario.aggression, simulator=item.stash[SIMULATOR]))
+    vehicle = item.funcargs.get("rvads_vehicle")  # type: ignore[attr-defined]
+    probed = probe(point, lambda distance: vmax(distance, scenario.aggression, vehicle, item.stash[SIMULATOR]))
     if probed:
         lines.append(f"probe     {probed}")
     run, folder = item.stash.get(RUN, None), item.config.stash[OPTIONS].artefacts

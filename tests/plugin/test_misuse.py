@@ -117,16 +117,36 @@ def test_what_only_the_session_knows_is_told_there_too(pytester: pytest.Pytester
         ('"stop4", rule="p1", partial=1', "partial must be True or False, got 1"),
         ('"stop4", rule="p1", near="x"', "near must be a distance of 0 m or more, got 'x'"),
         ('"stop4", rule="p1", far=float("inf")', "far must be a distance of 0 m or more, got inf"),
+        ('"stop4", rule="p1", near=20, far=5', "near must be less than far, got 20 and 5 m: vehicles start between them"),
+        ('"stop4", rule="p1", near=30', "near must be less than far, got 30 and 30.0 m"),
+        ('"stop4", rule="p1", near=900, far=1000', "near must be less than the approaches of 'stop4' are long, got 900 m, and"),
+        ('rvads.find("stop4"), rule="p1", map="x.xodr"', "map= is where a junction is looked for by name, got it beside 'stop4'"),
+        ('"stop4", rule=rvads.Rule("p1", "forall a. F a@j & true")', "'p1' is a shipped rule and "),
         ('"stop4", rule="p1", pace=2', "pace must be a share of v(d)max, from 0 to 1, got 2"),
         ('"stop4", rule="p1", wait=3', "wait must be the least and the greatest number of seconds, such as (0, 4), got 3"),
         ('"stop4", rule="p1", aggression=4', "aggression must be 1, 2 or 3, got 4"),
-        ('"stop4", rule="p1", duration=0', "duration must be a number of seconds above 0 and up to 3600, got 0"),
+        ('"stop4", rule="p1", duration=0', "duration must lie above 0 and up to 3600 s, got 0"),
         ('"stop4", rule="p1", traffic="hesitant"', "traffic= drives the vehicles beside a subject: say subject=0, or leave"),
         ('"stop4", rule="p1", subject=0, traffic=3', "traffic takes names of policies or classes of autopilots, got 3"),
     ],
 )
 def test_a_search_is_told_where_it_is_written_too(pytester: pytest.Pytester, arguments: str, says: str) -> None:
     refused(pytester, f"import pytest_rvads as rvads\n\n@rvads.falsify({arguments})\ndef test_it(): ...", 3, says)
+
+
+def test_two_searches_of_a_session_do_not_call_different_rules_by_one_name(pytester: pytest.Pytester) -> None:
+    code = 'import pytest_rvads as rvads\n\n@rvads.falsify("stop4", rule=rvads.Rule("mine", "{}"))\ndef test_it(): ...'
+    pytester.makepyfile(test_a=code.format("forall a. F a@j"))
+    pytester.makepyfile(test_b=code.format("forall a. G !a@j"))
+    result = pytester.runpytest("--collect-only", "-p", "no:cacheprovider")
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines(["test_b.py:3: 'mine' is registered at * and says something else at *: rename one of them"])
+
+
+@pytest.mark.parametrize("code", ["async def test_it(): ...", "async def test_it(): yield", "def test_it(): yield"])
+def test_a_search_is_no_test_whose_body_a_call_does_not_run(pytester: pytest.Pytester, code: str) -> None:
+    said = "@rvads.falsify calls the body of a test, got test_it, whose body a call would not run: write it as a plain def"
+    refused(pytester, f"import pytest_rvads as rvads\n\n@rvads.falsify('stop4', rule='p1')\n{code}", 3, said)
 
 
 def test_a_search_is_no_class(pytester: pytest.Pytester) -> None:

@@ -91,6 +91,27 @@ def test_the_failure_of_a_deliberate_probe_says_so(pytester: pytest.Pytester) ->
     assert shown.startswith("probe     a deliberate probe: at 11 m/s nobody stops within 5 m, v(d)max is ")
 
 
+def test_what_is_a_probe_goes_by_the_vehicle_that_drove(pytester: pytest.Pytester) -> None:
+    pytester.makeconftest(CONFTEST)
+    pytester.makepyfile(
+        """
+        import pytest
+        import pytest_rvads as rvads
+
+        @pytest.fixture
+        def rvads_vehicle():
+            return rvads.Vehicle(brake=(1.0, 1.0, 1.0))
+
+        @rvads.scenario("stop4", scenarios="1133", distances=5, speeds=5, rules="p1")
+        def test_racer(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest()
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["probe     a deliberate probe: at 5 m/s nobody stops within 5 m, v(d)max is *"])
+
+
 def test_the_explanation_has_start_and_a_rerun_line_that_works(files: pytest.Pytester) -> None:
     result = files.runpytest("-k", "racer and p1")
     result.stdout.fnmatch_lines(

@@ -155,8 +155,103 @@ def test_a_method_searches_too_and_what_goes_wrong_in_a_search_is_told_by_its_li
     result.assert_outcomes(passed=1, failed=2)
     result.stdout.fnmatch_lines([f"E *FormulaError: {file.name}:8: unknown rule 'p91', there are *"])
     result.stdout.fnmatch_lines([f"E *RunError: {file.name}:11: *int can't drive a*: an autopilot needs a method control*"])
+    result.stdout.no_fnmatch_line("*plugin.py*")
+
+
+@pytest.mark.parametrize(
+    ("fixture", "says"),
+    [
+        ("rvads_autopilot", "AutopilotError: *.py:7: an autopilot must be a class or a callable that makes one, got None*"),
+        ("rvads_simulator", "ScenarioError: *.py:7: simulator None has no __call__: *"),
+        ("rvads_vehicle", "ScenarioError: *.py:7: a fleet, as the fixture rvads_vehicle, needs a rvads.Vehicle(...), got None"),
+    ],
+)
+def test_a_fixture_that_returns_nothing_is_told_by_the_line_of_the_search(
+    pytester: pytest.Pytester, fixture: str, says: str
+) -> None:
+    pytester.makepyfile(f"""
+        import pytest
+        import pytest_rvads as rvads
+
+        @pytest.fixture
+        def {fixture}(): ...
+
+        @rvads.falsify("stop4", rule="p1", budget=1)
+        def test_it(): ...
+    """)
+    result = pytester.runpytest("-p", "no:cacheprovider", *([] if "auto" in fixture else ["--rvads-autopilot=reference"]))
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines([f"E *{says}"])
+
+
+def test_an_error_of_a_simulator_is_told_once_with_its_type_and_its_notes(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        test_it="""
+        import pytest
+        import pytest_rvads as rvads
+
+        class Lost(rvads.RunError):
+            def __init__(self, host, port):
+                super().__init__(f"{host}:{port} is gone")
+
+        class Remote:
+            name = "remote"
+            vmax = rvads.bullet.vmax
+
+            def __call__(self, case):
+                error = Lost("here", 80)
+                error.add_note("start it again")
+                raise error
+
+        @pytest.fixture
+        def rvads_simulator():
+            return Remote()
+
+        @rvads.falsify("stop4", rule="p1", budget=1, autopilot=rvads.Reference)
+        def test_it(): ...
+    """
+    )
+    result = pytester.runpytest("-p", "no:cacheprovider")
+    result.stdout.fnmatch_lines(["E *test_it.Lost: test_it.py:21: here:80 is gone", "*start it again"])
+    result.stdout.no_fnmatch_line("*searching.py*")
+
+
+def test_a_search_stands_where_its_test_does(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        test_it="""
+        import pytest_rvads as rvads
+
+        @rvads.falsify("stop4", rule="speed_limit", budget=1, autopilot=rvads.Reference)
+        def test_it(request):
+            assert request.node.location[:2] == ("test_it.py", 2)
+    """
+    )
+    pytester.runpytest("-p", "no:cacheprovider").assert_outcomes(passed=1)
+
+
+def test_a_search_starts_no_vehicle_faster_than_it_can_stop() -> None:
+    bus = rvads.Vehicle(mass=20_000.0)
+    asked: list[rvads.Scenario] = []
+
+    class Watched:
+        name = "watched"
+
+        def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float:
+            return 1.0 if vehicle == bus else 10.0
+
+        def __call__(self, case: rvads.Case) -> rvads.Run:
+            asked.append(case.scenario)
+            return rvads.bullet(case)
+
+    look_for("stop4", rvads.Reference, "speed_limit", fleet=rvads.Fleet(bus), simulator=Watched(), budget=8, duration=1.0)
+    assert 0 < max(max(scenario.speeds) for scenario in asked) <= 1.0
 
 
 def test_misuse() -> None:
     with pytest.raises(rvads.FormulaError, match="unknown rule 'p9'"):
         look_for("stop4", rvads.Reference, "p9")
+    mine = rvads.Rule("p1", "forall a. F a@j & true")
+    with pytest.raises(rvads.FormulaError, match="'p1' is a shipped rule and "):
+        look_for("stop4", rvads.Reference, mine)
+    with pytest.raises(rvads.FormulaError, match="'p1' is a shipped rule and "):
+        rvads.sweep(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1000"), rvads.Reference), mine, 0.0, 0.0)
