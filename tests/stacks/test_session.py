@@ -134,6 +134,7 @@ def session(pytester: pytest.Pytester, marked: Find) -> Iterator[Session]:
             text=True,
             env={**os.environ, "PYTHONPATH": str(FAULTY.parents[2])},
             start_new_session=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # in the background, shells have it ignored
         )
         started.append(process)
         assert wait_for(lambda: marked(tag) or process.poll() is not None, 60.0), "the stack runs, or has run"
