@@ -140,7 +140,9 @@ def test_two_searches_of_a_session_do_not_call_different_rules_by_one_name(pytes
     pytester.makepyfile(test_b=code.format("forall a. G !a@j"))
     result = pytester.runpytest("--collect-only", "-p", "no:cacheprovider")
     result.assert_outcomes(errors=1)
-    result.stdout.fnmatch_lines(["test_b.py:3: 'mine' is registered at * and says something else at *: give each a name of its own"])
+    result.stdout.fnmatch_lines(
+        ["test_b.py:3: 'mine' is registered at * and says something else at *: give each a name of its own"]
+    )
 
 
 @pytest.mark.parametrize("code", ["async def test_it(): ...", "async def test_it(): yield", "def test_it(): yield"])
