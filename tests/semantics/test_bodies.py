@@ -35,10 +35,11 @@ def placed(*boxes: Box, **facts: object) -> Run:
 
 
 def inside(point: np.ndarray, box: Box) -> bool:
+    """Tell whether a point lies in a body, by more than numbers are rounded."""
     x, y, heading, length, width = box
     dx, dy = point[0] - x, point[1] - y
     along, across = dx * math.cos(heading) + dy * math.sin(heading), dy * math.cos(heading) - dx * math.sin(heading)
-    return -length < along < 0 and abs(across) < width / 2
+    return -length + 1e-9 < along < -1e-9 and abs(across) < width / 2 - 1e-9
 
 
 def border(box: Box) -> np.ndarray:
