@@ -1,0 +1,56 @@
+"""Files: read only where they are regular and of bounded size, written whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from uuid import uuid4
+
+__all__ = ["read_file", "write_file"]
+
+
+def read_file(path: Path, most: int) -> bytes:
+    """Return the content of a regular file.
+
+    Args:
+        path: of the file; a pipe or device, which may never end, is refused and not waited for.
+        most: how much is read at all [bytes].
+
+    Raises:
+        OSError: it can't be read, is no regular file, or holds more; ``strerror`` says which.
+    """
+    # Without waiting for somebody to write, as opening a pipe would.
+    number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    with open(number, "rb") as file:
+        status = os.fstat(number)
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "it is a pipe or device, expected a regular file", str(path))
+        content = file.read() if status.st_size <= most else b""
+    if max(status.st_size, len(content)) > most:
+        raise OSError(errno.EFBIG, f"it is too large, expected at most {most:,} bytes", str(path))
+    return content
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file in one piece: whoever reads it meanwhile, or is cut off, finds what was there before or all of the new.
+
+    Processes may write the same file at once: each writes one of its own aside and moves it into place. What is there and is
+    no regular file, such as ``/dev/stdout``, is written to directly. Folders are made.
+
+    Raises:
+        OSError: it can't be written; an earlier file stays.
+    """
+    path = Path(os.path.realpath(path))
+    if path.exists() and not path.is_file():
+        path.write_bytes(content)
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # The name is as long as any: that of the file may leave no room for more.
+    part = path.with_name(f".{uuid4().hex}.part")
+    try:
+        part.write_bytes(content)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
