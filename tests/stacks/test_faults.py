@@ -6,6 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.stacks.child import StackError, StackTimeout
 from pytest_rvads.drivers.stacks.process import Process
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.junctions.finder import find
@@ -72,6 +73,15 @@ def test_a_stack_that_does_not_get_started_is_an_error(faulty: Make, fault: str,
     assert "faulty.py" in run.fault.reason
     assert says in run.fault.reason
     assert run.steps == 1
+
+
+def test_a_stack_that_takes_too_long_is_told_from_one_that_fails(faulty: Make) -> None:
+    agents = Case(SCENARIO, Reference).agents()
+    with pytest.raises(StackTimeout, match=r"faulty.py mute 1 3: it did not answer within 0.3 s"):
+        faulty("mute", startup=0.3).autopilots(agents)
+    with pytest.raises(StackError, match="it speaks version 1") as error:
+        faulty("version").autopilots(agents)
+    assert not isinstance(error.value, StackTimeout)
 
 
 @pytest.mark.parametrize(("command", "says"), [("./no-such-stack", "No such file"), ("/etc/passwd", "Permission denied")])

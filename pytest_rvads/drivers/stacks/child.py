@@ -14,11 +14,14 @@ from pathlib import Path
 
 from pytest_rvads.drivers.stacks import guard
 from pytest_rvads.errors import AutopilotError
+from pytest_rvads.wording import one_line
 
-__all__ = ["Child", "StackError"]
+__all__ = ["Child", "StackError", "StackTimeout"]
 
 _TAIL = 4096
 """How much of the standard error of a stack is shown when it fails [bytes]."""
+_LONGEST = 1000
+"""What is said of a failure, at most [characters]; some of it is of the stack's making."""
 _GRACE = 0.5
 """How long a stack has to exit after it was told to [s]."""
 
@@ -32,8 +35,12 @@ class StackError(AutopilotError):
     """
 
     def __init__(self, text: str, detail: str = "") -> None:
-        super().__init__(text)
+        super().__init__(one_line(text, _LONGEST))
         self.detail = detail
+
+
+class StackTimeout(StackError):
+    """A stack took longer than it may."""
 
 
 class Child:
@@ -78,13 +85,13 @@ class Child:
         """Write `data`; where it no longer reads, its answer, or the lack of one, tells what happened.
 
         Raises:
-            StackError: it did not read within `limit` seconds.
+            StackTimeout: it did not read within `limit` seconds.
         """
         deadline = time.monotonic() + limit
         view = memoryview(data)
         while view:
             if not self._writable.poll(_left(deadline)):
-                raise StackError(f"it did not read its input for {limit:g} s")
+                raise StackTimeout(f"it did not read its input for {limit:g} s")
             try:
                 view = view[os.write(self._in, view) :]
             except BlockingIOError:
@@ -96,7 +103,8 @@ class Child:
         """Return the next line, without its end.
 
         Raises:
-            StackError: it ended, or wrote none within `limit` seconds.
+            StackError: it ended.
+            StackTimeout: it wrote none within `limit` seconds.
         """
         deadline = time.monotonic() + limit
         searched = 0
@@ -111,7 +119,8 @@ class Child:
         """Return the next `count` bytes.
 
         Raises:
-            StackError: it ended, or wrote fewer within `limit` seconds.
+            StackError: it ended.
+            StackTimeout: it wrote fewer within `limit` seconds.
         """
         deadline = time.monotonic() + limit
         while len(self._buffer) < count:
@@ -156,7 +165,7 @@ class Child:
 
     def _fill(self, deadline: float, limit: float) -> None:
         if not self._readable.poll(_left(deadline)):
-            raise StackError(f"it did not answer within {limit:g} s")
+            raise StackTimeout(f"it did not answer within {limit:g} s")
         data = os.read(self._out, 65536)
         if not data:
             raise StackError(self._ended())

@@ -71,9 +71,9 @@ class Connection:
 
     def failed(self, error: StackError) -> StackError:
         """End the process and return `error` with its last words."""
-        detail = self.child.tail()
+        error.detail = self.child.tail()
         self.close()
-        return StackError(str(error), detail)
+        return error
 
     def close(self, *, farewell: bool = False) -> None:
         """End the process, with a goodbye or at once."""

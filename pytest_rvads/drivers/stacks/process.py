@@ -116,7 +116,7 @@ class Process(TrafficSystem):
         try:
             return Connection(lambda: Child(self.command, cwd, env), *self._limits)
         except StackError as error:
-            raise StackError(f"{self.label}: {error}", error.detail) from None
+            raise type(error)(f"{self.label}: {error}", error.detail) from None
 
 
 class Pilot(Autopilot):
