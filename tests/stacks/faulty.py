@@ -32,7 +32,23 @@ FAULTS: dict[str, Callable[[], object]] = {
     "print": lambda: os.write(1, b"loading weights ... done\n"),
     "twice": lambda: say({"type": "command", "target_speed": 5.0}),
     "step": lambda: say({"type": "command", "target_speed": 5.0, "step": None}),
+    "huge": lambda: say({"type": "command", "target_speed": 10**400}),
+    "bool": lambda: say({"type": "command", "target_speed": True}),
+    "deep": lambda: os.write(1, b'{"type": "command", "trajectory": ' + b"[" * 50_000 + b"\n"),
+    "compute": lambda: say({"type": "command", "target_speed": 5.0, "compute": float("nan")}),
+    "crowded": lambda: say({"type": "command", "trajectory": [[0, 1, 2]] * 10_001}),
+    "flood": lambda: [os.write(1, bytes(65536)) for _ in range(16384)],
+    "ahead": lambda: os.write(1, b"".join(b'{"type": "command", "target_speed": 5, "step": %d}\n' % (asked + k) for k in (0, 1))),
     "close": lambda: [os.close(1), time.sleep(60)],  # type: ignore[func-returns-value]
+}
+HELLOS: dict[str, dict[str, object]] = {
+    "version": {"version": 1},
+    "name": {"version": 1, "name": "\x1b[2J" * 100_000},
+    "format": {"format": "\x1b[2J" * 100_000},
+    "rate": {"rate": 7},
+    "tiny": {"rate": 5e-324},
+    "huge rate": {"rate": 10**400},
+    "nan rate": {"rate": float("nan")},
 }
 
 runs, asked = 0, 0
@@ -41,7 +57,7 @@ for line in sys.stdin:
     if content["type"] == "hello":
         if fault == "mute":
             time.sleep(60)
-        say({"type": "hello", "version": 1 if fault == "version" else 2, "name": "faulty", "rate": 7 if fault == "rate" else 20})
+        say({"type": "hello", "version": 2, "name": "faulty", "rate": 20} | HELLOS.get(fault, {}))
     elif content["type"] == "reset":
         runs, asked = runs + 1, 0
         if fault == "unready":
