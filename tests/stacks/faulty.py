@@ -14,6 +14,11 @@ def say(content: dict[str, object]) -> None:
     os.write(1, json.dumps({"step": asked} | content).encode() + b"\n")
 
 
+def ahead() -> None:
+    answers = ({"type": "command", "target_speed": 5, "step": asked + k} for k in (0, 1))
+    os.write(1, b"".join(json.dumps(answer).encode() + b"\n" for answer in answers))
+
+
 FAULTS: dict[str, Callable[[], object]] = {
     "crash": lambda: sys.exit("cannot open the map"),
     "segfault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
@@ -38,7 +43,7 @@ FAULTS: dict[str, Callable[[], object]] = {
     "compute": lambda: say({"type": "command", "target_speed": 5.0, "compute": float("nan")}),
     "crowded": lambda: say({"type": "command", "trajectory": [[0, 1, 2]] * 10_001}),
     "flood": lambda: [os.write(1, bytes(65536)) for _ in range(16384)],
-    "ahead": lambda: os.write(1, b"".join(b'{"type": "command", "target_speed": 5, "step": %d}\n' % (asked + k) for k in (0, 1))),
+    "ahead": ahead,
     "close": lambda: [os.close(1), time.sleep(60)],  # type: ignore[func-returns-value]
 }
 HELLOS: dict[str, dict[str, object]] = {
