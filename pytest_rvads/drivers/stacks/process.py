@@ -31,7 +31,8 @@ class Process(TrafficSystem):
 
     It is a factory of autopilots, to be returned by the fixture ``rvads_autopilot`` or given to `simulate`. One process serves
     many scenarios, one after the other; where several vehicles of a run are its, each has a process of its own. A process
-    that fails ends the run with a fault and is replaced for the next one. What is left is ended when the object goes.
+    that fails ends the run with a fault and is replaced for the next one. What is left is ended when the object goes, with all that
+    it started; a RuntimeWarning tells of what can't be ended.
 
     Args:
         command: the program and its arguments, or one string with both.
@@ -44,9 +45,6 @@ class Process(TrafficSystem):
 
     Raises:
         AutopilotError: no command, a rate that does not divide 100 Hz, a time limit that is not positive, or not a POSIX system.
-
-    Warns:
-        RuntimeWarning: when it is closed, of processes that it started and that can't be ended.
 
     Example:
         >>> stack = Process(["./stack", "--quiet"], rate=20, timeout=2.0)

@@ -10,8 +10,10 @@ from pytest_rvads.wording import printable
 
 __all__ = ["StandardError"]
 
+_KEPT = 2**20
+"""How much of the end is kept [bytes]."""
 _TAIL = 4096
-"""How much of the end is kept, to be shown when the stack fails [bytes]."""
+"""How much of that is shown when the stack fails [bytes]."""
 _PIECE = 65536
 
 
@@ -36,7 +38,7 @@ class StandardError:
         """Return the end of what was written until now."""
         if self._thread.is_alive():
             self._take()
-        return printable(self._kept.decode(errors="replace").strip(), _TAIL)
+        return printable(self._kept[-_TAIL:].decode(errors="replace").strip(), _TAIL)
 
     def close(self) -> None:
         """Read no more; `tail` stays what it was."""
@@ -60,5 +62,5 @@ class StandardError:
             except BlockingIOError:
                 return True
             self._kept += piece
-            del self._kept[:-_TAIL]
+            del self._kept[:-_KEPT]
         return bool(piece)
