@@ -31,8 +31,8 @@ class Process(TrafficSystem):
 
     It is a factory of autopilots, to be returned by the fixture ``rvads_autopilot`` or given to `simulate`. One process serves
     many scenarios, one after the other; where several vehicles of a run are its, each has a process of its own. A process
-    that fails ends the run with a fault and is replaced for the next one. What is left is ended when the object goes, with all that
-    it started; a RuntimeWarning tells of what can't be ended.
+    that fails ends the run with a fault and is replaced for the next one. What is left is ended when the object goes, with all
+    that it started; a RuntimeWarning tells of what can't be ended.
 
     Args:
         command: the program and its arguments, or one string with both.
