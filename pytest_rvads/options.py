@@ -46,7 +46,7 @@ _DECLARED = {
     "sut-rate": _Option("decisions of the stack per simulated second; by default what it asks for, else 20", metavar="HZ"),
     "sut-timeout": _Option("how long the stack may take for one decision, in real time", "5", metavar="SECONDS"),
     "sut-startup": _Option(
-        "how long the stack may take to start, and to get ready for a scenario, in real time", "10", metavar="SECONDS"
+        "how long the stack may take to start, and to get ready for a scenario, in real time", "15", metavar="SECONDS"
     ),
     "sut-grace": _Option("how long the stack may take to exit after bye, and after SIGTERM", "1", metavar="SECONDS"),
     "map": _Option("OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)"),
@@ -162,7 +162,7 @@ class Options:
             simulator=values["simulator"],
             sut_rate=_number("sut-rate", values["sut-rate"], 100.0),
             sut_timeout=_number("sut-timeout", values["sut-timeout"], 3600.0) or 5.0,
-            sut_startup=_number("sut-startup", values["sut-startup"], 3600.0) or 10.0,
+            sut_startup=_number("sut-startup", values["sut-startup"], 3600.0) or 15.0,
             sut_grace=_number("sut-grace", values["sut-grace"], 3600.0) or 0.0,
             map=_map(config),
             cover=values["cover"] or "class",

@@ -57,7 +57,7 @@ class Process(TrafficSystem):
         *,
         rate: float | None = None,
         timeout: float = 5.0,
-        startup: float = 10.0,
+        startup: float = 15.0,
         grace: float = 1.0,
         cwd: str | Path | None = None,
         env: Mapping[str, str] | None = None,
