@@ -122,8 +122,8 @@ def _status(pid: str) -> _Status | None:
         state, *numbers = (_PROC / pid / "stat").read_bytes().rpartition(b")")[2].split()
     except OSError:
         return None
-    parent, group, session, start = (int(numbers[k]) for k in (0, 1, 2, 18))
-    return _Status((parent, group, session), start, state not in b"ZX")
+    parent, group, session, threads, start = (int(numbers[k]) for k in (0, 1, 2, 16, 18))
+    return _Status((parent, group, session), start, state not in b"ZX" or threads > 1)  # others go on where the first has ended
 
 
 def _guard() -> None:
