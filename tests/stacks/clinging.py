@@ -1,5 +1,6 @@
 """A stack that drives well and clings to life: ``clinging.py HOW TAG``; what it starts has the tag on its command line, too."""
 
+import fcntl
 import json
 import os
 import signal
@@ -31,9 +32,10 @@ def daemon(command: list[str], **more: object) -> None:
 
 
 def hop() -> None:
-    """Be another process every moment, in a group that nobody else is in."""
+    """Be another process every moment, in a group that nobody else is in; what it locks stays locked as long as it lives."""
     if os.fork() == 0:
         os.setsid()
+        fcntl.flock(os.open(tag, os.O_CREAT | os.O_RDWR), fcntl.LOCK_EX)
         while os.fork() == 0:
             pass
         os._exit(0)

@@ -1,5 +1,6 @@
 """The end of a stack: all that it started ends with it, in bounded time, and what can't be found is said."""
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -41,6 +42,16 @@ def cling(tag: str) -> Cling:
     return make
 
 
+def free(tag: str) -> bool:
+    """Tell whether nobody holds the lock; who is always another is on no list of processes for long."""
+    with open(tag, "w", encoding="utf-8") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+    return True
+
+
 linux = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="elsewhere only the process group is known")
 
 
@@ -65,6 +76,7 @@ def test_nothing_that_a_stack_started_outlives_it(cling: Cling, marked: Find, ta
     stack.close()
     assert time.monotonic() - began < 10.0
     assert marked(tag) == []
+    assert wait_for(lambda: free(tag), 5.0)
 
 
 @linux
