@@ -45,6 +45,10 @@ _DECLARED = {
     "simulator": _Option("what makes the runs: bullet, or module:name of yours", "bullet", metavar="NAME"),
     "sut-rate": _Option("decisions of the stack per simulated second; by default what it asks for, else 20", metavar="HZ"),
     "sut-timeout": _Option("how long the stack may take for one decision, in real time", "5", metavar="SECONDS"),
+    "sut-startup": _Option(
+        "how long the stack may take to start, and to get ready for a scenario, in real time", "15", metavar="SECONDS"
+    ),
+    "sut-grace": _Option("how long the stack may take to exit after bye, and after SIGTERM", "1", metavar="SECONDS"),
     "map": _Option("OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)"),
     "cover": _Option("what to run of every class where a test does not say", choices=("class", "scenario", "rotation")),
     "grid": _Option("configurations where a test does not say: 'paper', letters such as CD, or a grid of yours"),
@@ -101,6 +105,10 @@ class Options:
     """[Hz]."""
     sut_timeout: float
     """[s]."""
+    sut_startup: float
+    """[s]."""
+    sut_grace: float
+    """[s]."""
     map: str | None
     cover: str
     grid: str
@@ -154,6 +162,8 @@ class Options:
             simulator=values["simulator"],
             sut_rate=_number("sut-rate", values["sut-rate"], 100.0),
             sut_timeout=_number("sut-timeout", values["sut-timeout"], 3600.0) or 5.0,
+            sut_startup=_number("sut-startup", values["sut-startup"], 3600.0) or 15.0,
+            sut_grace=_number("sut-grace", values["sut-grace"], 3600.0) or 0.0,
             map=_map(config),
             cover=values["cover"] or "class",
             grid=values["grid"] or "paper",

@@ -61,19 +61,25 @@ def connect(name: str, rate: float | None = None) -> Iterator[Observation]:
     output = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)
     lines = os.fdopen(os.dup(0), "rb")
-    hello = json.loads(lines.readline() or b"{}")
-    if hello.get("protocol") != "rvads":
+    if b'"protocol":"rvads"' not in lines.readline(4096):
         sys.exit("rvads: this program is to be started by pytest-rvads")
     _send(output, {"type": "hello", "version": VERSION, "name": name, "format": "json", "rate": rate})
     scenario: dict[str, Any] = {}
     fresh = False
     for line in lines:
-        content = json.loads(line)
-        if content["type"] == "reset":
+        try:
+            content = json.loads(line)
+            kind = content["type"]
+            seen = Observation(content, scenario, fresh, output) if kind == "observe" else None
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            sys.exit(
+                f"rvads: a message that can't be understood, use the client that belongs to this pytest-rvads: {error!r:.200}"
+            )
+        if kind == "reset":
             scenario, fresh = content, True
             _send(output, {"type": "ready"})
-        elif content["type"] == "observe":
-            yield Observation(content, scenario, fresh, output)
+        elif seen is not None:
+            yield seen
             fresh = False
         else:
             return

@@ -14,6 +14,11 @@ def say(content: dict[str, object]) -> None:
     os.write(1, json.dumps({"step": asked} | content).encode() + b"\n")
 
 
+def ahead() -> None:
+    answers = ({"type": "command", "target_speed": 5, "step": asked + k} for k in (0, 1))
+    os.write(1, b"".join(json.dumps(answer).encode() + b"\n" for answer in answers))
+
+
 FAULTS: dict[str, Callable[[], object]] = {
     "crash": lambda: sys.exit("cannot open the map"),
     "segfault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
@@ -32,7 +37,23 @@ FAULTS: dict[str, Callable[[], object]] = {
     "print": lambda: os.write(1, b"loading weights ... done\n"),
     "twice": lambda: say({"type": "command", "target_speed": 5.0}),
     "step": lambda: say({"type": "command", "target_speed": 5.0, "step": None}),
+    "huge": lambda: say({"type": "command", "target_speed": 10**400}),
+    "bool": lambda: say({"type": "command", "target_speed": True}),
+    "deep": lambda: os.write(1, b'{"type": "command", "trajectory": ' + b"[" * 50_000 + b"\n"),
+    "compute": lambda: say({"type": "command", "target_speed": 5.0, "compute": float("nan")}),
+    "crowded": lambda: say({"type": "command", "trajectory": [[0, 1, 2]] * 10_001}),
+    "flood": lambda: [os.write(1, bytes(65536)) for _ in range(16384)],
+    "ahead": ahead,
     "close": lambda: [os.close(1), time.sleep(60)],  # type: ignore[func-returns-value]
+}
+HELLOS: dict[str, dict[str, object]] = {
+    "version": {"version": 1},
+    "name": {"version": 1, "name": "\x1b[2J" * 100_000},
+    "format": {"format": "\x1b[2J" * 100_000},
+    "rate": {"rate": 7},
+    "tiny": {"rate": 5e-324},
+    "huge rate": {"rate": 10**400},
+    "nan rate": {"rate": float("nan")},
 }
 
 runs, asked = 0, 0
@@ -41,7 +62,7 @@ for line in sys.stdin:
     if content["type"] == "hello":
         if fault == "mute":
             time.sleep(60)
-        say({"type": "hello", "version": 1 if fault == "version" else 2, "name": "faulty", "rate": 7 if fault == "rate" else 20})
+        say({"type": "hello", "version": 2, "name": "faulty", "rate": 20} | HELLOS.get(fault, {}))
     elif content["type"] == "reset":
         runs, asked = runs + 1, 0
         if fault == "unready":

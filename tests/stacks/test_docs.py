@@ -25,7 +25,7 @@ def test_the_script_prints_what_stands_behind_it() -> None:
 def test_everything_is_named() -> None:
     for name in [*POLICIES, *(item.name for item in fields(Senses))]:
         assert f"`{name}`" in TEXT or f'`"{name}"`' in TEXT, name
-    for name in ("sut", "sut_rate", "sut_timeout"):
+    for name in ("sut", "sut_rate", "sut_timeout", "sut_startup", "sut_grace"):
         assert name in Options.__dataclass_fields__
         assert f"--rvads-{name.replace('_', '-')}" in TEXT
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.stacks.child import StackError, StackTimeout
 from pytest_rvads.drivers.stacks.process import Process
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.junctions.finder import find
@@ -34,6 +35,12 @@ AT_DECISION = {
     "step": "it answered step None, expected step 3: answer every observation once",
     "garbage": STRAY,
     "print": f"it wrote 'loading weights ... done' {STRAY}",
+    "huge": "its command is not as the protocol has it: Number out of range - at `$.target_speed`",
+    "bool": "its command is not as the protocol has it: Expected `float | null`, got `bool` - at `$.target_speed`",
+    "deep": STRAY,
+    "compute": "it says that it computed for nan s, expected 0 to 86400",
+    "crowded": "its trajectory has 10001 points, expected at most 10000",
+    "flood": "bytes without the end of a line, expected at most 16,777,216",
     "close": "it closed its standard input or output and went on",
 }
 """What is said of each fault."""
@@ -61,7 +68,12 @@ def test_a_fault_ends_the_run_and_says_what_happened(faulty: Make, fault: str) -
     ("fault", "says"),
     [
         ("version", "it speaks version 1 of the protocol, expected 2: build it with the client of this version"),
+        ("name", "it speaks version 1 of the protocol, expected 2: build it with the client of this version"),
+        ("format", "it wants the format '\\x1b[2J\\x1b[2J\\x1b[2J\\x1b[2J\\x1b[2J', expected json or binary"),
         ("rate", "its rate must divide 100 Hz, such as 10, 20, 25 or 50, got 7"),
+        ("tiny", "its rate must divide 100 Hz, such as 10, 20, 25 or 50, got 5e-324"),
+        ("huge rate", "its hello is not as the protocol has it: Number out of range - at `$.rate`"),
+        ("nan rate", "its rate must divide 100 Hz, such as 10, 20, 25 or 50, got nan"),
         ("mute", "it did not answer within 0.3 s"),
         ("unready", "it exited with status 4 before it answered"),
     ],
@@ -72,6 +84,15 @@ def test_a_stack_that_does_not_get_started_is_an_error(faulty: Make, fault: str,
     assert "faulty.py" in run.fault.reason
     assert says in run.fault.reason
     assert run.steps == 1
+
+
+def test_a_stack_that_takes_too_long_is_told_from_one_that_fails(faulty: Make) -> None:
+    agents = Case(SCENARIO, Reference).agents()
+    with pytest.raises(StackTimeout, match=r"faulty.py mute 1 3: it did not answer within 0.3 s"):
+        faulty("mute", startup=0.3).autopilots(agents)
+    with pytest.raises(StackError, match="it speaks version 1") as error:
+        faulty("version").autopilots(agents)
+    assert not isinstance(error.value, StackTimeout)
 
 
 @pytest.mark.parametrize(("command", "says"), [("./no-such-stack", "No such file"), ("/etc/passwd", "Permission denied")])
@@ -127,6 +148,39 @@ def test_a_second_answer_is_not_taken_for_the_next_one(faulty: Make) -> None:
     assert drive(stack).fault is None
 
 
+def test_an_answer_to_a_question_that_was_not_asked_is_refused(faulty: Make) -> None:
+    run = drive(faulty("ahead"))
+    assert 'at 0.15 s: it wrote \'{"type": "command", "target_speed": 5, "step": 4}\\n\' before it was asked' in run.fault.reason
+    assert run.fault.reason.endswith("read a message, then answer it once")
+
+
+@pytest.mark.parametrize(
+    ("script", "says"),
+    [
+        ("cat /dev/zero", "bytes without the end of a line, expected at most 16,777,216"),
+        ("yes", "it wrote 'y' to its standard output, which carries the protocol"),
+        ("echo '{0}\"json\"}}'; read l; cat /dev/zero", "bytes without the end of a line, expected at most 16,777,216"),
+        ("echo '{0}\"binary\"}}'; read l; cat /dev/zero", "it wrote '\\x00"),
+        ("echo '{0}\"binary\"}}'; read l; yes", "it wrote 'y\\ny\\n"),
+        ("echo '{0}\"binary\"}}'; read l; printf '\\002\\000\\000\\000\\377\\377\\377\\177'; sleep 600", "it wrote '\\x02\\x00"),
+        ("exec 0<&- 1>&-; sleep 600", "it closed its standard input or output and went on"),
+    ],
+)
+def test_what_a_program_writes_is_read_within_bounds(script: str, says: str) -> None:
+    """Five seconds are enough for the memory of a machine, and what is not refused before ends with them."""
+    hello = '{"type": "hello", "version": 2, "format": '
+    with Process(["sh", "-c", script.format(hello)], startup=5.0) as stack:
+        reason = drive(stack).fault.reason
+    assert says in reason
+    assert len(reason) < 1500
+
+
+def test_a_name_that_steers_terminals_is_shown_as_it_is(faulty: Make) -> None:
+    stack = Process(["./no-such-stack", "\x1b[2J" * 1000, "\0"])
+    assert stack.label.startswith(r"stack ./no-such-stack '\x1b[2J\x1b[2J")
+    assert drive(stack).fault.reason.startswith(f"{stack.label}: it can't be started: ")
+
+
 def test_one_process_for_subject_and_traffic_is_refused(faulty: Make) -> None:
     stack = faulty("none")
     run = simulate(Case(Scenario(find("stop4"), "2200", duration=0.5, subject=0), stack, traffic=stack))
@@ -140,6 +194,7 @@ def test_one_process_for_subject_and_traffic_is_refused(faulty: Make) -> None:
         ({"command": "./stack", "rate": 30}, "its rate must divide 100 Hz, such as 10, 20, 25 or 50, got 30"),
         ({"command": "./stack", "rate": "fast"}, "its rate must divide 100 Hz, .*got 'fast'"),
         ({"command": "./stack", "timeout": 0}, "timeout must be a number of seconds above 0, got 0"),
+        ({"command": "./stack", "grace": -1}, "grace must be a number of seconds above 0, got -1"),
         ({"command": "./stack", "startup": float("nan")}, "startup must be a number of seconds above 0, got nan"),
     ],
 )

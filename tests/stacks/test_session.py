@@ -7,13 +7,12 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from .conftest import Find
+from .conftest import Find, wait_for
 
 Session = Callable[..., subprocess.Popen[str]]
 FAULTY = Path(__file__).with_name("faulty.py")
@@ -24,15 +23,6 @@ TESTS = """
     def test_rules(run, rule, monitor):
         monitor.check(rule)
 """
-
-
-def wait_for(condition: Callable[[], object], seconds: float = 120.0) -> bool:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.02)
-    return True
 
 
 def command(fault: str, scenario: int = 1, tag: str = "") -> str:
@@ -104,6 +94,8 @@ def test_the_command_line_overrides_the_fixture(pytester: pytest.Pytester) -> No
         (("--rvads-sut", "./no-such"), "*rvads_sut must be the command of a program that exists and may be executed*"),
         (("--rvads-sut", "'"), "*rvads_sut can't be read as a command: No closing quotation*"),
         (("--rvads-sut", "true", "--rvads-sut-timeout", "soon"), "*rvads_sut_timeout must be a number*"),
+        (("--rvads-sut", "true", "--rvads-sut-startup", "-1"), "*rvads_sut_startup must be a number from 0 to 3600*"),
+        (("--rvads-sut", "true", "--rvads-sut-grace", "nan"), "*rvads_sut_grace must be a number from 0 to 3600*"),
     ],
 )
 def test_options_that_mean_nothing_are_refused(pytester: pytest.Pytester, options: tuple[str, ...], says: str) -> None:

@@ -12,6 +12,9 @@ from pytest_rvads.drivers.stacks.child import Child, StackError
 
 __all__ = ["Connection"]
 
+_DAY = 86400.0
+"""No decision takes longer [s]."""
+
 
 class Connection:
     """A stack that said hello.
@@ -37,6 +40,9 @@ class Connection:
             self.rate = answer.rate
         except StackError as error:
             raise self.failed(error) from None
+        except BaseException:  # somebody does not want to wait any longer
+            self.child.close()
+            raise
 
     def reset(self, content: dict[str, Any]) -> None:
         """Begin a scenario.
@@ -46,8 +52,10 @@ class Connection:
         """
         self._step = 0
         try:
+            early = self.child.pending()
             self.child.send(self._format.begin(content), self._startup)
             self._format.ready(self.child, self._startup)
+            _refuse(early)
         except StackError as error:
             raise self.failed(error) from None
 
@@ -60,24 +68,34 @@ class Connection:
         began = time.perf_counter()
         self._step += 1
         try:
+            early = self.child.pending()
             self.child.send(self._format.observe(seen, self._step), self._timeout)
             command, compute, step = self._format.answer(self.child, self._timeout)
             if step != self._step:
                 # A second answer to one question would shift all that follow.
                 raise StackError(f"it answered step {step}, expected step {self._step}: answer every observation once")
+            _refuse(early)
+            if compute is not None and not 0.0 <= compute <= _DAY:
+                raise StackError(f"it says that it computed for {compute:g} s, expected 0 to {_DAY:g}")
         except StackError as error:
             raise self.failed(error) from None
         return command, time.perf_counter() - began if compute is None else compute
 
     def failed(self, error: StackError) -> StackError:
         """End the process and return `error` with its last words."""
-        detail = self.child.tail()
+        error.detail = self.child.tail()
         self.close()
-        return StackError(str(error), detail)
+        return error
 
     def close(self, *, farewell: bool = False) -> None:
         """End the process, with a goodbye or at once."""
         self.child.close(self._format.bye if farewell else b"")
+
+
+def _refuse(early: bytes) -> None:
+    """Refuse what was written before it was asked for; not before it was read, so that what is wrong with it is told first."""
+    if early:
+        raise StackError(f"it wrote {messages.quoted(early)} before it was asked: read a message, then answer it once")
 
 
 def _format(answer: messages.Hello) -> messages.Format:

@@ -119,7 +119,7 @@ class Binary(messages.Format):
             StackError: no such kind of command, or more points than there is room for.
         """
         kind, count, step, _, one, two, three, compute = _COMMAND.unpack_from(body)
-        taken = compute if compute >= 0 else None
+        taken = None if compute < 0 else compute
         if kind != _TRAJECTORY:
             return _command(kind, one, two, three), taken, step
         if count > POINTS:

@@ -1,7 +1,7 @@
-"""The guard: a small process that kills the stacks when this one is gone, however it went.
+"""The guard: a small process that ends the stacks when this one is gone, however it went.
 
 A stack reads the end of its input when we die, but one that hangs, or that a script started, would stay. The guard holds
-one end of a pipe; when the other end closes, by an exit, a signal or a crash, it kills every process group it was told of.
+one end of a pipe; when the other end closes, by an exit, a signal or a crash, it ends every stack it was told of.
 """
 
 from __future__ import annotations
@@ -9,34 +9,30 @@ from __future__ import annotations
 import atexit
 import subprocess
 import sys
+from contextlib import suppress
+
+from pytest_rvads.drivers.stacks import descendants
 
 __all__ = ["unwatch", "watch"]
 
-_PROGRAM = """
-import os, signal, sys
-for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-    signal.signal(number, signal.SIG_IGN)
-groups = set()
-for line in sys.stdin:
-    (groups.add if line[0] == "+" else groups.discard)(int(line[1:]))
-for group in groups:
-    try:
-        os.killpg(group, signal.SIGKILL)
-    except OSError:
-        pass
-"""
+_PATIENCE = 60.0
+"""How long we wait for the guard when we exit [s]; it goes on without us."""
 
 _guard: subprocess.Popen[str] | None = None
+_watched: dict[int, str] = {}
+"""What the guard knows of each stack, for another one to be told should it be killed."""
 
 
-def watch(group: int) -> None:
-    """Have a process group killed when this process ends."""
-    _tell(f"+{group}")
+def watch(leader: int, mark: str, grace: float) -> None:
+    """Have a stack ended when this process ends; see `descendants`."""
+    _watched[leader] = f"{leader} {mark} {grace}\n"
+    _tell(_watched[leader])
 
 
-def unwatch(group: int) -> None:
-    """Forget a process group that has ended."""
-    _tell(f"-{group}")
+def unwatch(leader: int) -> None:
+    """Forget a stack that has ended."""
+    if _watched.pop(leader, None):
+        _tell(f"{leader}\n")
 
 
 def _tell(line: str) -> None:
@@ -44,7 +40,7 @@ def _tell(line: str) -> None:
     if _guard is None or _guard.poll() is not None:
         # A session of its own: Ctrl-C in a terminal goes to every process of the foreground group.
         _guard = subprocess.Popen(
-            [sys.executable, "-I", "-S", "-c", _PROGRAM],
+            [sys.executable, "-I", "-S", descendants.__file__],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -52,13 +48,17 @@ def _tell(line: str) -> None:
             text=True,
         )
         atexit.register(_dismiss, _guard)
+        line = "".join(_watched.values())
     if _guard.stdin is not None:
-        _guard.stdin.write(line + "\n")
-        _guard.stdin.flush()
+        with suppress(BrokenPipeError):  # it was killed this moment: the next one is told
+            _guard.stdin.write(line)
+            _guard.stdin.flush()
 
 
 def _dismiss(guard: subprocess.Popen[str]) -> None:
     """Let the guard do what is left to do, and wait for it."""
     if guard.stdin is not None:
-        guard.stdin.close()
-    guard.wait()
+        with suppress(BrokenPipeError):
+            guard.stdin.close()
+    with suppress(subprocess.TimeoutExpired):
+        guard.wait(_PATIENCE)

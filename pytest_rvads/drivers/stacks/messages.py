@@ -16,17 +16,19 @@ import json
 from abc import ABC, abstractmethod
 from typing import Any, TypeVar
 
-from msgspec import MsgspecError, Struct, ValidationError, convert
+from msgspec import MsgspecError, Struct, convert
 from msgspec.json import Decoder, Encoder
 
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.drivers.stacks.child import Child, StackError
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 
-__all__ = ["VERSION", "Format", "Hello", "Json", "hello", "read", "stray"]
+__all__ = ["VERSION", "Format", "Hello", "Json", "hello", "quoted", "read", "stray"]
 
 VERSION = 2
 """Of the protocol; a stack of another version is refused."""
+_POINTS = 10_000
+"""Of a trajectory, at most."""
 _KINDS = "throttle, brake and steering; target_speed; acceleration; or trajectory"
 _ZONES = tuple(zone.name.lower() for zone in Zone)
 _COLOURS = tuple(colour.name.lower() for colour in Colour)
@@ -63,9 +65,11 @@ class Answer(Struct, tag_field="type", tag="command"):
         """Return what to do.
 
         Raises:
-            StackError: it says nothing.
+            StackError: it says nothing, or too much.
         """
         if self.trajectory is not None:
+            if len(self.trajectory) > _POINTS:
+                raise StackError(f"its trajectory has {len(self.trajectory)} points, expected at most {_POINTS}")
             return Trajectory(self.trajectory)
         if self.target_speed is not None:
             return TargetSpeed(self.target_speed)
@@ -109,17 +113,21 @@ def _closely(line: bytes, kind: type[_Message]) -> _Message:
     if not isinstance(content, dict) or "type" not in content:
         raise StackError(stray(line))
     if content["type"] != expected:
-        raise StackError(f"it sent a message of type {str(content['type'])[:40]!r}, expected {expected!r}")
+        raise StackError(f"it sent a message of type {content['type']!r:.40}, expected {expected!r}")
     try:
         return convert(content, kind)
-    except ValidationError as error:
+    except (MsgspecError, ValueError, OverflowError) as error:
         raise StackError(f"its {expected} is not as the protocol has it: {error}") from None
 
 
 def stray(data: bytes) -> str:
     """Return what to say of output that is no message."""
-    text = data[:60].decode(errors="replace")
-    return f"it wrote {text!r} to its standard output, which carries the protocol: print to standard error instead"
+    return f"it wrote {quoted(data)} to its standard output, which carries the protocol: print to standard error instead"
+
+
+def quoted(data: bytes) -> str:
+    """Return the beginning of some output, to be shown."""
+    return repr(data[:60].decode(errors="replace"))
 
 
 class _Seen(Struct, gc=False):

@@ -18,6 +18,7 @@ from pytest_rvads.drivers.stacks.place import reset
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Agent
+from pytest_rvads.wording import one_line
 
 __all__ = ["Pilot", "Process"]
 
@@ -30,13 +31,15 @@ class Process(TrafficSystem):
 
     It is a factory of autopilots, to be returned by the fixture ``rvads_autopilot`` or given to `simulate`. One process serves
     many scenarios, one after the other; where several vehicles of a run are its, each has a process of its own. A process
-    that fails ends the run with a fault and is replaced for the next one. What is left is ended when the object goes.
+    that fails ends the run with a fault and is replaced for the next one. What is left is ended when the object goes, with all
+    that it started; a RuntimeWarning tells of what can't be ended.
 
     Args:
         command: the program and its arguments, or one string with both.
         rate: decisions per simulated second [Hz], a divisor of 100; by default what the stack says in its hello, else 20.
         timeout: how long it may take for one decision, in real time [s].
         startup: how long it may take to start, and to get ready for a scenario [s].
+        grace: how long it, and what it started, may take to exit after `bye`, and after SIGTERM; then they are killed [s].
         cwd: working directory of the program.
         env: variables to add to its environment.
 
@@ -48,13 +51,14 @@ class Process(TrafficSystem):
         >>> run = simulate(Case(Scenario(find("stop4"), "1133", subject=0), stack, traffic=Reference))
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - a program has a place and several limits, most of them left alone
         self,
         command: str | Sequence[str],
         *,
         rate: float | None = None,
         timeout: float = 5.0,
-        startup: float = 30.0,
+        startup: float = 15.0,
+        grace: float = 1.0,
         cwd: str | Path | None = None,
         env: Mapping[str, str] | None = None,
     ) -> None:
@@ -63,14 +67,14 @@ class Process(TrafficSystem):
         self.command = shlex.split(command) if isinstance(command, str) else [str(part) for part in command]
         if not self.command:
             raise AutopilotError("a stack needs a command, such as ['./stack'], got none")
-        for name, limit in (("timeout", timeout), ("startup", startup)):
+        for name, limit in (("timeout", timeout), ("startup", startup), ("grace", grace or 1.0)):  # there may be no grace
             if not (isinstance(limit, Real) and math.isfinite(limit) and limit > 0):
                 raise AutopilotError(f"{name} must be a number of seconds above 0, got {limit!r}")
-        self.label: str = f"stack {shlex.join(self.command)}"
+        self.label: str = one_line(f"stack {shlex.join(self.command)}")
         """How reports call it."""
         self._period = None if rate is None else _period(rate, self.label)
         self._limits = startup, timeout
-        self._place = cwd, env
+        self._place = cwd, env, grace
         self.connections: list[Connection] = []
         """Running processes, by the order of the vehicles of a run."""
         weakref.finalize(self, _close, self.connections)
@@ -112,11 +116,10 @@ class Process(TrafficSystem):
         self.close()
 
     def _connect(self) -> Connection:
-        cwd, env = self._place
         try:
-            return Connection(lambda: Child(self.command, cwd, env), *self._limits)
+            return Connection(lambda: Child(self.command, *self._place), *self._limits)
         except StackError as error:
-            raise StackError(f"{self.label}: {error}", error.detail) from None
+            raise type(error)(f"{self.label}: {error}", error.detail) from None
 
 
 class Pilot(Autopilot):
@@ -150,7 +153,7 @@ class Pilot(Autopilot):
             if self._connection.serves is not self:
                 raise StackError("it serves two vehicles at once: give the traffic a Process of its own")
             command, compute = self._connection.ask(seen)
-        except StackError:
+        except BaseException:  # also where somebody does not want to wait any longer: an answer may still come
             self._process.drop(self._connection)
             raise
         count, total, longest = self._taken
@@ -176,8 +179,8 @@ def _close(connections: list[Connection]) -> None:
 
 def _period(rate: Any, label: str) -> float:
     number = float(rate) if isinstance(rate, Real) and not isinstance(rate, bool) else 0.0
-    if 0.0 < number < math.inf:
+    if 1e-6 <= number <= 1.0 / DT:
         steps = round(1.0 / (number * DT))
-        if steps >= 1 and math.isclose(steps * number * DT, 1.0, rel_tol=1e-9):
+        if math.isclose(steps * number * DT, 1.0, rel_tol=1e-9):
             return steps * DT
     raise StackError(f"{label}: its rate must divide {1 / DT:g} Hz, such as 10, 20, 25 or 50, got {rate!r}")
