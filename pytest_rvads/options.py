@@ -45,6 +45,13 @@ _DECLARED = {
     "simulator": _Option("what makes the runs: bullet, or module:name of yours", "bullet", metavar="NAME"),
     "sut-rate": _Option("decisions of the stack per simulated second; by default what it asks for, else 20", metavar="HZ"),
     "sut-timeout": _Option("how long the stack may take for one decision, in real time", "5", metavar="SECONDS"),
+    "decision-limit": _Option(
+        "how long one call into a driver may take, in real time; 0 for no limit. What takes longer is an ERROR, and after three "
+        "such runs in a row what this driver has left is",
+        "15",
+        metavar="SECONDS",
+    ),
+    "run-limit": _Option("how long a run may take, in real time; 0 for no limit", "300", metavar="SECONDS"),
     "map": _Option("OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)"),
     "cover": _Option("what to run of every class where a test does not say", choices=("class", "scenario", "rotation")),
     "grid": _Option("configurations where a test does not say: 'paper', letters such as CD, or a grid of yours"),
@@ -101,6 +108,10 @@ class Options:
     """[Hz]."""
     sut_timeout: float
     """[s]."""
+    decision_limit: float
+    """Of one call into a driver, 0 for none [s]."""
+    run_limit: float
+    """Of a run, 0 for none [s]."""
     map: str | None
     cover: str
     grid: str
@@ -154,6 +165,8 @@ class Options:
             simulator=values["simulator"],
             sut_rate=_number("sut-rate", values["sut-rate"], 100.0),
             sut_timeout=_number("sut-timeout", values["sut-timeout"], 3600.0) or 5.0,
+            decision_limit=_number("decision-limit", values["decision-limit"], 1e6) or 0.0,
+            run_limit=_number("run-limit", values["run-limit"], 1e6) or 0.0,
             map=_map(config),
             cover=values["cover"] or "class",
             grid=values["grid"] or "paper",
