@@ -223,7 +223,7 @@ def _fault(error: BaseException, doing: str, agent: Agent, autopilot: Any = None
         late, detail = watch().late, _told(autopilot, "abandon")
         if not late:
             raise error
-        return Halt(agent.name, f"{doing}{when}: {late}", detail, LATE)
+        return Halt(agent.name, one_line(f"{doing}{when}: {late}", _REASON), detail, LATE)
     if isinstance(error, UnfitCommand):
         return Halt(agent.name, one_line(f"{doing}{when} returned {error}", _REASON), _told(autopilot, "abandon"))
     if isinstance(error, AutopilotError):
@@ -233,7 +233,7 @@ def _fault(error: BaseException, doing: str, agent: Agent, autopilot: Any = None
         end = LATE if isinstance(error, StackTimeout) else FAULT
         reason = str(error) if named else f"{doing}{when}: {error}"
         return Halt(agent.name, one_line(reason, _REASON), _told(error, "detail"), end)
-    return Halt(agent.name, f"{doing} {_describe(error)}{when}")
+    return Halt(agent.name, one_line(f"{doing} {_describe(error)}{when}", _REASON))
 
 
 def _steps(period: Any) -> int:
