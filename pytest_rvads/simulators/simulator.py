@@ -28,8 +28,8 @@ class Simulator(Protocol):
 
     The run ends when every vehicle has left, or at the scenario's duration; also when two vehicles collide or one leaves its
     route, because what follows is no driving. It ends with `Run.fault` set when an autopilot raises or answers with something
-    that is not a command, or when the plant fails. The states up to the end are kept. What ``timing()`` of an autopilot returns
-    is kept under ``timing`` in `Run.provenance`.
+    that is not a command, when a limit of real time is over, or when the plant fails. The states up to the end are kept. What
+    ``timing()`` of an autopilot tells is kept under ``timing`` in `Run.provenance`.
     """
 
     @property
