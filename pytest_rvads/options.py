@@ -49,6 +49,13 @@ _DECLARED = {
         "how long the stack may take to start, and to get ready for a scenario, in real time", "15", metavar="SECONDS"
     ),
     "sut-grace": _Option("how long the stack may take to exit after bye, and after SIGTERM", "1", metavar="SECONDS"),
+    "decision-limit": _Option(
+        "how long one call into a driver may take, in real time; 0 for no limit. What takes longer is an ERROR, and after three "
+        "such runs in a row what this driver has left is",
+        "15",
+        metavar="SECONDS",
+    ),
+    "run-limit": _Option("how long a run may take, in real time; 0 for no limit", "300", metavar="SECONDS"),
     "map": _Option("OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)"),
     "cover": _Option("what to run of every class where a test does not say", choices=("class", "scenario", "rotation")),
     "grid": _Option("configurations where a test does not say: 'paper', letters such as CD, or a grid of yours"),
@@ -109,6 +116,10 @@ class Options:
     """[s]."""
     sut_grace: float
     """[s]."""
+    decision_limit: float
+    """Of one call into a driver, 0 for none [s]."""
+    run_limit: float
+    """Of a run, 0 for none [s]."""
     map: str | None
     cover: str
     grid: str
@@ -164,6 +175,8 @@ class Options:
             sut_timeout=_number("sut-timeout", values["sut-timeout"], 3600.0) or 5.0,
             sut_startup=_number("sut-startup", values["sut-startup"], 3600.0) or 15.0,
             sut_grace=_number("sut-grace", values["sut-grace"], 3600.0) or 0.0,
+            decision_limit=_number("decision-limit", values["decision-limit"], 1e6) or 0.0,
+            run_limit=_number("run-limit", values["run-limit"], 1e6) or 0.0,
             map=_map(config),
             cover=values["cover"] or "class",
             grid=values["grid"] or "paper",

@@ -22,10 +22,11 @@ from pytest_rvads.session.bundled import offer
 from pytest_rvads.session.chosen_driver import chosen
 from pytest_rvads.session.comparing import explain
 from pytest_rvads.session.items import OPTIONS, RECORD, attach, letter, prepare
+from pytest_rvads.session.limits import limits
 from pytest_rvads.session.main_process import Session
 from pytest_rvads.session.plan import Planner, in_part
 from pytest_rvads.session.time_budget import BUDGET, Budget
-from pytest_rvads.simulators.choice import choosing
+from pytest_rvads.simulators.choice import Choice, choosing
 
 __all__ = [
     "monitor",
@@ -73,7 +74,7 @@ def pytest_configure(config: pytest.Config) -> None:
             from pytest_rvads.simulators.simulator import named
 
             simulator = named(options.simulator, config.invocation_params.dir)
-        _opened(config, choosing(simulator))
+        _opened(config, choosing(Choice(simulator, _opened(config, limits(config)))))
     except RvadsError as error:
         raise pytest.UsageError(str(error)) from error
     register_marks(config)

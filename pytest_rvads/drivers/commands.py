@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, TargetSpeed, Trajectory, Waypoint
 
-__all__ = ["clamped", "trouble"]
+__all__ = ["UnfitCommand", "plain"]
 
 MAX_ACCELERATION = 20.0
 """No vehicle accelerates or brakes harder [m/s^2]; more is a mistake of units."""
@@ -17,72 +17,88 @@ MAX_SPEED = 70.0
 """Likewise for speeds [m/s]."""
 TOLERANCE = 1e-6
 """How far throttle and brake may leave 0..1 by rounding; they are clamped."""
+POINTS = 10_000
+"""No trajectory needs more points; more is a generator without end."""
 
 
-def trouble(answer: Any) -> str:
-    """Return what is wrong with what an autopilot answered, to be read after "returned", or nothing.
+class UnfitCommand(Exception):
+    """What is wrong with an answer, to be read after "returned".
 
     No value is shown by its repr, which may hold an address: the text is part of a run's hash.
     """
+
+
+def plain(answer: Any) -> Command:
+    """Return what an autopilot answered as a command of plain floats; throttle and brake are in 0..1.
+
+    Raises:
+        UnfitCommand: it is no command, or its numbers are not finite or not in range.
+    """
     match answer:
         case Control():
-            return next(_wrong_control(answer), "")
+            throttle, brake, steering = (_finite(value, name) for name, value in zip(Control._fields, answer, strict=True))
+            for name, value in (("throttle", throttle), ("brake", brake)):
+                if not -TOLERANCE <= value <= 1.0 + TOLERANCE:
+                    raise UnfitCommand(f"{name} {value:g}, expected 0..1")
+            if abs(steering) > math.pi / 2:
+                raise UnfitCommand(f"steering {steering:g}, expected radians within -pi/2..pi/2 (was it in degrees?)")
+            return Control(min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0), steering)
         case TargetSpeed(speed):
-            return _wrong("target speed", speed, 0.0, MAX_SPEED, "m/s")
+            return TargetSpeed(_within(speed, "target speed", 0.0, MAX_SPEED, "m/s"))
         case Acceleration(acceleration, steering):
-            found = _wrong("acceleration", acceleration, -MAX_ACCELERATION, MAX_ACCELERATION, "m/s^2")
-            return found or ("" if steering is None else _wrong("steering", steering, -math.pi / 2, math.pi / 2, "rad"))
+            number = _within(acceleration, "acceleration", -MAX_ACCELERATION, MAX_ACCELERATION, "m/s^2")
+            half = math.pi / 2
+            return Acceleration(number, None if steering is None else _within(steering, "steering", -half, half, "rad"))
         case Trajectory(points):
-            return next(_wrong_points(points), "")
+            return Trajectory(tuple(_waypoints(points)))
     kinds = " or ".join(kind.__name__ for kind in get_args(Command))
-    return f"an object of type {type(answer).__name__}, expected a {kinds}"
+    raise UnfitCommand(f"an object of type {type(answer).__name__}, expected a {kinds}")
 
 
-def clamped(control: Control) -> Control:
-    """Return a control as floats, throttle and brake in 0..1."""
-    throttle, brake, steering = (float(value) for value in control)
-    return Control(min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0), steering)
-
-
-def _wrong_control(control: Control) -> Iterator[str]:
-    for name, value in zip(Control._fields, control, strict=True):
-        if not isinstance(value, Real):
-            yield f"a {name} of type {type(value).__name__}, expected a number"
-        elif not math.isfinite(value):
-            yield f"{name} {float(value)}, expected a finite number"
-    for name, value in (("throttle", control.throttle), ("brake", control.brake)):
-        if not -TOLERANCE <= value <= 1.0 + TOLERANCE:
-            yield f"{name} {float(value):g}, expected 0..1"
-    if abs(control.steering) > math.pi / 2:
-        yield f"steering {float(control.steering):g}, expected radians within -pi/2..pi/2 (was it in degrees?)"
-
-
-def _wrong_points(points: Any) -> Iterator[str]:
+def _waypoints(points: Any) -> Iterator[Waypoint]:
     if not isinstance(points, Iterable):
-        yield f"a trajectory of type {type(points).__name__}, expected a sequence of points"
-        return
-    listed = list(points)
-    if len(listed) < 2:
-        yield f"a trajectory of {len(listed)} points, expected at least 2"
-    before = -math.inf
-    for number, point in enumerate(listed):
+        raise UnfitCommand(f"a trajectory of type {type(points).__name__}, expected a sequence of points")
+    before, count = -math.inf, 0
+    for number, point in enumerate(points):
+        count += 1
+        if count > POINTS:
+            raise UnfitCommand(f"a trajectory of more than {POINTS:,} points, expected no more")
         if not (isinstance(point, tuple | list) and len(point) == 3):
-            yield f"a trajectory whose point {number} is of type {type(point).__name__}, expected (time, x, y)"
-            return
-        for name, value in zip(Waypoint._fields, point, strict=True):
-            yield from filter(None, [_wrong(f"trajectory whose point {number} has {name}", value, -math.inf, math.inf, "")])
-        if point[0] <= before:
-            yield f"a trajectory whose point {number} comes at {point[0]:g} s, not after the one before it"
-        before = point[0]
+            raise UnfitCommand(f"a trajectory whose point {number} is of type {type(point).__name__}, expected (time, x, y)")
+        values = zip(Waypoint._fields, point, strict=True)
+        found = Waypoint(*(_quantity(value, f"trajectory whose point {number} has {name}") for name, value in values))
+        if found.time <= before:
+            raise UnfitCommand(f"a trajectory whose point {number} comes at {found.time:g} s, not after the one before it")
+        before = found.time
+        yield found
+    if count < 2:
+        raise UnfitCommand(f"a trajectory of {count} points, expected at least 2")
 
 
-def _wrong(name: str, value: Any, least: float, most: float, unit: str) -> str:
-    article = "an" if name[0] in "aeiou" else "a"
-    if not isinstance(value, Real) or isinstance(value, bool):
-        return f"{article} {name} of type {type(value).__name__}, expected a number"
-    number = float(value)
-    if not math.isfinite(number):
-        return f"{article} {name} {number}, expected a finite number"
+def _within(value: Any, name: str, least: float, most: float, unit: str) -> float:
+    number = _quantity(value, name)
     if not least <= number <= most:
-        return f"{article} {name} {number:g} {unit}, expected {least:g} to {most:g}"
-    return ""
+        raise UnfitCommand(f"{_article(name)} {name} {number:g} {unit}, expected {least:g} to {most:g}")
+    return number
+
+
+def _quantity(value: Any, name: str) -> float:
+    if isinstance(value, bool):
+        raise UnfitCommand(f"{_article(name)} {name} of type bool, expected a number")
+    return _finite(value, name, f"{_article(name)} ")
+
+
+def _finite(value: Any, name: str, article: str = "") -> float:
+    if not isinstance(value, Real):
+        raise UnfitCommand(f"{article or 'a '}{name} of type {type(value).__name__}, expected a number")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise UnfitCommand(f"{article}{name} {number}, expected a finite number")
+    return number
+
+
+def _article(name: str) -> str:
+    return "an" if name[0] in "aeiou" else "a"

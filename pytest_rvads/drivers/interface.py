@@ -154,9 +154,10 @@ class Autopilot(ABC):
         """Return what to do until the next call."""
 
     def timing(self) -> Mapping[str, Any] | None:
-        """Return how long it computed: ``stack``, ``decisions``, ``compute``, ``longest`` [s]; None where nobody measures.
+        """Return what it measured: names with finite numbers or texts, others are left out; None where nobody measures.
 
-        It is told beside the run, and no part of it: no verdict depends on it.
+        It is kept in the provenance of the run, under ``timing`` and the vehicle, and no verdict depends on it. Reports show it where
+        it has ``stack`` (its name), ``decisions``, ``compute`` and ``longest`` [s].
         """
         return None
 

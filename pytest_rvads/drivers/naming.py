@@ -10,10 +10,15 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pytest_rvads.wording import one_line
+
 if TYPE_CHECKING:
     from pytest_rvads.drivers.interface import Factory
 
 __all__ = ["at", "called", "in_ids", "name_of", "stand_in"]
+
+_LONGEST = 1000
+"""Of a name [characters]."""
 
 
 @cache
@@ -67,9 +72,18 @@ def in_ids(driver: Any) -> str:
 
 def _names(driver: Any) -> tuple[str, str]:
     inner = _inner(driver)
-    label = getattr(driver, "label", None) or getattr(inner, "label", None)
     own = getattr(inner, "__qualname__", type(inner).__qualname__)
-    return label if isinstance(label, str) else "", str(own)
+    return _label(driver) or _label(inner), one_line(str(own), _LONGEST)
+
+
+def _label(driver: Any) -> str:
+    try:
+        label = getattr(driver, "label", None)
+        return one_line(str(label), _LONGEST) if isinstance(label, str) else ""
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # a name that can't be read is none, and costs no more
+        return ""
 
 
 def _inner(driver: Any) -> Any:

@@ -231,7 +231,7 @@ class Junction:
         """Per entrance and turn, the movements that a vehicle with this indicator may make."""
         keys = [(entrance, turn) for entrance in range(len(self.entrances)) for turn in Turn]
         ways = self.movements.values()
-        return {key: tuple(m for m in ways if (m.entrance, m.turn) == key) for key in keys}
+        return MappingProxyType({key: tuple(m for m in ways if (m.entrance, m.turn) == key) for key in keys})
 
     @cached_property
     def digest(self) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,11 +83,11 @@ class Segment:
         points, steps = points[keep], steps[steps > 1e-9]
         if not len(steps):
             raise MapError(f"segment {self.id!r} has zero length")
-        points.setflags(write=False)
-        stations = np.concatenate(([0.0], np.cumsum(steps)))
-        stations.setflags(write=False)
-        object.__setattr__(self, "points", points)
-        object.__setattr__(self, "stations", stations)
+        object.__setattr__(self, "points", _fixed(points))
+        object.__setattr__(self, "stations", _fixed(np.concatenate(([0.0], np.cumsum(steps)))))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Segment, (self.id, self.points, self.turn, self.junction)  # numpy unpickles arrays that can be written to
 
     def _fill(self) -> _Table:
         """Make the table of stations and pieces in plain floats, when first needed: most segments of a town never are."""
@@ -171,6 +171,11 @@ class Segment:
         Two segments are consecutive when the second starts within `GAP_LIMIT` of the end of the first.
         """
         return join((self, other))
+
+
+def _fixed(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return an array that nobody can write to, nor make writable: autopilots are handed centre lines."""
+    return np.frombuffer(numbers.tobytes(), dtype=np.float64).reshape(numbers.shape)
 
 
 def join(segments: Sequence[Segment]) -> Segment | None:

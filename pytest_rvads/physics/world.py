@@ -190,9 +190,11 @@ def _acquire() -> tuple[ModuleType, int]:
     """Return pybullet and an engine that no open world uses."""
     bullet = _load()
     pid = os.getpid()
-    # An engine connected before a fork belongs to the parent.
-    _free[:] = [entry for entry in _free if entry[0] == pid]
+    # An engine connected before a fork belongs to the parent, and a driver may have disconnected one.
+    _free[:] = [entry for entry in _free if entry[0] == pid and bullet.isConnected(entry[1])]
     client = _free.pop()[1] if _free else bullet.connect(bullet.DIRECT)
+    if client == 0:  # a driver that uses pybullet and names no engine works on this one: it stays idle
+        client = bullet.connect(bullet.DIRECT)
     if client < 0:
         raise RunError("pybullet has no engine left for another world: close worlds that are no longer used")
     return bullet, client

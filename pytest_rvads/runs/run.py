@@ -20,12 +20,14 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.states import Agent, Zone
 
-__all__ = ["ARRAYS", "DT", "Collision", "Facts", "Fault", "Halt", "Positive", "Run"]
+__all__ = ["ARRAYS", "DT", "FAULT", "LATE", "Collision", "Facts", "Fault", "Halt", "Positive", "Run"]
 
 DT = 0.01
 """Time between two states, and the physics step [s]."""
 ARRAYS = ("zone", "lights", "station", "speed", "pose", "controls")
 """The states."""
+FAULT, LATE = "fault", "late"
+"""Ends of runs in their provenance: a fault, and one because a limit of real time was over."""
 Positive = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
 """A number above 0, finite; as run files have it."""
 
@@ -62,10 +64,12 @@ class Halt(RunError):
         agent: the vehicle concerned.
         reason: one sentence, see `Fault.reason`.
         detail: see `Fault.detail`.
+        end: what the run's provenance calls its end, `FAULT` or `LATE`.
     """
 
-    def __init__(self, agent: str, reason: str, detail: str = "") -> None:
+    def __init__(self, agent: str, reason: str, detail: str = "", end: str = FAULT) -> None:
         super().__init__(reason)
+        self.end = end
         self.agent = agent
         self.reason = reason
         self.detail = detail

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from pytest_rvads.errors import FormulaError
+from pytest_rvads.wording import one_line
 
 if TYPE_CHECKING:
     from pytest_rvads.draw.replay import Track
@@ -49,7 +50,7 @@ def look(item: pytest.Item, folder: str, run: Run, verdict: Verdict, rule: str |
     try:
         image = _write(item.config.invocation_params.dir / path, run, verdict, time, rule, notes)
     except Exception as error:
-        return f"not drawn: {type(error).__name__}: {error}", ""
+        return f"not drawn: {type(error).__name__}: {one_line(str(error))}", ""
     item.config.stash[_WRITTEN] = written + 1
     return f"{path.as_posix()}#t={time:.2f}", image
 

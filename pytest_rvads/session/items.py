@@ -6,7 +6,7 @@ It crosses xdist on the report as builtins, and lands in JUnit and report logs.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -16,6 +16,7 @@ from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.session.artefacts import look, show
 from pytest_rvads.session.chosen_driver import where_else
 from pytest_rvads.session.plan import start
+from pytest_rvads.wording import one_line, printable
 
 if TYPE_CHECKING:
     from pytest_rvads.logic.judging.verdicts import Verdict
@@ -29,6 +30,10 @@ __all__ = ["OPTIONS", "RECORD", "REPEAT", "RUN", "SIMULATOR", "VERDICTS", "NoVer
 OPTIONS: pytest.StashKey[Options] = pytest.StashKey()
 RECORD: pytest.StashKey[Record] = pytest.StashKey()
 VERDICTS: pytest.StashKey[list[Verdict]] = pytest.StashKey()
+
+
+_LONGEST = 20_000
+"""Of a message [characters]."""
 
 
 class NoVerdict(pytest.fail.Exception):  # type: ignore[name-defined,misc]
@@ -83,10 +88,34 @@ def attach(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestRe
     if report.when == "teardown":
         _release(item)
     elif report.when == "call" or not report.passed:
-        record = _concluded(item, call.excinfo.value if call.excinfo else None, report)
-        if report.failed and item.config.stash[OPTIONS].repeat == "failed":
-            record = _repeated(item, record, report)
-        _publish(item, _explained(item, record, report), report)
+        try:
+            record = _concluded(item, call.excinfo.value if call.excinfo else None, report)
+        except Exception as error:
+            record = _unrecorded(item, error, report)
+        for step in (_repeated, _explained):
+            try:
+                record = step(item, record, report)
+            except KeyboardInterrupt:
+                raise
+            except BaseException as error:  # no diagnosis is worth a verdict
+                report.sections.append(("rvads", f"no more can be told: {_named(error)}"))
+        _publish(item, record, report)
+
+
+def _unrecorded(item: pytest.Item, error: Exception, report: pytest.TestReport) -> Record:
+    """Return the record of an item of which nothing else can be recorded."""
+    from msgspec.structs import replace
+
+    report.outcome = "failed"
+    report.longrepr = f"this item can't be recorded: {_named(error)}"
+    return replace(item.stash[RECORD], status=Outcome.ERROR, outcome="failed", message=report.longrepr)
+
+
+def _named(error: BaseException) -> str:
+    try:
+        return f"{type(error).__name__}: {one_line(str(error))}"
+    except Exception:  # of somebody else's making
+        return type(error).__name__
 
 
 def _concluded(item: pytest.Item, raised: BaseException | None, report: pytest.TestReport) -> Record:
@@ -102,7 +131,7 @@ def _concluded(item: pytest.Item, raised: BaseException | None, report: pytest.T
         report.when or "",
         report.outcome,
         known=known,
-        text=text,
+        text=printable(text, _LONGEST),
         error=Outcome.NOT_JUDGED if isinstance(raised, NotJudged) else error,
     )
 
@@ -144,16 +173,17 @@ def _undriven(item: pytest.Item) -> bool:
 
 
 def _release(item: pytest.Item) -> None:
-    """Let go of the run: a session of thousands of items can't hold on to all of them."""
-    if RUN in item.stash:
-        del item.stash[RUN]
-    if REPEAT in item.stash:
-        del item.stash[REPEAT]
+    """Let go of run and verdicts: a session of thousands of items can't hold on to all of them."""
+    kept: tuple[pytest.StashKey[Any], ...] = (RECORD, VERDICTS, RUN, SIMULATOR, REPEAT)
+    for key in kept:
+        if key in item.stash:
+            del item.stash[key]
 
 
 def _repeated(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
     """Simulate the run of a failed item once more; where that gives another run, the item is FLAKY, and stays failed."""
-    again = item.stash.get(REPEAT, None)
+    asked = report.failed and item.config.stash[OPTIONS].repeat == "failed"
+    again = item.stash.get(REPEAT, None) if asked else None
     divergence = again() if again else None
     if divergence is None:
         return record
@@ -177,8 +207,10 @@ def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> 
     verdict, page = verdicts[-1], ""
     try:
         told, page = _explanation(item, verdict, record, report)
-    except Exception as error:  # no explanation is worth the verdict
-        told = f"{verdict.explanation}\n(no more can be told: {type(error).__name__}: {error})"
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        told = f"{verdict.explanation}\n(no more can be told: {_named(error)})"
     report.sections.append((f"rvads {verdict.rule}", told))
     return replace(record, look=page)
 

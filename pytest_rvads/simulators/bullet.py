@@ -14,11 +14,12 @@ from pytest_rvads.errors import ScenarioError
 from pytest_rvads.physics.body import Body, start
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.physics.world import BulletWorld, World
-from pytest_rvads.runs.run import DT, Collision, Facts, Fault, Halt, Run
+from pytest_rvads.runs.run import DT, LATE, Collision, Facts, Fault, Halt, Run
 from pytest_rvads.runs.states import GONE, Colour
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
+from pytest_rvads.simulators.patience import TooLate, watch
 from pytest_rvads.simulators.recorder import Recorder
 from pytest_rvads.simulators.seat import Seat, crew
 from pytest_rvads.versions import versions
@@ -58,7 +59,7 @@ class _Loop:
         self.collisions: list[Collision] = []
         self.fault: Fault | None = None
         self.end = "duration"
-        """Why the run ended: left, duration, collision, route, fault."""
+        """Why the run ended: left, duration, collision, route, fault, late."""
         self.strayed: tuple[str, ...] = ()
         self._seats: dict[int, Seat] = {}
         self._signals = scenario.signals()
@@ -99,9 +100,12 @@ class _Loop:
                 self._advance(self._decide())
                 self._sample()
             self._over()
+        except TooLate:
+            if not (late := watch().late):
+                raise  # it is meant for a run that this one is simulated within
+            self._halted(Halt(self._agents[0].name, f"{Bullet.name} simulating {scenario.name}: {late}", end=LATE))
         except Halt as halt:
-            self.end = "fault"
-            self.fault = Fault(self._step * DT, halt.agent, halt.reason, halt.detail)
+            self._halted(halt)
 
     def result(self) -> Run:
         """Return the run as far as it got."""
@@ -116,11 +120,15 @@ class _Loop:
             "end": self.end,
             "versions": versions(),
         }
-        timed = {seat.agent.name: told for seat in self._seats.values() if (told := seat.timing()) is not None}
+        timed = {seat.agent.name: told for seat in self._seats.values() if (told := seat.timing())}
         if timed:
             provenance["timing"] = timed
         facts = Facts(case.scenario.under_test, SPEED_LIMIT, self.strayed)
         return self.recorder.run(case.scenario.name, self.junction, tuple(self.collisions), self.fault, facts, provenance)
+
+    def _halted(self, halt: Halt) -> None:
+        self.end = halt.end
+        self.fault = Fault(self._step * DT, halt.agent, halt.reason, halt.detail)
 
     def _over(self) -> bool:
         """Tell whether the run is over before its time, and note why."""

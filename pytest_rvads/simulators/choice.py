@@ -1,31 +1,66 @@
-"""Which simulator a session chose; it makes the runs wherever a caller of the session names none.
+"""What a session chose: the simulator that makes the runs for which callers name no other, and how long they may take.
 
-Imports nothing, because every session of pytest makes a choice, also where nobody simulates.
+Imports no simulator, because every session of pytest makes a choice, also where nobody simulates.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from numbers import Real
+from typing import Any, NamedTuple
 
-__all__ = ["choice", "choosing"]
+from pytest_rvads.errors import ScenarioError
+from pytest_rvads.simulators.patience import Limits
 
-_CHOICES: list[list[Any]] = [[None]]
+__all__ = ["Choice", "choice", "choosing", "limits"]
+
+
+class Choice(NamedTuple):
+    """What makes runs, and how long they may take."""
+
+    simulator: Any = None
+    """A `Simulator`; None for ``bullet``, not loaded yet, as outside of sessions."""
+    limits: Limits = Limits()
+
+
+_CHOICES: list[list[Choice]] = [[Choice()]]
 """One entry per open session, a list of its own so that a session takes back its own choice, whoever ends first."""
 
 
-def choice() -> Any:
-    """Return the `Simulator` of the session; None for ``bullet``, not loaded yet, as outside of sessions."""
+def choice() -> Choice:
+    """Return the choice of the session."""
     return _CHOICES[-1][0]
 
 
 @contextmanager
-def choosing(simulator: Any) -> Iterator[None]:
-    """Have a simulator, or None for ``bullet``, make the runs for which callers name no other."""
-    own = [simulator]
+def choosing(made: Choice) -> Iterator[None]:
+    """Have a choice hold."""
+    own = [made]
     _CHOICES.append(own)
     try:
         yield
     finally:
         _CHOICES[:] = [entry for entry in _CHOICES if entry is not own]
+
+
+@contextmanager
+def limits(decision: float = Limits().decision, run: float = Limits().run) -> Iterator[None]:
+    """Have other limits of real time hold for what is simulated in this context, in any thread.
+
+    A run that exceeds one ends by a fault that names the driver and the line where it was.
+
+    Args:
+        decision: for one call into a driver [s]; 0 sets no limit.
+        run: for all of a run [s]; 0 sets no limit.
+
+    Raises:
+        ScenarioError: a limit that is no number from 0 on.
+    """
+    for name, limit in (("decision", decision), ("run", run)):
+        if not (isinstance(limit, Real) and 0 <= limit < math.inf):
+            raise ScenarioError(f"limits({name}=) takes a number of seconds, 0 for no limit, got {limit!r:.60}")
+    held = choice()
+    with choosing(held._replace(limits=held.limits._replace(decision=float(decision), run=float(run)))):
+        yield

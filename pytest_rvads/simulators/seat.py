@@ -8,47 +8,63 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import islice
 from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from pytest_rvads.drivers.abilities import OF_AUTOPILOTS, OF_SYSTEMS, spelling
-from pytest_rvads.drivers.commands import clamped, trouble
+from pytest_rvads.drivers.commands import UnfitCommand, plain
 from pytest_rvads.drivers.interface import Autopilot, Command, Control, Factory, Observation, TrafficSystem
 from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.drivers.tracker import Tracker
 from pytest_rvads.errors import AutopilotError
-from pytest_rvads.runs.run import DT, Halt
+from pytest_rvads.runs.run import DT, FAULT, LATE, Halt
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.simulators.latency import Latency
+from pytest_rvads.simulators.patience import TooLate, watch
 from pytest_rvads.simulators.perception import Perception
+from pytest_rvads.wording import one_line, printable
 
 __all__ = ["Seat", "crew"]
 
 _LONGEST = 4096
 """Of what is told of a fault beside its reason [characters]."""
+_REASON = 2000
+"""Of a reason [characters]."""
+_TEXT = 400
+"""Of a text that an autopilot tells beside its run [characters]."""
+_TIMES = 32
+"""How many of the times that an autopilot measured are kept."""
 
 
 class Seat:
     """One vehicle's place for an autopilot: any object with a method ``control``; `Autopilot` says what else it may have.
 
     Raises:
-        Halt: no method ``control``, an ability that is misspelt, or a period that is not a multiple of the step.
+        Halt: no method ``control``, an ability that is misspelt or raises, or a period that is not a multiple of the step.
     """
 
     def __init__(self, agent: Agent, autopilot: Any, senses: Senses = IDEAL, key: str = "") -> None:
         self.agent = agent
-        self.name = name_of(autopilot)
         self.autopilot = autopilot
-        wrong = spelling(autopilot, OF_AUTOPILOTS, Autopilot)
-        if not wrong and not callable(getattr(autopilot, "control", None)):
-            wrong = "an autopilot needs a method control(seen: Observation) -> Command"
+        self._watch = watch()
+        with _asking(f"making {type(autopilot).__qualname__} for {agent.name}", agent):
+            self.name = name_of(autopilot)
+            wrong = spelling(autopilot, OF_AUTOPILOTS, Autopilot)
+            if not wrong and not callable(getattr(autopilot, "control", None)):
+                wrong = "an autopilot needs a method control(seen: Observation) -> Command"
+            if not wrong:
+                self._ask = autopilot.control
+                self._limited = not getattr(autopilot, "own_limits", False)
+                period = getattr(autopilot, "period", DT)
+                self._every = _steps(period)
+                wrong = "" if self._every else f"its period must be a whole multiple of {DT:g} s, got {period!r:.60}"
         if wrong:
-            raise self._unfit(wrong)
-        self._ask = autopilot.control
-        self._every = self._steps(getattr(autopilot, "period", DT))
+            raise Halt(agent.name, f"{self.name} can't drive {agent.name}: {one_line(wrong, _REASON)}")
         self._held: Command = Control()
         self._tracker: Tracker | None = None
         key = f"{key} {agent.name}"
@@ -75,53 +91,38 @@ class Seat:
         # The tracking controller sits in the vehicle: it knows where it is.
         return self._tracker.control(command, seen)
 
-    def timing(self) -> dict[str, Any] | None:
-        """Return how long a stack that runs elsewhere computed, see `Autopilot`; None for others, whatever they answer."""
+    def timing(self) -> dict[str, float | str] | None:
+        """Return what the autopilot measured, see `Autopilot.timing`; None where it tells nothing of the kind."""
         try:
-            told = self.autopilot.timing()
-            numbers = {key: float(told[key]) for key in ("compute", "longest")}
-            return {"stack": str(told["stack"]), "decisions": int(told["decisions"]), **numbers}
-        except KeyboardInterrupt:
-            raise
-        except BaseException:  # what it computed is no part of the run, so nothing that it does here ends one
+            with _asking("timing", self.agent, limited=self._limited):
+                told = self.autopilot.timing()
+                return _measured(told) if isinstance(told, Mapping) else None
+        except Halt:  # what it measured is no part of the run, so nothing that it does here ends one
             return None
 
     def _answer(self, seen: Observation) -> Command:
+        watched = self._watch
+        if self._limited:
+            watched.asked = seen
         try:
             answer = self._ask(seen)
-        except AutopilotError as error:
-            raise Halt(self.agent.name, f"{self._where(seen)}: {error}", _told(error, "detail")) from error
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # whatever it raises, a skip of pytest's included, ends its run and no more
-            raise Halt(
-                self.agent.name, f"{self.name} driving {self.agent.name} {_describe(error)} at {seen.time:.2f} s"
-            ) from error
-        if type(answer) is Control:
-            throttle, brake, steering = answer
-            # Plain floats in range are the usual case; everything else is looked at closely.
-            if type(throttle) is type(brake) is type(steering) is float and (
-                0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0 and -1.5 < steering < 1.5
-            ):
-                return answer
-        wrong = trouble(answer)
-        if wrong:
-            raise Halt(self.agent.name, f"{self._where(seen)} returned {wrong}", _told(self.autopilot, "abandon"))
-        held: Command = clamped(answer) if isinstance(answer, Control) else answer
-        return held
-
-    def _where(self, seen: Observation) -> str:
-        return f"{self.name} driving {self.agent.name} at {seen.time:.2f} s"
-
-    def _unfit(self, why: str) -> Halt:
-        return Halt(self.agent.name, f"{self.name} can't drive {self.agent.name}: {why}")
-
-    def _steps(self, period: Any) -> int:
-        if isinstance(period, Real) and not isinstance(period, bool) and math.isfinite(period):
-            steps = round(float(period) / DT)
-            if steps >= 1 and math.isclose(steps * DT, float(period), rel_tol=1e-9):
-                return steps
-        raise self._unfit(f"its period must be a whole multiple of {DT:g} s, got {period!r}")
+            if type(answer) is Control and not watched.late:
+                throttle, brake, steering = answer
+                # Plain floats in range are the usual case; everything else is looked at closely.
+                if type(throttle) is type(brake) is type(steering) is float and (
+                    0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0 and -1.5 < steering < 1.5
+                ):
+                    return answer
+            command = plain(answer)
+            if watched.late:
+                raise TooLate  # which it caught
+        except BaseException as error:
+            watched.asked = None
+            doing = f"{self.name} driving {self.agent.name}"
+            raise _fault(error, doing, self.agent, self.autopilot, f" at {seen.time:.2f} s") from error
+        finally:
+            watched.asked = None
+        return self._held if command == self._held else command  # the tracking controller knows a trajectory again
 
 
 def crew(
@@ -167,34 +168,96 @@ def _hire(factory: Factory, agents: Sequence[Agent], senses: Senses = IDEAL, key
 
 
 def _make(factory: Factory, agent: Agent) -> Any:
-    try:
+    with _asking(f"making {name_of(factory)} for {agent.name}", agent):
         return factory()
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        raise Halt(agent.name, f"making {name_of(factory)} for {agent.name} {_describe(error)}") from error
 
 
 def _delegate(system: Any, agents: Sequence[Agent]) -> list[Any]:
-    name, first = type(system).__qualname__, agents[0].name
-    misspelt = spelling(system, OF_SYSTEMS, TrafficSystem)
+    name, first = name_of(type(system)), agents[0]
+    with _asking(f"{name}.autopilots", first, limited=not getattr(system, "own_limits", False)):
+        misspelt = spelling(system, OF_SYSTEMS, TrafficSystem)
+        made = [] if misspelt else list(islice(system.autopilots(tuple(agents)), len(agents) + 1))
     if misspelt:
-        raise Halt(first, f"{name} can't coordinate {len(agents)} agents: {misspelt}")
-    try:
-        made = list(system.autopilots(tuple(agents)))
-    except AutopilotError as error:
-        raise Halt(first, str(error), _told(error, "detail")) from error
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        raise Halt(first, f"{name}.autopilots {_describe(error)}") from error
+        raise Halt(first.name, f"{name} can't coordinate {len(agents)} agents: {one_line(misspelt, _REASON)}")
     if len(made) != len(agents):
-        raise Halt(first, f"{name}.autopilots returned {len(made)} autopilots, expected one for each of {len(agents)} agents")
+        count = f"{len(made)}" if len(made) < len(agents) else "more"
+        raise Halt(first.name, f"{name}.autopilots returned {count} autopilots, expected one for each of {len(agents)} agents")
     return made
+
+
+@contextmanager
+def _asking(doing: str, agent: Agent, *, limited: bool = True) -> Iterator[None]:
+    """Run code of a driver: what it raises ends the run with a fault, and it may take no longer than the watch allows.
+
+    Args:
+        doing: what it is asked for, as reasons say it.
+        agent: the vehicle concerned.
+        limited: whether the limit of a decision counts; a stack in another process has limits of its own.
+
+    Raises:
+        Halt: it raised, or took too long.
+    """
+    watched = watch()
+    watched.asked = object() if limited else None
+    try:
+        yield
+        if watched.late:
+            raise TooLate  # which it caught
+    except BaseException as error:
+        watched.asked = None
+        raise _fault(error, doing, agent) from error
+    finally:
+        watched.asked = None
+
+
+def _fault(error: BaseException, doing: str, agent: Agent, autopilot: Any = None, when: str = "") -> Halt:
+    """Return what an error in code of a driver makes of its run; an autopilot that is too late, or answered nonsense, lets go.
+
+    Raises:
+        KeyboardInterrupt: the error, which is no driver's.
+        TooLate: the error, which is meant for a run that this one is simulated within.
+    """
+    if isinstance(error, KeyboardInterrupt):
+        raise error
+    if isinstance(error, TooLate):
+        late, detail = watch().late, _told(autopilot, "abandon")
+        if not late:
+            raise error
+        return Halt(agent.name, one_line(f"{doing}{when}: {late}", _REASON), detail, LATE)
+    if isinstance(error, UnfitCommand):
+        return Halt(agent.name, one_line(f"{doing}{when} returned {error}", _REASON), _told(autopilot, "abandon"))
+    if isinstance(error, AutopilotError):
+        from pytest_rvads.drivers.stacks.child import StackError, StackTimeout
+
+        named = not when and isinstance(error, StackError)  # its own text says which stack
+        end = LATE if isinstance(error, StackTimeout) else FAULT
+        reason = str(error) if named else f"{doing}{when}: {error}"
+        return Halt(agent.name, one_line(reason, _REASON), _told(error, "detail"), end)
+    return Halt(agent.name, one_line(f"{doing} {_describe(error)}{when}", _REASON))
+
+
+def _steps(period: Any) -> int:
+    """Return a period in steps of the simulation, 0 where it is no whole number of them."""
+    number = float(period) if isinstance(period, Real) and not isinstance(period, bool) else 0.0
+    steps = round(number / DT) if 0.0 < number < math.inf else 0
+    return steps if math.isclose(steps * DT, number, rel_tol=1e-9) else 0
+
+
+def _measured(told: Mapping[Any, Any]) -> dict[str, float | str]:
+    """Return the entries of a mapping that are finite numbers or texts, as builtins."""
+    found: dict[str, float | str] = {}
+    for name, value in islice(told.items(), _TIMES):
+        if isinstance(value, str):
+            found[one_line(str(name), _TEXT)] = one_line(value, _TEXT)
+        elif isinstance(value, Real) and math.isfinite(number := float(value)):
+            found[one_line(str(name), _TEXT)] = int(value) if isinstance(value, int) else number
+    return found
 
 
 def _told(teller: Any, name: str) -> str:
     """Return what an attribute or method of `teller` adds to a fault, at most its last `_LONGEST` characters."""
+    watched = watch()
+    watched.asked = object()
     try:
         more = getattr(teller, name, None)
         more = more() if callable(more) else more
@@ -203,7 +266,9 @@ def _told(teller: Any, name: str) -> str:
         raise
     except BaseException as error:  # the run has ended anyway, and what ended it is known
         text = f"{name} {_describe(error)}"
-    return text[-_LONGEST:]
+    finally:
+        watched.asked = None
+    return printable(text[-_LONGEST:], _LONGEST)
 
 
 def _describe(error: BaseException) -> str:
@@ -211,6 +276,9 @@ def _describe(error: BaseException) -> str:
 
     The file goes by its name alone: the reason is part of the run's hash, which must not depend on the checkout.
     """
+    try:
+        text = one_line(str(error), _TEXT)
+    except Exception:
+        text = "it can't be told what"
     frames = traceback.extract_tb(error.__traceback__)
-    text = " ".join(str(error).split())
     return f"raised {type(error).__name__}{': ' if text else ''}{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})"

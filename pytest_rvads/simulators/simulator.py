@@ -16,6 +16,7 @@ from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.bullet import bullet
 from pytest_rvads.simulators.choice import choice
+from pytest_rvads.simulators.patience import TooLate, Watch
 
 __all__ = ["SIMULATORS", "Simulator", "meant", "named", "simulate", "usable", "vmax"]
 
@@ -27,8 +28,8 @@ class Simulator(Protocol):
 
     The run ends when every vehicle has left, or at the scenario's duration; also when two vehicles collide or one leaves its
     route, because what follows is no driving. It ends with `Run.fault` set when an autopilot raises or answers with something
-    that is not a command, or when the plant fails. The states up to the end are kept. What ``timing()`` of an autopilot returns
-    is kept under ``timing`` in `Run.provenance`.
+    that is not a command, when a limit of real time is over, or when the plant fails. The states up to the end are kept. What
+    ``timing()`` of an autopilot tells is kept under ``timing`` in `Run.provenance`.
     """
 
     @property
@@ -103,7 +104,7 @@ def meant(simulator: Simulator | None = None) -> Simulator:
     Raises:
         ScenarioError: what is named is no simulator.
     """
-    found = choice() if simulator is None else usable(simulator)
+    found = choice().simulator if simulator is None else usable(simulator)
     return bullet if found is None else found
 
 
@@ -117,11 +118,11 @@ def simulate(case: Case, simulator: Simulator | None = None) -> Run:
     Raises:
         MapError: it is not known where the lanes of the junction lie.
         ScenarioError: a vehicle does not fit on its approach, two start inside each other, or `simulator` is none.
-        RunError: what the simulator returned is not the run of this case.
+        RunError: what the simulator returned is not the run of this case; or it took too long outside of all drivers.
     """
     require(case, Case, "simulate takes a case: write simulate(rvads.Case(scenario, driver))", ScenarioError)
     maker = meant(simulator)
-    run = maker(case)
+    run = _made(maker, case)
     require(run, Run, f"the simulator {maker.name!r} must answer a case with its Run", RunError)
     scenario = case.scenario
     for what, got, expected in (
@@ -169,6 +170,16 @@ def vmax(
             f"{distance!r} m"
         )
     return number
+
+
+def _made(maker: Simulator, case: Case) -> Run:
+    with Watch(choice().limits) as watch:
+        try:
+            return maker(case)
+        except TooLate as late:
+            if not watch.late:
+                raise  # it is meant for a run that this one is simulated within
+            raise RunError(f"the simulator {maker.name!r} at {case.scenario.name}: {watch.late}") from late
 
 
 def _routes(agents: Iterable[Agent]) -> list[str]:

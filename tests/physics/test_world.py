@@ -2,13 +2,21 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
+from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.physics import world as world_module
 from pytest_rvads.physics.world import BulletWorld, Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.simulators.simulator import simulate
 
 CAR = Vehicle()
 
@@ -120,3 +128,41 @@ def test_pybullet_is_imported_late_and_in_silence() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
     assert done.stderr == "after\n"
+
+
+def test_a_driver_may_use_the_engine_itself_without_saying_which(monkeypatch: pytest.MonkeyPatch) -> None:
+    import pybullet
+
+    monkeypatch.setattr(world_module, "_free", [])
+    if pybullet.isConnected():
+        pybullet.disconnect()  # so that the next one to connect gets the number that stands for none
+
+    class Simulates(Reference):
+        def control(self, seen: Observation) -> Control:
+            if pybullet.isConnected():
+                pybullet.disconnect()
+            pybullet.connect(pybullet.DIRECT)
+            pybullet.resetSimulation()
+            pybullet.setTimeStep(0.5)
+            pybullet.setGravity(0, 0, -9.81)
+            pybullet.createMultiBody(1.0, basePosition=[0, 0, 100])
+            pybullet.stepSimulation()
+            return super().control(seen)
+
+    case = Case(Scenario(find("stop4"), "1231", distance=5, duration=0.3), Reference)
+    alone = simulate(case)
+    beside = simulate(replace(case, driver=Simulates))
+    assert beside.fault is None
+    assert simulate(case).hash == beside.hash == alone.hash
+
+
+def test_an_engine_that_a_driver_disconnected_is_not_used_again() -> None:
+    import pybullet
+
+    world = BulletWorld([CAR], [at(0)])
+    world.close()
+    _, client = world_module._free[-1]
+    pybullet.disconnect(client)
+    again = BulletWorld([CAR], [at(0)])
+    assert again.motions() == [at(0)]
+    again.close()

@@ -17,7 +17,7 @@ from pytest_rvads.errors import ScenarioError
 from pytest_rvads.search.falsify import look_for
 from pytest_rvads.search.relations import RELATIONS
 from pytest_rvads.simulators.bullet import bullet
-from pytest_rvads.simulators.choice import choice, choosing
+from pytest_rvads.simulators.choice import Choice, choice, choosing
 from pytest_rvads.simulators.closed_loop import closed_vmax
 from pytest_rvads.simulators.simulator import meant, named
 from pytest_rvads.studies import killing
@@ -322,13 +322,13 @@ def test_whoever_names_no_simulator_gets_that_of_the_session(pytester: pytest.Py
 
 
 def test_a_session_that_ends_takes_back_its_own_choice() -> None:
-    one, other = choosing("one"), choosing("other")
+    before, one, other = choice(), choosing(Choice("one")), choosing(Choice("other"))
     one.__enter__()
     other.__enter__()
     one.__exit__(None, None, None)
-    assert choice() == "other", "whichever began first"
+    assert choice().simulator == "other", "whichever began first"
     other.__exit__(None, None, None)
-    assert choice() is None
+    assert choice() == before
 
 
 def test_a_test_has_the_simulator_of_its_own_file_in_any_scope_and_every_result_says_which(pytester: pytest.Pytester) -> None:

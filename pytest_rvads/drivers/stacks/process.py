@@ -51,6 +51,9 @@ class Process(TrafficSystem):
         >>> run = simulate(Case(Scenario(find("stop4"), "1133", subject=0), stack, traffic=Reference))
     """
 
+    own_limits = True
+    """Its limits of real time take the place of those that drivers in this process have."""
+
     def __init__(  # noqa: PLR0913 - a program has a place and several limits, most of them left alone
         self,
         command: str | Sequence[str],
@@ -129,6 +132,8 @@ class Pilot(Autopilot):
         process: whose.
         number: which of its connections.
     """
+
+    own_limits = True
 
     def __init__(self, process: Process, number: int) -> None:
         self._process = process

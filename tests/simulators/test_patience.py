@@ -1,0 +1,241 @@
+"""Limits of real time: what takes too long ends its own run, wherever it hangs, and disturbs nothing else."""
+
+import signal
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import pytest
+
+import pytest_rvads as rvads
+from pytest_rvads.simulators import patience
+from pytest_rvads.simulators.choice import choice
+from pytest_rvads.simulators.simulator import simulate
+
+SCENARIO = rvads.Scenario(rvads.find("stop4"), "1231", distance=20, duration=0.1)
+FILE = __file__.rpartition("/")[2]
+
+
+def brakes(_seen: rvads.Observation) -> rvads.Control:
+    return rvads.Control(brake=1.0)
+
+
+def pilot(**abilities: Any) -> Any:
+    """Return a class of autopilots that brake, with abilities of one's own: properties, or functions of what they are given."""
+    own = {name: done if isinstance(done, property) else staticmethod(done) for name, done in abilities.items()}
+    return type("Pilot", (), {"control": staticmethod(brakes)} | own)
+
+
+def hanging(wait: Callable[[], Any], when: float = 0.03) -> Any:
+    class Hangs:
+        def control(self, seen: rvads.Observation) -> rvads.Control:
+            if seen.time > when and seen.me.name == "a1":
+                wait()
+            return rvads.Control(brake=1.0)
+
+    return Hangs
+
+
+def run(driver: Any, decision: float = 0.2, longest: float = 0.0, scenario: rvads.Scenario = SCENARIO) -> rvads.Run:
+    with rvads.limits(decision, longest):
+        return simulate(rvads.Case(scenario, driver))
+
+
+def loops() -> None:
+    while True:
+        pass
+
+
+def sleeps() -> None:
+    time.sleep(600)
+
+
+def deadlocks() -> None:
+    lock = threading.Lock()
+    with lock:
+        lock.acquire()
+
+
+def waits_for_a_thread() -> None:
+    threading.Event().wait()
+
+
+def catches_everything() -> None:
+    with suppress(BaseException):
+        sleeps()
+
+
+def catches_everything_a_few_times() -> None:
+    for _ in range(3):
+        catches_everything()
+
+
+@pytest.mark.parametrize(
+    "wait", [loops, sleeps, deadlocks, waits_for_a_thread, catches_everything, catches_everything_a_few_times]
+)
+def test_what_never_answers_ends_its_run_by_a_fault_that_says_who_when_and_where(wait: Any) -> None:
+    found = run(hanging(wait))
+    assert found.fault is not None
+    assert (found.fault.agent, found.fault.time, found.provenance["end"]) == ("a1", pytest.approx(0.04), "late")
+    assert found.fault.reason.startswith(
+        "hanging.<locals>.Hangs driving a1 at 0.04 s: no answer within 0.2 s of real time (--rvads-decision-limit), "
+        f"it was at {FILE}:"
+    )
+    assert found.steps == 5, "what was sampled is kept"
+
+
+def test_the_line_is_that_of_the_driver_and_not_of_the_library_it_waits_in() -> None:
+    line = waits_for_a_thread.__code__.co_firstlineno + 1
+    fault = run(hanging(waits_for_a_thread)).fault
+    assert fault is not None
+    assert fault.reason.endswith(f"{FILE}:{line}")
+
+
+@pytest.mark.parametrize(
+    ("driver", "doing"),
+    [
+        pytest.param(sleeps, "making sleeps for a0", id="factory"),
+        pytest.param(type("Pilot", (pilot(),), {"__init__": lambda _: sleeps()}), "making Pilot for a0", id="class"),
+        pytest.param(pilot(period=property(lambda _: sleeps())), "making Pilot for a0", id="period"),
+        pytest.param(pilot(label=property(lambda _: sleeps())), "making Pilot for a0", id="label"),
+        pytest.param(pilot(autopilots=lambda _: sleeps()), "Pilot.autopilots", id="system"),
+    ],
+)
+def test_every_other_call_into_a_driver_has_the_same_limit(driver: Any, doing: str) -> None:
+    fault = run(driver).fault
+    assert fault is not None
+    assert fault.reason.startswith(f"{doing}: no answer within 0.2 s of real time")
+
+
+def test_a_driver_that_hangs_when_it_is_asked_how_long_it_took_loses_no_more_than_that() -> None:
+    found = run(pilot(timing=sleeps))
+    assert found.fault is None
+    assert "timing" not in found.provenance
+
+
+def test_a_driver_that_hangs_when_it_is_to_let_go_is_left() -> None:
+    fault = run(pilot(control=lambda _: None, abandon=sleeps)).fault
+    assert fault is not None
+    assert "returned an object of type NoneType" in fault.reason
+    assert fault.detail.startswith("abandon raised TooLate")
+
+
+def test_a_run_has_a_limit_too_however_quick_its_decisions_are() -> None:
+    found = run(hanging(lambda: time.sleep(0.02), 0.0), 0.0, 0.3, SCENARIO.but(duration=60))
+    assert found.fault is not None
+    assert "the run took longer than 0.3 s of real time (--rvads-run-limit), it was at " in found.fault.reason
+    assert found.provenance["end"] == "late"
+
+
+def test_no_limit_is_none() -> None:
+    found = run(hanging(lambda: time.sleep(0.1)), 0.0, 0.0)
+    assert found.fault is None
+
+
+def test_a_decision_that_is_slow_but_in_time_changes_nothing() -> None:
+    assert run(hanging(lambda: time.sleep(0.1)), 2.0).hash == run(pilot(), 0.0).hash
+
+
+def test_limits_hold_in_their_context_and_say_what_they_take() -> None:
+    before = choice().limits
+    with rvads.limits(decision=60.0):
+        assert choice().limits[:2] == (60.0, 300.0)
+    assert choice().limits == before
+    for wrong in (-1.0, float("nan"), float("inf"), "1"):
+        with pytest.raises(rvads.ScenarioError, match="takes a number of seconds, 0 for no limit"), rvads.limits(decision=wrong):  # type: ignore[arg-type]
+            pass
+
+
+def test_a_simulator_of_ones_own_that_hangs_is_an_error() -> None:
+    class Stuck:
+        name = "stuck"
+
+        def __call__(self, case: rvads.Case) -> rvads.Run:
+            time.sleep(600)
+            raise AssertionError
+
+        def vmax(self, distance: float, aggression: int = 1, vehicle: Any = None) -> float | None:
+            return None
+
+    with rvads.limits(run=0.3), pytest.raises(rvads.RunError, match=r"'stuck' at stop4-.*: the run took longer than 0.3 s"):
+        simulate(rvads.Case(SCENARIO, pilot()), Stuck())
+
+
+def test_a_driver_that_simulates_is_interrupted_by_its_own_limit_not_by_that_of_what_it_simulates() -> None:
+    def dreams() -> None:
+        with rvads.limits(0.0, 0.0):
+            simulate(rvads.Case(SCENARIO, hanging(sleeps)))
+
+    found = run(hanging(dreams))
+    assert found.fault is not None
+    assert "driving a1 at 0.04 s: no answer within 0.2 s" in found.fault.reason
+
+
+def test_a_thread_that_is_not_the_main_one_has_limits_too() -> None:
+    found: list[rvads.Run] = []
+    thread = threading.Thread(target=lambda: found.append(run(hanging(loops))))
+    thread.start()
+    thread.join(30)
+    assert found
+    assert found[0].provenance["end"] == "late"
+
+
+def test_an_alarm_of_somebody_else_rings_in_time_and_stays_set() -> None:
+    """As that of pytest-timeout."""
+    rung: list[float] = []
+    began = time.monotonic()
+    before = signal.signal(signal.SIGALRM, lambda number, frame: rung.append(time.monotonic() - began))
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.1)
+        run(hanging(sleeps), 0.5)
+        assert len(rung) == 1
+        assert 0.1 <= rung[0] < 0.4
+        signal.setitimer(signal.ITIMER_REAL, 100)
+        run(hanging(sleeps))
+        assert 90 < signal.getitimer(signal.ITIMER_REAL)[0] < 100
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def test_a_driver_may_have_an_alarm_of_its_own() -> None:
+    def times_itself_and_sleeps() -> None:
+        before = signal.signal(signal.SIGALRM, lambda *_: None)
+        signal.setitimer(signal.ITIMER_REAL, 0.01)
+        time.sleep(0.02)
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+        sleeps()
+
+    found = run(hanging(times_itself_and_sleeps))
+    assert found.provenance["end"] == "late"
+
+
+def test_ctrl_c_ends_a_driver_that_hangs_at_once() -> None:
+    def interrupted() -> None:
+        threading.Timer(0.1, lambda: signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)).start()
+        sleeps()
+
+    with pytest.raises(KeyboardInterrupt):
+        run(hanging(interrupted), 60.0)
+    assert run(pilot()).fault is None, "the next run is not disturbed"
+
+
+def test_who_debugs_may_take_their_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(patience, "_DEBUGGERS", {__name__.partition(".")[0]})
+    assert run(hanging(lambda: time.sleep(0.6), 0.085)).fault is None
+
+
+def test_nothing_is_left_behind() -> None:
+    before = signal.getsignal(signal.SIGURG)
+    run(hanging(sleeps))
+    assert signal.getsignal(signal.SIGURG) is before
+    assert patience.watch().limits == (0, 0, None)
+    for _ in range(100):
+        if not any(thread.name == "rvads limits" for thread in threading.enumerate()):
+            break
+        time.sleep(0.05)
+    else:
+        pytest.fail("the thread that looks at runs outlives them")
