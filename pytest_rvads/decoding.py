@@ -27,13 +27,15 @@ def decode(text: bytes, kind: type[T], where: str, error: type[RvadsError]) -> T
     """
     try:
         return msgspec.json.decode(text, type=kind)
-    except (msgspec.DecodeError, RecursionError):
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         pass
     try:
         value = json.loads(text)  # tells the line of a mistake, and reads the NaN that JSON does not know: its field gets named
+        found = typed(value, kind, where, error)
+        json.dumps(value, allow_nan=False, ensure_ascii=False).encode()  # else it stands where any value may
     except (ValueError, RecursionError) as refused:
-        raise error(f"{where}: not a JSON file: {refused}") from refused
-    return typed(value, kind, where, error)
+        raise error(f"{where}: not JSON: {refused}") from refused
+    return found
 
 
 def typed(value: object, kind: type[T], where: str, error: type[RvadsError]) -> T:
