@@ -7,6 +7,7 @@ to, shape ``(points, 2)`` [m]. Nothing is pickled.
 
 from __future__ import annotations
 
+import io
 import json
 import zipfile
 from collections.abc import Mapping
@@ -24,6 +25,7 @@ from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.runs.run import Collision, Facts, Fault, Positive, Run
 from pytest_rvads.runs.states import Agent, Kind
+from pytest_rvads.storage import write_file
 
 __all__ = ["FORMAT", "VERSION", "load_run", "save_run"]
 
@@ -132,10 +134,10 @@ def save_run(run: Run, path: str | Path) -> None:
         raise RunError(f"run {run.label!r} can't be kept: {error}") from error
     arrays["header"] = np.frombuffer(text.encode(), dtype=np.uint8)
     arrays |= {f"line_{k}": line.points for k, line in enumerate(lines)}
+    content = io.BytesIO()
+    np.savez_compressed(content, **arrays)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("wb") as out:
-            np.savez_compressed(out, **arrays)
+        write_file(path, content.getvalue())
     except OSError as error:
         raise RunError(f"{path}: can't be written: {error.strerror}") from error
 
