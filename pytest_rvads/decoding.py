@@ -11,6 +11,7 @@ import msgspec
 from msgspec.inspect import DictType, EnumType, ListType, LiteralType, NoneType, StructType, TupleType, Type, UnionType, type_info
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.wording import one_line
 
 __all__ = ["decode", "typed"]
 
@@ -76,7 +77,9 @@ def _sentence(message: str, value: Any, info: Type) -> str:
         expected = " or ".join(sorted(repr(str(c)) for c in (info.values if isinstance(info, LiteralType) else info.cls)))
     elif what == "Number out of range":
         expected = "a number that is not too large to compute with"
-    return f"{f'the field {path!r}' if path else 'it'} must be {expected}, got {reprlib.repr(value)}"
+    elif "matching regex" in expected:
+        expected = "a text without control characters"
+    return one_line(f"{f'the field {path!r}' if path else 'it'} must be {expected}, got {reprlib.repr(value)}")
 
 
 def _inside(info: Type, step: str) -> Type:

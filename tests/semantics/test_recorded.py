@@ -203,8 +203,8 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     (broken(*RUN, "ticks", value=1.5), "'runs[0].ticks' must be a number that's a multiple of 1.0, got 1.5"),
     (broken(*RUN, "name", value=3), "'runs[0].name' must be a text, got 3"),
     (broken(*RUN, "ticks", value="many"), "'runs[0].ticks' must be a number, got 'many'"),
-    (broken(*RUN, "dt", value=0), "'runs[0].dt' must be a number > 0.0, got 0"),
-    (broken(*RUN, "dt", value=float("nan")), "'runs[0].dt' must be a number > 0.0, got nan"),
+    (broken(*RUN, "dt", value=0), "'runs[0].dt' must be a number >= 1e-06, got 0"),
+    (broken(*RUN, "dt", value=float("nan")), "'runs[0].dt' must be a number >= 1e-06, got nan"),
     (broken(*RUN, "vehicles", value=[]), "'runs[0].vehicles' must be an object, got []"),
     (broken("runs", 0, "vehicles", "c2", "edge", drop=True), "the field 'runs[0].vehicles.c2.edge' is missing"),
     (broken(*C0, "init_speed", value=float("inf")), "'runs[0].vehicles.c0.init_speed' must be a number"),
@@ -213,9 +213,15 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     (broken(*C0, "edge", value=[[0, "r0"], [9, "e02"], [8, "o2"]]), "increase"),
     (broken(*C0, "edge", value=[[0, "r0"], [100, "e02"]]), "stay below 100"),
     (broken(*C0, "edge", value=[[0, "r0"], ["x", "e02"]]), "c0.edge[1][0]' must be a whole number, got 'x'"),
-    (broken(*C0, "edge", value=[[0, "r0"], [9, "zz"]]), "edge 'zz' at tick 9 is not on its itinerary"),
+    (
+        broken(*C0, "edge", value=[[0, "r0"], [9, "zz"]]),
+        "the series 'edge': 'zz' at tick 9 is not on its itinerary ['r0', 'e02', 'o2']",
+    ),
     (broken(*C0, "itinerary", value=["r0", "o2"]), "must pass the junction once, it does 0 times"),
-    (broken(*C0, "at_entrance", value=[[0, "n1"]]), "at entrance 'n1' at tick 0, which is not on its itinerary"),
+    (
+        broken(*C0, "at_entrance", value=[[0, "n1"]]),
+        "the series 'at_entrance': 'n1' at tick 0 is not on its itinerary ['', 'n0']",
+    ),
     (
         broken(*RUN, "lights", value={"s0": {"node": "n0", "color": [[0, 7]]}}),
         "'runs[0].lights.s0.color[0][1]' must be a whole number <= 3, got 7",
