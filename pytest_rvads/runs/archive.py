@@ -18,7 +18,8 @@ MOST_BYTES = 64 * 2**20
 _MOST_MEMBERS = 1000
 _DIRECTORY_ENTRY = b"PK\x01\x02"
 _HEADER = re.compile(
-    rb"\x93NUMPY\x01\x00..{'descr': '([<>|][iuf][1248])', 'fortran_order': (True|False), 'shape': \(([\d, ]{0,60})\), } *\n",
+    rb"\x93NUMPY\x01\x00..{'descr': '([<>|](?:[iu][1248]|f[48]))', "
+    rb"'fortran_order': (True|False), 'shape': \(([\d, ]{0,60})\), } *\n",
     re.DOTALL,
 )
 """Of an array in version 1 of the npy format, as numpy writes it; numpy's own reader evaluates it as Python."""
@@ -47,6 +48,8 @@ def _members(content: bytes) -> dict[str, bytes]:
         entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
         if len(entries) < len(archive.infolist()):
             raise ValueError("two of its arrays have the same name")
+        if any(entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for entry in entries.values()):
+            raise ValueError("it is compressed by another method than deflate, which alone unpacks in steps")
         size = sum(entry.file_size for entry in entries.values())
         if size > MOST_BYTES:
             raise ValueError(f"its arrays take {size:,} bytes, expected at most {MOST_BYTES:,}")

@@ -139,6 +139,28 @@ def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]
         (lambda h, a: a.pop("line_0"), "damaged: 'line_0' is missing"),
         (lambda h, a: a.update(zone=np.int8(1)), r"damaged: zone must be whole numbers in the shape \(0, 3\), got int8 in \(\)"),
         (lambda h, a: a.update(speed=a["zone"]), r"damaged: speed must be numbers in the shape \(\d+, 3\), got int8 in"),
+        (lambda h, a: h["agents"][0].update(name=""), r"'agents\[0\].name' must be a text of length >= 1, got ''"),
+        (lambda h, a: h["agents"][0].update(name="a" * 1001), r"'agents\[0\].name' must be a text of length <= 1000"),
+        (lambda h, a: h["agents"][0].update(name="a1"), "every vehicle must have a name of its own, got"),
+        (lambda h, a: h.update(label="\x1b[2J"), "'label' must be a text without control characters, got"),
+        (lambda h, a: h.update(label="\ud800"), "header: not JSON: .* surrogates not allowed"),
+        (lambda h, a: h.update(dt=5e-324), "'dt' must be a number >= 1e-06"),
+        (lambda h, a: h["provenance"].update(x=float("nan")), "header: not JSON"),
+        (lambda h, a: h["provenance"].update(x="x" * 2**20), "its header takes 1,0.* bytes, expected at most 1,048,576"),
+        (lambda h, a: h.update(collisions=[{"time": 1e300, "agents": ["a0", "a1"], "speed": 1}]), "damaged: a collision must"),
+        (lambda h, a: h.update(collisions=[{"time": 1, "agents": ["a0", "a9"], "speed": 1}]), "while it lasts, got Collision"),
+        (lambda h, a: a.update(station=a["station"] * 1e300), r"damaged: station holds numbers beyond 1e\+09"),
+        (lambda h, a: a.update(line_0=a["line_0"] * np.nan), "damaged: segment .* has coordinates that are not finite"),
+        (lambda h, a: a.update(line_0=a["line_0"] * 1e300), "damaged: its centre lines have more than 100,000 points, or"),
+        (lambda h, a: a.update(line_0=np.ones((100_001, 2))), "its centre lines have more than 100,000 points"),
+        (
+            lambda h, a: a.update({name: a[name] * 1e3 for name in a if name.startswith("line")}),
+            "damaged: its movements are .* m long together, expected at most 10,000 m",
+        ),
+        (
+            lambda h, a: a.update(zone=np.zeros((10**7, 3), np.int8)),
+            "10,000,000 ticks of so many vehicles and entrances are 490,000,000 pairs of them, at most 320,000,000 are read",
+        ),
         (
             lambda h, a: h["junction"]["exits"][0].update(arm=7),
             "damaged: junction 'light4' needs two or more arms, numbered from 0",
@@ -163,6 +185,10 @@ def test_files_that_are_no_runs(tmp_path: Path) -> None:
         path.write_bytes(content)
         with pytest.raises(RunError, match=r"run\.npz: "):
             load_run(path)
+    with pytest.raises(RunError, match=r"can't be kept: it takes [0-9,]+ bytes"):
+        save_run(moving({(0, 2): (-5.0, [1.0] * 5)}, provenance={"what": "x" * 2**20}), path)
+    with pytest.raises(RunError, match="can't be kept: the field 'label' must be a text of length >= 1"):
+        save_run(moving({(0, 2): (-5.0, [1.0] * 5)}, label=""), path)
     with pytest.raises(RunError, match="can't be kept"):
         save_run(moving({(0, 2): (-5.0, [1.0] * 5)}, provenance={"what": object()}), path)
 
