@@ -11,6 +11,7 @@ import msgspec
 from msgspec.inspect import DictType, EnumType, ListType, LiteralType, NoneType, StructType, TupleType, Type, UnionType, type_info
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.wording import one_line
 
 __all__ = ["decode", "typed"]
 
@@ -27,13 +28,15 @@ def decode(text: bytes, kind: type[T], where: str, error: type[RvadsError]) -> T
     """
     try:
         return msgspec.json.decode(text, type=kind)
-    except (msgspec.DecodeError, RecursionError):
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         pass
     try:
         value = json.loads(text)  # tells the line of a mistake, and reads the NaN that JSON does not know: its field gets named
+        found = typed(value, kind, where, error)
+        json.dumps(value, allow_nan=False, ensure_ascii=False).encode()  # else it stands where any value may
     except (ValueError, RecursionError) as refused:
-        raise error(f"{where}: not a JSON file: {refused}") from refused
-    return typed(value, kind, where, error)
+        raise error(f"{where}: not JSON: {refused}") from refused
+    return found
 
 
 def typed(value: object, kind: type[T], where: str, error: type[RvadsError]) -> T:
@@ -74,7 +77,9 @@ def _sentence(message: str, value: Any, info: Type) -> str:
         expected = " or ".join(sorted(repr(str(c)) for c in (info.values if isinstance(info, LiteralType) else info.cls)))
     elif what == "Number out of range":
         expected = "a number that is not too large to compute with"
-    return f"{f'the field {path!r}' if path else 'it'} must be {expected}, got {reprlib.repr(value)}"
+    elif "matching regex" in expected:
+        expected = "a text without control characters"
+    return one_line(f"{f'the field {path!r}' if path else 'it'} must be {expected}, got {reprlib.repr(value)}")
 
 
 def _inside(info: Type, step: str) -> Type:

@@ -21,8 +21,11 @@ def read_file(path: Path, most: int) -> bytes:
     Raises:
         OSError: it can't be read, is no regular file, or holds more; ``strerror`` says which.
     """
-    # Without waiting for somebody to write, as opening a pipe would.
-    number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    try:
+        # Without waiting for somebody to write, as opening a pipe would.
+        number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    except ValueError as error:
+        raise OSError(errno.EINVAL, f"no file has such a name: {error}", ascii(str(path))) from error
     with open(number, "rb") as file:
         status = os.fstat(number)
         if not stat.S_ISREG(status.st_mode):

@@ -33,6 +33,12 @@ def test_no_regular_file_is_neither_waited_for_nor_read(tmp_path: Path, name: st
         read_file(tmp_path / name, 100)
 
 
+@pytest.mark.parametrize("name", ["a\0b", "\ud800"])
+def test_no_name_of_a_file(tmp_path: Path, name: str) -> None:
+    with pytest.raises(OSError, match="no file has such a name"):
+        read_file(tmp_path / name, 100)
+
+
 def test_a_name_of_any_length(tmp_path: Path) -> None:
     path = tmp_path / ("x" * 250)
     write_file(path, b"")

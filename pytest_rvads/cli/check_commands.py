@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import io
 import json
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli import rules_command
-from pytest_rvads.cli.common import Subparsers
+from pytest_rvads.cli.common import Subparsers, lines
 from pytest_rvads.errors import RunError
 
 if TYPE_CHECKING:
@@ -114,9 +113,6 @@ def _monitor(options: argparse.Namespace) -> int:
     if not options.jsonl:
         print(describe(synthesize(parse_ltl(options.formula))))
         return 0
-    if isinstance(sys.stdin, io.TextIOWrapper):
-        sys.stdin.reconfigure(errors="surrogateescape")  # a line that is not UTF-8 is refused like any other, the rest goes on
-    for line in sys.stdin:
-        if line.strip():
-            print(json.dumps(answer(line)), flush=True)
+    for line in lines():
+        print(json.dumps(answer(line), allow_nan=False), flush=True)
     return 0

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
+from itertools import count
 from typing import TypeAlias
 
-__all__ = ["Subparsers", "progress"]
+from pytest_rvads.errors import RvadsError
+
+__all__ = ["LINE_LIMIT", "Subparsers", "lines", "progress"]
+
+LINE_LIMIT = 4 * 2**20
+"""Longest line that is read [bytes]; to answer it may take a hundred times as much memory."""
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """Where a module adds its commands."""
@@ -20,3 +27,19 @@ def progress(done: int, total: int, what: str = "runs") -> None:
         print(f"\r[{'#' * full}{' ' * (40 - full)}] {done}/{total} {what}", end=end, file=sys.stderr, flush=True)
     elif 4 * done // total > 4 * (done - 1) // total:
         print(f"{done}/{total} {what}", file=sys.stderr)
+
+
+def lines() -> Iterator[bytes]:
+    """Yield the lines of standard input, but for empty ones.
+
+    Raises:
+        RvadsError: a line is too long; those before it have been yielded.
+    """
+    for number in count(1):
+        line = sys.stdin.buffer.readline(LINE_LIMIT + 1)
+        if len(line) > LINE_LIMIT:
+            raise RvadsError(f"line {number} of standard input is too long, expected at most {LINE_LIMIT:,} bytes")
+        if not line:
+            return
+        if line.strip():
+            yield line

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import Subparsers, progress
+from pytest_rvads.cli.common import Subparsers, lines, progress
 from pytest_rvads.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -142,7 +142,6 @@ def _simulate(options: argparse.Namespace) -> int:
         return 0
     from pytest_rvads.studies.prediction import answer
 
-    for line in sys.stdin.buffer:
-        if line.strip():
-            print(answer(line.decode("utf-8", errors="replace"), simulator), flush=True)
+    for line in lines():
+        print(answer(line.decode("utf-8", errors="replace"), simulator), flush=True)
     return 0

@@ -15,7 +15,7 @@ from pytest_rvads.logic.judging.judge import Near, judge, nearest_miss
 from pytest_rvads.logic.judging.prepare import Template, prepare
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule
-from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.rule import LONGEST_TIE, Rule
 from pytest_rvads.logic.rules.shape import shape_of
 from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.story import Story
@@ -69,8 +69,8 @@ def check(
     book = current_book(book)
     rule = get_rule(rule, book)
     window = rule.tie if tie is None else tie
-    if not window >= 0:
-        raise RunError(f"the tie window must be a number of seconds, at least 0, got {tie!r}")
+    if not 0 <= window <= LONGEST_TIE:
+        raise RunError(f"the tie window must be a number of seconds from 0 to {LONGEST_TIE:,}, got {tie!r:.60}")
     broken = once(run, damage)
     if broken:
         return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason if run.fault else str(broken[0])))

@@ -1,8 +1,8 @@
 """A cache on disk for speeds that are found by testing; it saves time and never decides anything.
 
 An entry's key holds all that its value depends on: the parameters, the code of this package, the versions of what computes.
-So no entry ever becomes wrong, only unused. Every entry is a file of its own, written aside and moved into place, which
-lets processes write at the same time; one that is damaged or can't be read or written counts as absent.
+So no entry ever becomes wrong, only unused. Every entry is a file of its own, which processes may write at the same
+time; one that is damaged, no regular file, or can't be read or written counts as absent.
 """
 
 from __future__ import annotations
@@ -12,19 +12,21 @@ import json
 import math
 import os
 import platform
-import tempfile
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from pytest_rvads.storage import read_file, write_file
 from pytest_rvads.versions import versions
 
 __all__ = ["VARIABLE", "cached", "folder"]
 
 VARIABLE = "RVADS_CACHE"
 """Environment variable that names the folder of the cache; empty, it switches the cache off."""
+_MOST_BYTES = 2**16
+"""Of an entry; they take some 2,000."""
 
 
 def cached(key: Mapping[str, Any], compute: Callable[[], float | None]) -> float | None:
@@ -70,7 +72,7 @@ def _entry(name: str, value: float | None) -> str:
 def _read(path: Path, name: str) -> tuple[float | None] | None:
     """Return the value of an entry as a tuple of one, or None where there is no whole entry of this key."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_file(path, _MOST_BYTES).decode()
         value = json.loads(text.split("\n", 1)[1])["value"]
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return None
@@ -79,19 +81,11 @@ def _read(path: Path, name: str) -> tuple[float | None] | None:
 
 
 def _write(path: Path, text: str) -> None:
-    """Put an entry into place, whole or not at all; a cache that can't be written is no reason to fail."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, aside = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-    except OSError:
-        return
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        Path(aside).replace(path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            Path(aside).unlink()
+    """Put an entry into place; a cache that can't be written is no reason to fail."""
+    with contextlib.suppress(OSError):
+        if path.is_symlink() or not path.is_file():
+            path.unlink(missing_ok=True)  # a link or pipe would be written through
+        write_file(path, text.encode())
 
 
 @lru_cache(maxsize=1)

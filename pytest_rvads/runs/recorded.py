@@ -19,25 +19,34 @@ import numpy as np
 from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
-from pytest_rvads.decoding import decode
+from pytest_rvads.decoding import decode, typed
 from pytest_rvads.errors import MapError, RunError
 from pytest_rvads.junctions.junction import Junction, Movement, cross
 from pytest_rvads.maps.control import JunctionControl, Sign, phase_groups
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.runs.run import Positive, Run
+from pytest_rvads.runs.bounds import MOST_LANES, Name, Size, Step, check_size
+from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
+from pytest_rvads.storage import read_file
 
 __all__ = ["Edge", "read_recorded"]
 
+_MOST_BYTES = 16 * 2**20
+"""What is run-length encoded takes some kilobytes per run."""
+_MOST_RUNS = 2000
 _MOST_TICKS = 10_000_000
 """Over a day in steps of 10 ms; more is a mistake in the file, not a run."""
 _ROTATION = re.compile(r"_r=(\d+)$")
 _SIGNS = {"stop_sign": Sign.STOP}
+_COLOURS = {int(colour): colour for colour in (Colour.GREEN, Colour.YELLOW, Colour.RED)}
 _NUMBER = re.compile(r"(\d+)$")
 """Of a vehicle, in its name: c0, c1, ..."""
 _LARGEST = sys.float_info.max
+_Id = Annotated[str, Meta(max_length=1000)]
 _Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
 _Value = TypeVar("_Value")
+_Lanes = Annotated[list[_Id], Meta(max_length=MOST_LANES)]
+_Pairs = Annotated[list[tuple[_Id, _Id]], Meta(max_length=MOST_LANES**2)]
 _Series = list[tuple[int, _Value]]
 """Run-length encoded: ticks, and what holds from there on."""
 
@@ -45,9 +54,9 @@ _Series = list[tuple[int, _Value]]
 class Edge(Struct, frozen=True):
     """A movement of a recorded junction."""
 
-    source: str
+    source: _Id
     """Node of its entrance."""
-    target: str
+    target: _Id
     """Node of its exit."""
     turn: Turn
     length: Annotated[float, Meta(ge=0.0, le=_LARGEST)]
@@ -55,20 +64,20 @@ class Edge(Struct, frozen=True):
 
 
 class _Edge(Edge, frozen=True, kw_only=True):
-    id: str
+    id: _Id
 
 
 class _Signal(Struct, frozen=True):
-    id: str
+    id: _Id
     kind: str
-    node: str
+    node: _Id
 
 
 class _Graph(Struct, frozen=True):
-    junction: str
-    entrances: list[str]
-    exits: list[str]
-    edges: list[_Edge]
+    junction: Name
+    entrances: _Lanes
+    exits: _Lanes
+    edges: Annotated[list[_Edge], Meta(max_length=MOST_LANES**2)]
     signals: list[_Signal]
 
 
@@ -79,19 +88,19 @@ class _Vehicle(Struct, frozen=True):
     init_offset: _Finite | None = None
     init_speed: _Finite | None = None
     kind: Kind = Kind.CAR
-    size: tuple[Positive, Positive] | None = None
+    size: tuple[Size, Size] | None = None
     """Length and width [m]."""
 
 
 class _Light(Struct, frozen=True):
-    node: str
+    node: _Id
     color: _Series[Annotated[int, Meta(ge=1, le=3)]]
 
 
 class _Record(Struct, frozen=True):
-    name: str
+    name: Name
     ticks: Annotated[float, Meta(ge=1, le=_MOST_TICKS, multiple_of=1)]
-    dt: Annotated[float, Meta(gt=0.0, le=_LARGEST)]
+    dt: Step
     vehicles: dict[str, _Vehicle]
     lights: dict[str, _Light] | None = None
     verdicts: dict[str, Any] | None = None
@@ -99,9 +108,9 @@ class _Record(Struct, frozen=True):
 
 class _File(Struct, frozen=True):
     graph: _Graph
-    right_of: list[tuple[str, str]]
-    opposite: list[tuple[str, str]]
-    runs: list[_Record]
+    right_of: _Pairs
+    opposite: _Pairs
+    runs: Annotated[list[_Record], Meta(max_length=_MOST_RUNS)]
 
 
 def read_recorded(path: str | Path) -> list[Run]:
@@ -115,14 +124,16 @@ def read_recorded(path: str | Path) -> list[Run]:
         ``provenance["starts"]`` per vehicle how far before its entrance [m] and how fast [m/s] it started, where that is told.
 
     Raises:
-        RunError: the file is not of this format; the message names the run and the field.
+        RunError: the file is not of this format, or holds too much; the message names the run and the field.
     """
     path = Path(path)
     try:
-        text = path.read_bytes()
+        text = read_file(path, _MOST_BYTES)
     except OSError as error:
         raise RunError(f"{path}: can't be read: {error.strerror}") from error
     file = decode(text, _File, path.name, RunError)
+    lanes = len(file.graph.entrances)
+    check_size(path.name, ((int(record.ticks), len(record.vehicles), lanes) for record in file.runs))
     topology = _Topology.read(file, path.name)
     return [topology.run(record, f"{path.name}: run {record.name!r}") for record in file.runs]
 
@@ -140,12 +151,15 @@ class _Topology:
     def read(cls, file: _File, where: str) -> _Topology:
         graph, nodes = file.graph, file.graph.entrances
         if any(node not in nodes for pair in (*file.right_of, *file.opposite) for node in pair):
-            raise RunError(f"{where}: the fields 'right_of' and 'opposite' must hold pairs of the entrances {nodes}")
+            raise RunError(
+                f"{where}: the fields 'right_of' and 'opposite' must hold pairs of the entrances {reprlib.repr(nodes)}"
+            )
         numbers = _count(file)
         # An exit belongs to the arm from whose entrance no movement leads to it: there are no U-turns.
         arms = {}
+        ways = {(edge.source, edge.target) for edge in graph.edges}
         for node in graph.exits:
-            own = [n for n in nodes if not any(e.source == n and e.target == node for e in graph.edges)]
+            own = [n for n in nodes if (n, node) not in ways]
             if len(own) != 1:
                 raise RunError(f"{where}: graph: exit {node!r} must be reached from all entrances but one, not from {len(own)}")
             arms[node] = numbers[own[0]]
@@ -176,6 +190,7 @@ class _Topology:
         steps = int(record.ticks)
         agents, zones, starts = [], [], {}
         for name, vehicle in record.vehicles.items():
+            typed(name, Name, f"{where}: the name of a vehicle", RunError)
             movement, zone = self._vehicle(vehicle, steps, f"{where}: vehicle {name!r}")
             agents.append(Agent(name, movement, vehicle.kind, vehicle.size))
             zones.append(zone)
@@ -187,10 +202,10 @@ class _Topology:
         for name, light in (record.lights or {}).items():
             entrance = self.entrances.get(light.node)
             if entrance is None and name in self.signals:
-                raise RunError(f"{where}: light {name!r}: node {light.node!r} is not an entrance")
-            for tick, colour in _covering(light.color, steps, f"{where}: light {name!r}: the series 'color'"):
-                if entrance is not None:
-                    lights[tick:, entrance] = colour
+                raise RunError(f"{where}: light {reprlib.repr(name)}: node {light.node!r} is not an entrance")
+            colours = _expanded(light.color, steps, _COLOURS, f"{where}: light {reprlib.repr(name)}: the series 'color'")
+            if entrance is not None:
+                lights[:, entrance] = colours
         zone = np.column_stack(zones) if zones else np.zeros((steps, 0), dtype=np.int8)
         provenance = {"verdicts": record.verdicts or {}, "starts": starts}
         return Run(record.name, self.junction, tuple(agents), zone, lights, record.dt, provenance=provenance)
@@ -199,32 +214,29 @@ class _Topology:
         itinerary = vehicle.itinerary
         passed = [k for k, e in enumerate(itinerary) if e in self.edges]
         if len(passed) != 1:
-            raise RunError(f"{where}: the itinerary {itinerary} must pass the junction once, it does {len(passed)} times")
+            told = reprlib.repr(itinerary)
+            raise RunError(f"{where}: the itinerary {told} must pass the junction once, it does {len(passed)} times")
         (here,) = passed
         movement = self.edges[itinerary[here]]
         order = {e: Zone.APPROACH if k < here else Zone.EXIT for k, e in enumerate(itinerary)}
         order[itinerary[here]] = Zone.JUNCTION
-        zone = np.empty(steps, dtype=np.int8)
-        for tick, edge in _covering(vehicle.edge, steps, f"{where}: the series 'edge'"):
-            if edge not in order:
-                raise RunError(f"{where}: edge {edge!r} at tick {tick} is not on its itinerary {itinerary}")
-            zone[tick:] = order[edge]
-        at = np.zeros(steps, dtype=np.bool_)
-        for tick, node in _covering(vehicle.at_entrance, steps, f"{where}: the series 'at_entrance'"):
-            if node and self.entrances.get(node) != movement.entrance:
-                raise RunError(f"{where}: at entrance {node!r} at tick {tick}, which is not on its itinerary")
-            at[tick:] = bool(node)
+        zone = _expanded(vehicle.edge, steps, order, f"{where}: the series 'edge'")
+        here_or_not = {"": 0} | {node: 1 for node, number in self.entrances.items() if number == movement.entrance}
+        at = _expanded(vehicle.at_entrance, steps, here_or_not, f"{where}: the series 'at_entrance'").astype(np.bool_)
         # The entrance vertex belongs to the road: once on the movement, a vehicle is in the junction and nowhere else.
         zone[at & (zone == Zone.APPROACH)] = Zone.ENTRANCE
         return movement, zone
 
 
-def _covering(series: _Series[_Value], steps: int, where: str) -> _Series[_Value]:
-    """Return a series after checking that it covers the run in order."""
+def _expanded(series: _Series[_Value], steps: int, codes: Mapping[_Value, int], where: str) -> NDArray[np.int8]:
+    """Return the code of what holds in every state, after checking that a series covers the run in order."""
     ticks = [tick for tick, _ in series]
     if not ticks or ticks[0] != 0 or any(b <= a for a, b in pairwise(ticks)) or ticks[-1] >= steps:
         raise RunError(f"{where} must start at tick 0, increase, and stay below {steps}, got the ticks {reprlib.repr(ticks)}")
-    return series
+    for tick, value in series:
+        if value not in codes:
+            raise RunError(f"{where}: {reprlib.repr(value)} at tick {tick} is not on its itinerary {reprlib.repr([*codes])}")
+    return np.repeat(np.array([codes[value] for _, value in series], dtype=np.int8), np.diff([*ticks, steps]))
 
 
 def _count(file: _File) -> dict[str, int]:

@@ -7,8 +7,9 @@ to, shape ``(points, 2)`` [m]. Nothing is pickled.
 
 from __future__ import annotations
 
+import io
 import json
-import zipfile
+import reprlib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,19 +19,33 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.decoding import decode, typed
 from pytest_rvads.errors import MapError, RunError, require
 from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
 from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Segment, Turn
-from pytest_rvads.runs.run import Collision, Facts, Fault, Positive, Run
+from pytest_rvads.runs.archive import MOST_BYTES, unpack
+from pytest_rvads.runs.bounds import MOST_LANES, Name, Size, Step, check_size
+from pytest_rvads.runs.run import Collision, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Kind
+from pytest_rvads.storage import read_file, write_file
+from pytest_rvads.wording import one_line
 
 __all__ = ["FORMAT", "VERSION", "load_run", "save_run"]
 
 FORMAT, VERSION = "rvads-run", 3
-_ARRAYS = {"zone": (2, "i"), "lights": (2, "i"), "station": (2, "f"), "speed": (2, "f"), "pose": (3, "f"), "controls": (3, "f")}
-"""The arrays of a run: how many dimensions they have, and of which kind of numbers."""
-_Count = Annotated[int, msgspec.Meta(ge=0)]
+_ARRAYS = {"zone": "i", "lights": "i", "station": "f", "speed": "f", "pose": "f", "controls": "f"}
+"""The arrays of a run: of which kind of numbers they are."""
+_MOST_HEADER = 2**20
+_MOST_POINTS = 100_000
+"""Of all centre lines together."""
+_LONGEST = 10_000
+"""All movements of a junction together [m]; finding out where they meet takes seconds then."""
+_FARTHEST = 1e9
+"""Largest number in an array that is still a place, a speed or a command."""
+_Count = Annotated[int, msgspec.Meta(ge=0, le=1_000_000)]
+_Length = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
+"""[m]."""
 
 
 class _Line(msgspec.Struct, frozen=True):
@@ -47,7 +62,7 @@ class _Entrance(msgspec.Struct, frozen=True):
     lane: _Count
     sign: Sign
     phase: _Count | None
-    setback: float
+    setback: _Length
     approach: _Line | None
 
 
@@ -61,36 +76,36 @@ class _Movement(msgspec.Struct, frozen=True):
     entrance: _Count
     exit: _Count
     turn: Turn
-    length: float
+    length: _Length
     segment: str
     path: _Line | None
 
 
 class _Junction(msgspec.Struct, frozen=True):
-    name: str
-    id: str
-    entrances: list[_Entrance]
-    exits: list[_Exit]
-    movements: list[_Movement]
+    name: Name
+    id: Name
+    entrances: Annotated[list[_Entrance], msgspec.Meta(max_length=MOST_LANES)]
+    exits: Annotated[list[_Exit], msgspec.Meta(max_length=MOST_LANES)]
+    movements: Annotated[list[_Movement], msgspec.Meta(max_length=MOST_LANES**2)]
     right_of: list[tuple[_Count, _Count]]
     opposite: list[tuple[_Count, _Count]]
     left_hand: bool
-    lane_width: Positive
+    lane_width: Size
 
 
 class _Agent(msgspec.Struct, frozen=True):
-    name: str
+    name: Name
     route: tuple[_Count, _Count]
     """Entrance and exit."""
     kind: Kind
-    size: tuple[Positive, Positive] | None
+    size: tuple[Size, Size] | None
 
 
 class _Header(msgspec.Struct, frozen=True):
     format: str
     version: int
-    label: str
-    dt: float
+    label: Name
+    dt: Step
     agents: list[_Agent]
     junction: _Junction
     collisions: list[Collision] | None
@@ -130,12 +145,16 @@ def save_run(run: Run, path: str | Path) -> None:
         text = json.dumps(values, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise RunError(f"run {run.label!r} can't be kept: {error}") from error
+    typed(values, _Header, f"run {run.label!r} can't be kept", RunError)
     arrays["header"] = np.frombuffer(text.encode(), dtype=np.uint8)
     arrays |= {f"line_{k}": line.points for k, line in enumerate(lines)}
+    size = sum(array.nbytes for array in arrays.values())
+    if size > MOST_BYTES or len(text) > _MOST_HEADER:
+        raise RunError(f"run {run.label!r} can't be kept: it takes {size:,} bytes, which is more than would be read again")
+    content = io.BytesIO()
+    np.savez_compressed(content, **arrays)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("wb") as out:
-            np.savez_compressed(out, **arrays)
+        write_file(path, content.getvalue())
     except OSError as error:
         raise RunError(f"{path}: can't be written: {error.strerror}") from error
 
@@ -164,36 +183,41 @@ def load_run(path: str | Path) -> Run:
     """Read a run that `save_run` wrote.
 
     Raises:
-        RunError: not such a file, a damaged one, or one of another version.
+        RunError: not such a file, a damaged one, one that holds too much, or one of another version.
     """
     path = Path(path)
     try:
-        # Opened here, as np.load leaves a file open that is no archive.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+        arrays = unpack(read_file(path, MOST_BYTES))
+        text = arrays.pop("header").tobytes()
     except OSError as error:
-        raise RunError(f"{path}: can't be read: {error.strerror or error}") from error
-    except (ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
-        raise RunError(f"{path}: not a run kept by rvads: {error}") from error
+        raise RunError(f"{path}: can't be read: {error.strerror}") from error
+    except KeyError:
+        raise RunError(f"{path}: not a run kept by rvads: it has no header") from None
+    except ValueError as error:
+        raise RunError(f"{path}: not a run kept by rvads: {one_line(str(error))}") from error
+    if len(text) > _MOST_HEADER:
+        raise RunError(f"{path}: its header takes {len(text):,} bytes, expected at most {_MOST_HEADER:,}")
+    head = decode(text, dict[str, Any], f"{path}: header", RunError)
+    if head.get("format") != FORMAT:
+        raise RunError(f"{path}: not a run kept by rvads: its format is {reprlib.repr(head.get('format'))}")
+    if head.get("version") != VERSION:
+        told = reprlib.repr(head.get("version"))
+        raise RunError(f"{path}: written in version {told} of the format, this library reads version {VERSION}")
+    header = typed(head, _Header, f"{path}: header", RunError)
     try:
-        head = msgspec.json.decode(bytes(arrays["header"]), type=dict[str, Any])
-        if head.get("format") != FORMAT:
-            raise RunError(f"{path}: not a run kept by rvads: its format is {head.get('format')!r}")
-        if head.get("version") != VERSION:
-            raise RunError(
-                f"{path}: written in version {head.get('version')} of the format, this library reads version {VERSION}"
-            )
-        for name, (dimensions, kind) in _ARRAYS.items():
-            if name in arrays and (arrays[name].ndim, arrays[name].dtype.kind) != (dimensions, kind):
-                what = "whole numbers" if kind == "i" else "numbers"
-                raise ValueError(f"{name} must be {what} in {dimensions} dimensions")
-        return _run(msgspec.convert(head, _Header), arrays)
-    except (KeyError, ValueError, MapError) as error:
-        what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise RunError(f"{path}: damaged: {what}") from error
+        return _run(header, arrays, path)
+    except KeyError as error:
+        raise RunError(f"{path}: damaged: {error} is missing") from error
+    except (ValueError, MapError) as error:
+        raise RunError(f"{path}: damaged: {one_line(str(error))}") from error
 
 
-def _run(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Run:
+def _run(header: _Header, arrays: Mapping[str, NDArray[Any]], path: Path) -> Run:
+    steps, *_ = arrays["zone"].shape or (0,)
+    lanes, names = len(header.junction.entrances), [agent.name for agent in header.agents]
+    check_size(str(path), [(steps, len(names), lanes)])
+    each = (steps, len(names))
+    _check_arrays(arrays, {"zone": each, "lights": (steps, lanes), "pose": (*each, 3), "controls": (*each, 3)}, each)
     junction = _get(header.junction, arrays)
     agents = []
     for agent in header.agents:
@@ -202,8 +226,13 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Run:
                 f"{agent.name} goes from entrance {agent.route[0]} to exit {agent.route[1]}, where no movement leads"
             )
         agents.append(Agent(agent.name, junction.movements[agent.route], agent.kind, agent.size))
-    if header.facts.subject not in (None, *(agent.name for agent in agents)):
+    if len(set(names)) < len(names):
+        raise ValueError(f"every vehicle must have a name of its own, got {reprlib.repr(names)}")
+    if header.facts.subject not in (None, *names):
         raise ValueError(f"subject in facts must be one of the vehicles, got {header.facts.subject!r}")
+    for collision in header.collisions or ():
+        if not ({*collision.agents} <= {*names} and 0 <= round(collision.time / header.dt) < steps):
+            raise ValueError(f"a collision must be one of its vehicles while it lasts, got {collision}")
     optional = {name: arrays.get(name) for name in ("station", "speed", "pose", "controls")}
     return Run(
         header.label,
@@ -220,11 +249,34 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Run:
     )
 
 
+def _check_arrays(arrays: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]], default: tuple[int, ...]) -> None:
+    for name, kind in _ARRAYS.items():
+        array = arrays.get(name)
+        shape = shapes.get(name, default)
+        if array is not None and (array.shape, array.dtype.kind) != (shape, kind):
+            what = "whole numbers" if kind == "i" else "numbers"
+            raise ValueError(f"{name} must be {what} in the shape {shape}, got {array.dtype} in {array.shape}")
+        if array is not None and kind == "f" and (np.abs(array) > _FARTHEST).any():
+            raise ValueError(f"{name} holds numbers beyond {_FARTHEST:g}")
+
+
 def _get(record: _Junction, arrays: Mapping[str, NDArray[Any]]) -> Junction:
+    points = 0
+
     def get(line: _Line | None) -> Segment | None:
-        return None if line is None else Segment(line.id, arrays[f"line_{line.number}"], line.turn, line.junction)
+        nonlocal points
+        if line is None:
+            return None
+        along = arrays[f"line_{line.number}"]
+        points += along.size // 2
+        if points > _MOST_POINTS or (np.abs(along) > _FARTHEST).any():
+            raise ValueError(f"its centre lines have more than {_MOST_POINTS:,} points, or some beyond {_FARTHEST:g} m")
+        return Segment(line.id, along, line.turn, line.junction)
 
     movements = [Movement(m.entrance, m.exit, m.turn, m.length, m.segment, get(m.path)) for m in record.movements]
+    length = sum(m.path.length for m in movements if m.path is not None)
+    if length > _LONGEST:
+        raise ValueError(f"its movements are {length:,.0f} m long together, expected at most {_LONGEST:,} m")
     return Junction(
         record.name,
         record.id,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from base64 import b64encode
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ import pytest
 
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.wording import one_line
+from pytest_rvads.storage import write_file
 
 if TYPE_CHECKING:
     from pytest_rvads.draw.replay import Track
@@ -23,6 +25,10 @@ __all__ = ["look", "prepare_folder", "show", "slug"]
 _MOST = 100
 """A session that breaks everywhere needs no more pages than this from one process."""
 
+_LONGEST = 190
+"""Longest name of a file without its ending [bytes]; file systems take 255."""
+_PLAIN = re.compile(r"(?:\w+/)*\w+\.py(?:::\w+)*(?:\[[\w.-]*[\w.]\])?", re.ASCII)
+"""Ids of items that can still be told apart when brackets and slashes have become hyphens."""
 _WRITTEN = pytest.StashKey[int]()
 
 
@@ -67,8 +73,12 @@ def show(item: pytest.Item, report: pytest.TestReport, image: str) -> None:
 
 
 def slug(nodeid: str) -> str:
-    """Return a file name for an item; items whose ids differ only in characters that files should not have share one."""
-    return re.sub(r"[^A-Za-z0-9_.-]+", "-", nodeid.replace(".py::", ".")).strip("-")
+    """Return a file name for an item, without an ending, short enough for every file system; no two items share one."""
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", nodeid.replace(".py::", ".")).strip("-")
+    if _PLAIN.fullmatch(nodeid) and len(name) <= _LONGEST:
+        return name
+    digest = sha256(nodeid.encode("utf-8", "surrogatepass")).hexdigest()[:12]
+    return f"{name[: _LONGEST - 13]}-{digest}"
 
 
 def prepare_folder(folder: Path) -> None:
@@ -89,9 +99,9 @@ def _write(target: Path, run: Run, verdict: Verdict, time: float, rule: str | Ru
 
     prepare_folder(target.parent)
     page = replay(run, verdict.message, notes, [(time, verdict.message)], _tracks(run, rule), verdict.responsible)
-    target.write_text(page, encoding="utf-8")
+    write_file(target, page.encode())
     image = picture(run, round(time / run.dt), verdict.message, verdict.responsible)
-    target.with_suffix(".svg").write_text(image, encoding="utf-8")
+    write_file(target.with_suffix(".svg"), image.encode())
     return image
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.cli import main
+from pytest_rvads.cli.common import LINE_LIMIT
 from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.junctions.finder import find
@@ -180,6 +181,14 @@ def test_monitor_answers_line_by_line() -> None:
     assert three["verdicts"] == [["F"]], "anticipation: neither holds now, so no continuation helps"
     assert "error" in latin
     assert "error" in four
+
+
+@pytest.mark.parametrize("command", ["monitor", "simulate"])
+def test_a_line_without_an_end_is_not_waited_for(command: str) -> None:
+    with Path("/dev/zero").open("rb") as endless:
+        done = subprocess.run([RVADS, command, "--jsonl"], stdin=endless, capture_output=True, timeout=60)
+    told = f"rvads: line 1 of standard input is too long, expected at most {LINE_LIMIT:,} bytes\n"
+    assert (done.returncode, done.stdout, done.stderr.decode()) == (2, b"", told)
 
 
 def test_rules_of_a_file_run_like_others(pytester: pytest.Pytester) -> None:

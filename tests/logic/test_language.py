@@ -4,7 +4,7 @@ import pytest
 
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.parser import DEPTH_LIMIT, LENGTH_LIMIT, parse_ltl, parse_rule
+from pytest_rvads.logic.ltl.parser import DEPTH_LIMIT, LENGTH_LIMIT, SIZE_LIMIT, parse_ltl, parse_rule
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.logic.rules.reading import parse
 from pytest_rvads.logic.rules.sorts import LANGUAGE, Sort
@@ -228,13 +228,27 @@ def test_errors_show_only_the_line_and_a_window_of_it() -> None:
     assert str(caught.value).splitlines()[1:] == ["  " + ("p & & q" + " & p" * 500)[:100] + "...", "      ^"]
 
 
+@pytest.mark.parametrize("grow", ["d{1}(a) & N d{1}(a)", "d{1}(a) & d{1}(a)", "d{1}(a) <-> d{1}(a)", "F (d{1}(a) U d{1}(a))"])
+def test_definitions_that_double_are_refused_with_their_size(grow: str) -> None:
+    definitions = "".join(f"d{k}(a) := {grow.format(k, k - 1)};\n" for k in range(1, 40))
+    with pytest.raises(FormulaError, match=rf"has [0-9,]{{6}} operators and atoms, at most {SIZE_LIMIT:,} are read"):
+        parse(f"d0(a) := a@j;\n{definitions}forall a. G d39(a)")
+
+
+def test_definitions_that_nobody_uses_cost_nothing() -> None:
+    definitions = "".join(f"d{k}(a) := d{k - 1}(a) & N d{k - 1}(a);" for k in range(1, 12))
+    assert f.size(parse(f"d0(a) := a@j; {definitions} forall a. G d0(a)")) == 3
+
+
 def test_a_formula_without_limits_is_refused() -> None:
     with pytest.raises(FormulaError, match=rf"1,000,000 characters, at most {LENGTH_LIMIT:,} are read"):
         parse_ltl("p" * 1_000_000)
-    with pytest.raises(FormulaError, match=rf"nests 5001 operators, at most {DEPTH_LIMIT}"):
+    with pytest.raises(FormulaError, match=rf"nests 5001 operators and variables, at most {DEPTH_LIMIT}"):
         parse_ltl("!" * 5000 + "p")
     with pytest.raises(FormulaError, match=r"the formula '!{40}\.\.\.' nests"):
         parse_ltl("!" * 200 + "p")
     assert f.size(parse_ltl("(" * 5000 + "p" + ")" * 5000)) == 1, "brackets alone do no harm"
+    with pytest.raises(FormulaError, match="nests 202 operators and variables"):
+        parse(f"forall {', '.join(f'a{k}' for k in range(200))}. G a1@j")
     with pytest.raises(FormulaError, match="binds a variable twice"):
         parse("forall a, a. G a@j")

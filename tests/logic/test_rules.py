@@ -73,6 +73,8 @@ def test_a_specification_is_a_rulebook_a_rule_or_a_mixture() -> None:
         (lambda: rule("mine", "forall a. G a@"), "rule 'mine': unexpected the end"),
         (lambda: rule("mine", "forall a. G a@j", about="stopp"), "must be one of .*; did you mean 'stop'"),
         (lambda: rule("mine", "forall a. G a@j", tie=float("nan")), "the tie window must be a number of seconds"),
+        (lambda: rule("mine", "forall a. G a@j", tie="soon"), "from 0 to 3,600, got 'soon'"),  # type: ignore[arg-type]
+        (lambda: rule("m" * 101, "forall a. G a@j"), "at most 100 of them, got 'mmm"),
         (lambda: predicate("take", "agent"), r"'take' is a shipped word, not to be changed at .*test_rules.py:\d+: choose"),
         (lambda: predicate("x y", "agent"), "free identifier as its name, got 'x y'"),
         *((lambda name=name: predicate(name, "agent"), f"free identifier as its name, got '{name}'") for name in RESERVED),
@@ -294,8 +296,9 @@ def test_vertices_are_entrances_and_exits_and_each_agent_has_one_of_each(make: M
     [
         f"forall {', '.join(f'a{i}' for i in range(12))}. G !(a1@j & a11@j)",
         f"forall a. G exists {', '.join(f'a{i}' for i in range(12))}. a@j & a1@j | a3@j U a11@j",
+        f"forall a. G (a@j | exists {', '.join(f'a{i}' for i in range(12))}. true)",
     ],
-    ids=["outer", "inner"],
+    ids=["outer", "inner", "of nothing"],
 )
 def test_too_many_instances_are_refused_not_left_to_run(make: Make, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pytest_rvads.logic.judging.ground.LIMIT", 5_000)
@@ -419,6 +422,11 @@ def test_a_file_may_tell_everything_about_a_rule(tmp_path: Path) -> None:
         ("[x]\ntxt = forall a. F a@j\n", "unknown key 'txt'; did you mean 'text'"),
         ("[x]\ntext = forall a. F a@k\n", "rule 'x': unbound variable k"),
         ("[x]\ntext = forall a. F a@j\ntie = soon\n", "tie must be a number of seconds, got 'soon'"),
+        ("[x]\ntext = forall a. F a@j\ntie = inf\n", "must be a number of seconds from 0 to 3,600, got inf"),
+        ("[x]\ntext = forall a. F a@j\ntie = 1e400\n", "must be a number of seconds from 0 to 3,600, got inf"),
+        ("[x]\ntext = forall a. F a@j\ntie = -1\n", "must be a number of seconds from 0 to 3,600, got -1.0"),
+        ("".join(f"[r{k}]\ntext = forall a. F a@j\n" for k in range(1001)), "1,001 rules, at most 1,000 are read"),
+        ("#" * (2**20 + 1), "it is too large, expected at most 1,048,576 bytes"),
         ("text = forall a. F a@j\n", "not a file of rules"),
         ("[x]\n[x]\n", "not a file of rules"),
     ],

@@ -18,7 +18,7 @@ from pytest_rvads.logic.ltl.words import answer
 def ask(formula: str, *words: str, name: object = 1) -> dict[str, object]:
     """Words are written like ``p,q | | q``: states between bars."""
     given = [[[p for p in state.strip().split(",") if p] for state in word.split("|")] for word in words]
-    return answer(json.dumps({"id": name, "formula": formula, "words": given}))
+    return answer(json.dumps({"id": name, "formula": formula, "words": given}).encode())
 
 
 def test_an_answer_has_size_verdicts_and_finite_values() -> None:
@@ -78,28 +78,44 @@ def test_contradictions_are_seen_at_once(text: str) -> None:
 
 
 def test_an_empty_word_has_no_verdicts_and_weak_formulas_hold() -> None:
-    line = json.dumps({"id": 1, "formula": "G p", "words": [[]]})
+    line = json.dumps({"id": 1, "formula": "G p", "words": [[]]}).encode()
     assert answer(line) == {"id": 1, "states": 2, "verdicts": [[]], "finite": [True]}
-    assert answer(line.replace("G p", "F p | X p | p U p | p"))["finite"] == [False]
+    assert answer(line.replace(b"G p", b"F p | X p | p U p | p"))["finite"] == [False]
 
 
 @pytest.mark.parametrize(
     ("line", "name", "message"),
     [
-        ("nonsense", None, "not a JSON object"),
-        ("[1]", None, "expected an object"),
-        ('{"id": 4}', 4, "expected an object"),
+        ("nonsense", None, "task: not JSON: "),
+        ("[1]", None, "task: it must be an object, got [1]"),
+        ('{"id": 4}', 4, "task: the field 'formula' is missing"),
+        ('{"id": 4, "formula": null}', 4, "task: the field 'formula' must be a text, got None"),
+        ('{"id": NaN, "formula": "p"}', None, "task: not JSON: "),
+        ('{"id": -Infinity, "formula": "p"}', None, "task: not JSON: "),
+        ('{"id": 1e999, "formula": "p"}', None, "task: not JSON: "),
+        ('{"id": "\\ud800", "formula": "p"}', None, "task: not JSON: "),
+        ('{"id": "\ud800", "formula": "p"}', None, "task: not JSON: "),
+        ('{"id": 4, "formula": "p", "words": 7}', 4, "task: the field 'words' must be a list, got 7"),
+        ('{"id": 4, "formula": "p", "words": NaN}', None, "task: not JSON: "),
+        ('{"id": 4, "formula": "\x1b"}', None, "task: not JSON: "),
+        (
+            '{"id": [4], "formula": "p"}',
+            None,
+            "task: the field 'id' must be a whole number or a number or a text or null, got [4]",
+        ),
+        ('{"id": 4, "formula": "p \\u202e"}', 4, "unexpected '\\u202e'"),
         ('{"id": 4, "formula": "p &", "words": []}', 4, "unexpected the end, expected a formula"),
-        ('{"id": 4, "formula": "p", "words": [["p"]]}', 4, '"words" must be a list of words'),
+        ('{"id": 4, "formula": "p", "words": [["p"]]}', 4, "the field 'words[0][0]' must be a list, got 'p'"),
         ('{"id": 4, "formula": "' + "&".join(f"F p{i}" for i in range(12)) + '", "words": []}', 4, "valuations"),
-        ("[" * 100_000, None, "not a JSON object"),
+        ("[" * 100_000, None, "task: not JSON: "),
     ],
 )
 def test_what_cannot_be_answered_says_why(line: str, name: object, message: str) -> None:
-    got = answer(line)
+    got = answer(line.encode("utf-8", "surrogatepass"))
     assert got.keys() == {"id", "error"}
     assert got["id"] == name
     assert message in got["error"]
+    json.dumps(got, allow_nan=False, ensure_ascii=False).encode()
 
 
 def test_a_blow_up_is_refused_with_the_size() -> None:

@@ -96,6 +96,52 @@ def test_an_entry_that_is_a_folder_is_left_alone(where: Path) -> None:
     assert list(where.iterdir()) == [entry], "nothing half-written stays behind"
 
 
+def pipe(entry: Path) -> None:
+    entry.unlink()
+    os.mkfifo(entry)
+
+
+def link_without_end(entry: Path) -> None:
+    entry.unlink()
+    entry.symlink_to("/dev/zero")
+
+
+def link_to_a_file(entry: Path) -> None:
+    elsewhere = entry.parent.with_name("precious")
+    elsewhere.write_text("to be kept")
+    entry.unlink()
+    entry.symlink_to(elsewhere)
+
+
+def huge(entry: Path) -> None:
+    os.truncate(entry, 2**32)
+
+
+@pytest.mark.parametrize("put", [pipe, link_without_end, link_to_a_file, huge])
+def test_what_is_no_small_regular_file_is_neither_read_nor_written_to_but_replaced(
+    where: Path, put: Callable[[Path], None]
+) -> None:
+    cache.cached({"a": 1}, Counter(0.5))
+    (entry,) = where.iterdir()
+    put(entry)
+    compute = Counter(0.5)
+    assert [cache.cached({"a": 1}, compute) for _ in range(2)] == [0.5, 0.5]
+    assert compute.asked == 1
+    assert entry.stat().st_size < 10_000
+    assert not entry.is_symlink()
+    elsewhere = where.with_name("precious")
+    assert not elsewhere.exists() or elsewhere.read_text() == "to be kept"
+
+
+def test_a_full_disk_costs_no_number(where: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_: Path, content: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert cache.cached({"a": 1}, Counter(0.5)) == 0.5
+    assert list(where.iterdir()) == []
+
+
 def test_an_error_is_not_kept() -> None:
     def fail() -> float:
         raise ValueError("no number")

@@ -203,8 +203,8 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     (broken(*RUN, "ticks", value=1.5), "'runs[0].ticks' must be a number that's a multiple of 1.0, got 1.5"),
     (broken(*RUN, "name", value=3), "'runs[0].name' must be a text, got 3"),
     (broken(*RUN, "ticks", value="many"), "'runs[0].ticks' must be a number, got 'many'"),
-    (broken(*RUN, "dt", value=0), "'runs[0].dt' must be a number > 0.0, got 0"),
-    (broken(*RUN, "dt", value=float("nan")), "'runs[0].dt' must be a number > 0.0, got nan"),
+    (broken(*RUN, "dt", value=0), "'runs[0].dt' must be a number >= 1e-06, got 0"),
+    (broken(*RUN, "dt", value=float("nan")), "'runs[0].dt' must be a number >= 1e-06, got nan"),
     (broken(*RUN, "vehicles", value=[]), "'runs[0].vehicles' must be an object, got []"),
     (broken("runs", 0, "vehicles", "c2", "edge", drop=True), "the field 'runs[0].vehicles.c2.edge' is missing"),
     (broken(*C0, "init_speed", value=float("inf")), "'runs[0].vehicles.c0.init_speed' must be a number"),
@@ -213,9 +213,15 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     (broken(*C0, "edge", value=[[0, "r0"], [9, "e02"], [8, "o2"]]), "increase"),
     (broken(*C0, "edge", value=[[0, "r0"], [100, "e02"]]), "stay below 100"),
     (broken(*C0, "edge", value=[[0, "r0"], ["x", "e02"]]), "c0.edge[1][0]' must be a whole number, got 'x'"),
-    (broken(*C0, "edge", value=[[0, "r0"], [9, "zz"]]), "edge 'zz' at tick 9 is not on its itinerary"),
+    (
+        broken(*C0, "edge", value=[[0, "r0"], [9, "zz"]]),
+        "the series 'edge': 'zz' at tick 9 is not on its itinerary ['r0', 'e02', 'o2']",
+    ),
     (broken(*C0, "itinerary", value=["r0", "o2"]), "must pass the junction once, it does 0 times"),
-    (broken(*C0, "at_entrance", value=[[0, "n1"]]), "at entrance 'n1' at tick 0, which is not on its itinerary"),
+    (
+        broken(*C0, "at_entrance", value=[[0, "n1"]]),
+        "the series 'at_entrance': 'n1' at tick 0 is not on its itinerary ['', 'n0']",
+    ),
     (
         broken(*RUN, "lights", value={"s0": {"node": "n0", "color": [[0, 7]]}}),
         "'runs[0].lights.s0.color[0][1]' must be a whole number <= 3, got 7",
@@ -231,6 +237,58 @@ def test_a_wrong_file_is_refused_by_name(tmp_path: Path, data: dict[str, Any], m
     assert message in str(caught.value)
     assert str(caught.value).startswith("runs.json: ")
     assert "\n" not in str(caught.value)
+
+
+MANY = [{**document()["runs"][0], "name": f"r{k}", "ticks": 10_000_000} for k in range(60)]
+HOSTILE: list[tuple[dict[str, Any], str]] = [
+    (
+        broken("runs", value=MANY),
+        "600,000,000 ticks of so many vehicles and entrances are 21,600,000,000 pairs of them, at most 320,000,000 are read",
+    ),
+    (broken("runs", value=MANY * 40), "the field 'runs' must be a list of length <= 2000, got"),
+    (
+        broken(*RUN, "vehicles", value={f"c{k}": {} for k in range(101)}),
+        "the field 'runs[0].vehicles.c0.itinerary' is missing",
+    ),
+    (
+        broken(*RUN, "vehicles", value={f"c{k}": document()["runs"][0]["vehicles"]["c0"] for k in range(101)}),
+        "101 vehicles at 3 entrances, at most 100 of either are read",
+    ),
+    (broken("graph", "entrances", value=["n"] * 101), "the field 'graph.entrances' must be a list of length <= 100, got"),
+    (broken(*RUN, "name", value=""), "'runs[0].name' must be a text of length >= 1, got ''"),
+    (broken(*RUN, "name", value="a\nb"), "'runs[0].name' must be a text without control characters, got 'a\\nb'"),
+    (
+        broken(*RUN, "vehicles", value={"": document()["runs"][0]["vehicles"]["c0"]}),
+        "the name of a vehicle: it must be a text of",
+    ),
+    (broken(*RUN, "verdicts", value={"p1": float("nan")}), "not JSON: Out of range float values"),
+    (broken(*RUN, "verdicts", value={"p1": "\ud800"}), "not JSON: 'utf-8' codec can't encode character"),
+    (broken(*RUN, "dt", value=5e-324), "'runs[0].dt' must be a number >= 1e-06"),
+    (broken(*C0, "itinerary", value=["r0"] * 100_000), "the itinerary ['r0', 'r0', 'r0', 'r0', 'r0', 'r0', ...] must pass"),
+]
+
+
+@pytest.mark.parametrize(("data", "message"), HOSTILE, ids=[h[1] for h in HOSTILE])
+def test_what_would_take_too_much_or_has_no_proper_name_is_refused(tmp_path: Path, data: dict[str, Any], message: str) -> None:
+    path = write(tmp_path, data)
+    with pytest.raises(RunError) as caught:
+        read_recorded(path)
+    assert message in str(caught.value)
+    assert len(str(caught.value)) < 500
+
+
+def test_long_series_take_no_longer_than_their_length(tmp_path: Path) -> None:
+    data = broken(*C0, "at_entrance", value=[[k, "" if k % 2 else "n0"] for k in range(200_000)])
+    data["runs"][0]["ticks"] = 1_000_000
+    (run,) = read_recorded(write(tmp_path, data))
+    assert run.zone[:10, 0].tolist() == [Zone.ENTRANCE, Zone.APPROACH] * 5
+
+
+def test_what_is_no_utf_8_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, document())
+    path.write_bytes(path.read_bytes().replace(b"hand", b"h\xffnd"))
+    with pytest.raises(RunError, match=r"runs\.json: not JSON: 'utf-8' codec can't decode byte 0xff"):
+        read_recorded(path)
 
 
 def paths(data: Any, here: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -260,7 +318,7 @@ def test_a_file_that_is_no_json(tmp_path: Path) -> None:
     path = tmp_path / "runs.json"
     for text in ("{", "[" * 100_000):
         path.write_text(text)
-        with pytest.raises(RunError, match="not a JSON file"):
+        with pytest.raises(RunError, match="not JSON"):
             read_recorded(path)
     path.write_text("[]")
     with pytest.raises(RunError, match=r"must be an object, got \[\]"):

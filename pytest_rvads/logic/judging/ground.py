@@ -24,8 +24,8 @@ __all__ = ["Grounding", "Instance", "domain", "ground", "simplify", "unfold"]
 Binding = tuple[tuple[str, f.Element], ...]
 
 LIMIT = 100_000
-"""Atoms that unfolding a formula may look at; a second or two of work. The shipped rules need at most 2,000 where four roads
-meet, and 30,000 where eight do."""
+"""Atoms and constants that unfolding a formula may look at; a second or two of work. The shipped rules need at most 2,000 where
+four roads meet, and 30,000 where eight do."""
 
 
 def _budget(formula: f.Formula) -> Budget:
@@ -170,6 +170,9 @@ def _reduce(
                 budget.spend(1)
                 atom = f.Atom(name, tuple([_bind(t, env) for t in terms]), at, word)
                 return _decide(atom, static, itinerary) if decide else atom
+            case f.Const():
+                budget.spend(1)
+                return node
             case f.Forall(variables, body) if prefix:
                 inner = {k: v for k, v in env.items() if k not in {b.name for b in variables}}
                 reduced = go(body, inner, True)

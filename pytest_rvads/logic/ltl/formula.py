@@ -201,12 +201,13 @@ def children(formula: Formula) -> tuple[Formula, ...]:
 
 
 def walk(formula: Formula) -> Iterator[tuple[Formula, int]]:
-    """Yield every subformula with its depth, from left to right, without recursion."""
+    """Yield every subformula with its depth, to which every bound variable adds one, from left to right, without recursion."""
     stack = [(formula, 1)]
     while stack:
         node, level = stack.pop()
         yield node, level
-        stack.extend((child, level + 1) for child in reversed(children(node)))
+        below = level + (len(node.variables) if isinstance(node, Forall | Exists) else 1)
+        stack.extend((child, below) for child in reversed(children(node)))
 
 
 def size(formula: Formula) -> int:
@@ -215,7 +216,7 @@ def size(formula: Formula) -> int:
 
 
 def depth(formula: Formula) -> int:
-    """Return how deep operators nest."""
+    """Return how deep operators and bound variables nest."""
     return max(level for _, level in walk(formula))
 
 

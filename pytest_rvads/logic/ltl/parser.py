@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from lark import Lark, UnexpectedInput
 
@@ -19,12 +19,14 @@ from pytest_rvads.logic.ltl.grammar import LTL, Build, Mistake, rule_grammar
 from pytest_rvads.logic.ltl.language import Language
 from pytest_rvads.logic.ltl.rewrite import replaced, substitute
 
-__all__ = ["DEPTH_LIMIT", "LENGTH_LIMIT", "caret", "parse_ltl", "parse_rule"]
+__all__ = ["DEPTH_LIMIT", "LENGTH_LIMIT", "SIZE_LIMIT", "caret", "parse_ltl", "parse_rule"]
 
 LENGTH_LIMIT = 20_000
 """Longest text of a formula [characters]."""
 DEPTH_LIMIT = 150
-"""Deepest nesting of operators; keeps recursion over formulas well inside Python's limit."""
+"""Deepest nesting of operators and bound variables; keeps recursion over formulas well inside Python's limit."""
+SIZE_LIMIT = 20_000
+"""Most operators and atoms of a formula once its definitions are written out; a text without any has fewer."""
 
 _SIGNS = {
     "not": "!",
@@ -68,13 +70,14 @@ def parse_rule(text: str, language: Language) -> f.Formula:
         language: it is written in.
 
     Raises:
-        FormulaError: the text is not a rule, too long, or nested too deeply.
+        FormulaError: the text is not a rule, too long, too large once its definitions are written out, or nested too deeply.
     """
     *definitions, formula = _parse(language, text)
-    known: dict[str, tuple[tuple[f.Var, ...], f.Formula]] = {}
+    known: dict[str, _Definition] = {}
     for name, parameters, body in definitions:
-        known[name] = (parameters, _bounded(_expand(body, known, text), text))
-    return _bounded(_expand(_bounded(formula, text), known, text), text)
+        written_out = _expand(body, known, text)
+        known[name] = _Definition(parameters, written_out, f.size(written_out))
+    return _expand(formula, known, text)
 
 
 def _parse(language: Language | None, text: str) -> tuple[Any, ...]:
@@ -99,7 +102,9 @@ def _bounded(formula: f.Formula, text: str) -> f.Formula:
     deep = f.depth(formula)
     if deep > DEPTH_LIMIT:
         shown = text if len(text) <= 40 else text[:40] + "..."
-        raise FormulaError(f"the formula {shown!r} nests {deep} operators, at most {DEPTH_LIMIT} are read: split it into rules")
+        raise FormulaError(
+            f"the formula {shown!r} nests {deep} operators and variables, at most {DEPTH_LIMIT} are read: split it into rules"
+        )
     return formula
 
 
@@ -138,18 +143,30 @@ def caret(message: str, text: str, at: int) -> str:
     return f"{message}{where}\n  {shown}\n  {' ' * place}^"
 
 
-_Definitions = Mapping[str, tuple[tuple[f.Var, ...], f.Formula]]
+class _Definition(NamedTuple):
+    parameters: tuple[f.Var, ...]
+    body: f.Formula
+    size: int
+    """Of the body."""
 
 
-def _expand(formula: f.Formula, known: _Definitions, text: str) -> f.Formula:
-    """Replace defined predicates by their bodies."""
+def _expand(formula: f.Formula, known: Mapping[str, _Definition], text: str) -> f.Formula:
+    """Replace defined predicates by their bodies, once the result is known to be within bounds."""
+    _bounded(formula, text)
+    used = (known[node.name].size - 1 for node, _ in f.walk(formula) if isinstance(node, f.Atom) and node.name in known)
+    size = f.size(formula) + sum(used)
+    if size > SIZE_LIMIT:
+        raise FormulaError(
+            f"with its definitions written out, the formula has {size:,} operators and atoms, at most {SIZE_LIMIT:,} are read: "
+            "split it into rules"
+        )
 
     def body_of(atom: f.Atom) -> f.Formula:
         if atom.name not in known:
             return atom
-        parameters, body = known[atom.name]
+        parameters, body, _ = known[atom.name]
         if len(parameters) != len(atom.terms):
             raise FormulaError(caret(f"{atom.name} takes {len(parameters)} arguments, got {len(atom.terms)}", text, atom.at))
         return substitute(body, dict(zip((p.name for p in parameters), atom.terms, strict=True)))
 
-    return replaced(formula, body_of) if known else formula
+    return _bounded(replaced(formula, body_of), text) if known else formula

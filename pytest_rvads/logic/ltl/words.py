@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
 
+from pytest_rvads.decoding import decode
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.finite import settle, settle_empty
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, synthesize
 from pytest_rvads.logic.ltl.monitor import encode, run_machine
 from pytest_rvads.logic.ltl.parser import parse_ltl
+from pytest_rvads.wording import printable
 
 __all__ = ["answer", "holds_on", "verdicts_on"]
 
 Word = Sequence[Sequence[str]]
 """Per state the propositions that hold in it."""
+
+
+class _Named(Struct, frozen=True):
+    id: str | int | float | None = None
+
+
+class _Task(Struct, frozen=True):
+    formula: str
+    words: list[list[list[str]]] = []
 
 
 def verdicts_on(machine: Machine, word: Word) -> list[Truth]:
@@ -39,37 +50,24 @@ def _arrays(formula: f.Formula, word: Word) -> dict[f.Atom, Any]:
     return {a: np.array([a.name in state for state in states], dtype=np.bool_) for a in f.atoms(formula)}
 
 
-def answer(line: str) -> dict[str, Any]:
+def answer(line: bytes) -> dict[str, Any]:
     """Answer one line of ``rvads monitor --jsonl``.
 
     Args:
         line: a JSON object ``{"id", "formula", "words"}``.
 
     Returns:
-        ``{"id", "states", "verdicts", "finite"}``, or ``{"id", "error"}`` for what can't be understood or is refused.
+        ``{"id", "states", "verdicts", "finite"}``, or ``{"id", "error"}`` for what can't be understood or is refused; the id, a
+        text or number, is None where it can't be read.
     """
+    name = None
     try:
-        task = json.loads(line)
-    except (ValueError, RecursionError) as error:
-        return {"id": None, "error": f"not a JSON object: {error}"}
-    name = task.get("id") if isinstance(task, dict) else None
-    try:
-        formula, words = _read(task)
+        name = decode(line, _Named, "task", FormulaError).id
+        task = decode(line, _Task, "task", FormulaError)
+        formula = parse_ltl(task.formula)
         machine = synthesize(formula)
-        verdicts = [[str(v) for v in verdicts_on(machine, word)] for word in words]
-        finite = [holds_on(formula, word) for word in words]
+        verdicts = [[str(v) for v in verdicts_on(machine, word)] for word in task.words]
+        finite = [holds_on(formula, word) for word in task.words]
     except FormulaError as error:
-        return {"id": name, "error": str(error)}
+        return {"id": name, "error": printable(str(error))}
     return {"id": name, "states": machine.states, "verdicts": verdicts, "finite": finite}
-
-
-def _read(task: object) -> tuple[f.Formula, list[list[list[str]]]]:
-    if not isinstance(task, dict) or not isinstance(task.get("formula"), str):
-        raise FormulaError('expected an object {"id", "formula", "words"} whose formula is a text')
-    words = task.get("words", [])
-    fine = isinstance(words, list) and all(
-        isinstance(word, list) and all(isinstance(s, list) and all(isinstance(p, str) for p in s) for s in word) for word in words
-    )
-    if not fine:
-        raise FormulaError('"words" must be a list of words, a word a list of states, a state a list of propositions')
-    return parse_ltl(task["formula"]), words

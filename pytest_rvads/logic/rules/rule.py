@@ -13,7 +13,11 @@ from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word
 from pytest_rvads.maps.control import JunctionControl
 
-__all__ = ["Rule"]
+__all__ = ["LONGEST_TIE", "Rule"]
+
+LONGEST_TIE = 3600
+"""Longest tie window [s]; of waiting times at a junction, those of an hour are all alike."""
+_LONGEST_NAME = 100
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -55,12 +59,15 @@ class Rule:
     _formula: f.Formula | None = field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
-        if not self.name or not all(c.isascii() and (c.isalnum() or c in "_.-") for c in self.name):
+        if not (0 < len(self.name) <= _LONGEST_NAME and all(c.isascii() and (c.isalnum() or c in "_.-") for c in self.name)):
             raise FormulaError(
-                f"the name of a rule goes into test ids, so it must consist of A-Z a-z 0-9 _ . -, got {self.name!r}"
+                f"the name of a rule goes into test ids, so it must consist of A-Z a-z 0-9 _ . -, at most {_LONGEST_NAME} of "
+                f"them, got {self.name!r:.60}"
             )
-        if not self.tie >= 0:
-            raise FormulaError(f"rule {self.name!r}: the tie window must be a number of seconds, at least 0, got {self.tie!r}")
+        if not (isinstance(self.tie, int | float) and 0 <= self.tie <= LONGEST_TIE):
+            raise FormulaError(
+                f"rule {self.name!r}: the tie window must be a number of seconds from 0 to {LONGEST_TIE:,}, got {self.tie!r:.60}"
+            )
         if not self.place:
             object.__setattr__(self, "place", here())
         if self.place != PACKAGE:  # those are read when they are first judged by, most of them never

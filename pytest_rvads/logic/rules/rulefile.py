@@ -18,9 +18,11 @@ from typing import Any
 from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic.rules.book import rule
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.storage import read_file
 
 __all__ = ["load_rules"]
 
+_MOST_BYTES, _MOST_RULES = 2**20, 1000
 _KEYS = ("text", "title", "meaning", "source", "responsible", "bound", "about", "tie", "requirement")
 
 
@@ -31,16 +33,18 @@ def load_rules(path: str | Path) -> tuple[Rule, ...]:
         path: of the file; keys are those of `rule`, ``text`` is required and may go over several indented lines.
 
     Raises:
-        FormulaError: a file that can't be read, an unknown key, a rule without text or with a wrong one.
+        FormulaError: a file that can't be read or holds too much, an unknown key, a rule without text or with a wrong one.
     """
     path = Path(path)
     parser = ConfigParser(interpolation=None, comment_prefixes=("#", ";"), default_section="")
     try:
-        parser.read_string(path.read_text(encoding="utf-8"), source=str(path))
+        parser.read_string(read_file(path, _MOST_BYTES).decode(), source=str(path))
     except OSError as error:
         raise FormulaError(f"{path}: can't be read: {error.strerror}") from error
     except (IniError, UnicodeDecodeError) as error:
         raise FormulaError(f"{path}: not a file of rules: {' '.join(str(error).split())}") from error
+    if len(parser.sections()) > _MOST_RULES:
+        raise FormulaError(f"{path}: {len(parser.sections()):,} rules, at most {_MOST_RULES:,} are read: split it into files")
     found = []
     for name in parser.sections():
         section = dict(parser.items(name))
