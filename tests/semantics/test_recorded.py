@@ -260,7 +260,7 @@ def test_a_file_that_is_no_json(tmp_path: Path) -> None:
     path = tmp_path / "runs.json"
     for text in ("{", "[" * 100_000):
         path.write_text(text)
-        with pytest.raises(RunError, match="not a JSON file"):
+        with pytest.raises(RunError, match="not JSON"):
             read_recorded(path)
     path.write_text("[]")
     with pytest.raises(RunError, match=r"must be an object, got \[\]"):
