@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli import rules_command
-from pytest_rvads.cli.common import Subparsers
+from pytest_rvads.cli.common import Subparsers, say, warn
 from pytest_rvads.errors import RunError
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def _rules(options: argparse.Namespace) -> int:
 
     if options.file:
         load_rules(options.file)
-    print(list_rules())
+    say(list_rules())
     return 0
 
 
@@ -70,7 +70,7 @@ def _check(options: argparse.Namespace) -> int:
     rules = named_rules(options.rule or ["paper"])
     runs = read_runs(options.file)
     for doubt in doubts(runs):
-        print(f"warning: {doubt}", file=sys.stderr)
+        warn(f"warning: {doubt}")
     verdicts = check_runs(runs, rules)
     wanted = options.kpis or not options.json
     measured = {run.label: kpis(run) for run in runs if wanted and not damage(run)}
@@ -83,7 +83,7 @@ def _check(options: argparse.Namespace) -> int:
         print(json.dumps(answer))
     else:
         for run, by_rule in verdicts.items():
-            print("\n  ".join((run, *map(_line, by_rule.values()), *(describe(measured[run]) if run in measured else ()))))
+            say("\n  ".join((run, *map(_line, by_rule.values()), *(describe(measured[run]) if run in measured else ()))))
     return _exit_status([(run, v) for run, by_rule in verdicts.items() for v in by_rule.values()], told=options.json)
 
 
@@ -112,7 +112,7 @@ def _monitor(options: argparse.Namespace) -> int:
     from pytest_rvads.logic.ltl.words import answer
 
     if not options.jsonl:
-        print(describe(synthesize(parse_ltl(options.formula))))
+        say(describe(synthesize(parse_ltl(options.formula))))
         return 0
     if isinstance(sys.stdin, io.TextIOWrapper):
         sys.stdin.reconfigure(errors="surrogateescape")  # a line that is not UTF-8 is refused like any other, the rest goes on

@@ -6,7 +6,9 @@ import argparse
 import sys
 from typing import TypeAlias
 
-__all__ = ["Subparsers", "progress"]
+from pytest_rvads.wording import printable
+
+__all__ = ["Subparsers", "progress", "say", "warn"]
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """Where a module adds its commands."""
@@ -20,3 +22,13 @@ def progress(done: int, total: int, what: str = "runs") -> None:
         print(f"\r[{'#' * full}{' ' * (40 - full)}] {done}/{total} {what}", end=end, file=sys.stderr, flush=True)
     elif 4 * done // total > 4 * (done - 1) // total:
         print(f"{done}/{total} {what}", file=sys.stderr)
+
+
+def say(text: str) -> None:
+    """Print an answer in which names from elsewhere stand."""
+    print(printable(text, len(text)), flush=True)
+
+
+def warn(text: str) -> None:
+    """Print such a text on standard error."""
+    print(printable(text, len(text)), file=sys.stderr)
