@@ -7,8 +7,9 @@ from base64 import b64encode
 from hashlib import sha256
 from importlib.resources import files
 from string import Template
+from typing import Any
 
-from pytest_rvads.wording import markup
+from pytest_rvads.wording import markup, printable
 
 __all__ = ["webpage"]
 
@@ -39,7 +40,7 @@ def webpage(package: str, name: str, title: str, data: object, style: str = "", 
         package: where its sources lie: ``NAME.html``, the body, with a ``$place`` for each part; ``NAME.css``, ``NAME.js``.
         name: of the sources.
         title: of the page.
-        data: what the script finds in the element ``data``, as JSON; what it shows of it, it has to show as text.
+        data: what the script finds in the element ``data``, as JSON; it has to show texts as texts.
         style: further style.
         parts: markup, in which what is not ours went through `markup`.
     """
@@ -50,9 +51,18 @@ def webpage(package: str, name: str, title: str, data: object, style: str = "", 
         style=style + own,
         body=Template(body).substitute(parts),
         # "<" could end the script element from inside a string.
-        data=json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
+        data=json.dumps(_shown(data), separators=(",", ":")).replace("<", "\\u003c"),
         script=script,
     )
+
+
+def _shown(value: Any) -> Any:
+    """Return a value of JSON whose texts can be shown."""
+    if isinstance(value, str):
+        return printable(value, len(value))
+    if isinstance(value, dict):
+        return {key: _shown(inner) for key, inner in value.items()}
+    return list(map(_shown, value)) if isinstance(value, list | tuple) else value
 
 
 def _digest(text: str) -> str:

@@ -13,12 +13,12 @@ from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Notes, 
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.webpage import webpage
-from pytest_rvads.wording import markup
+from pytest_rvads.wording import markup, printable
 
 __all__ = ["page"]
 
-_WEB = re.compile(r"https://[^\\\x00-\x20\x7f]+")
-_NO_PATH = re.compile(r"[^/?#]*:| *//|.*[\\\x00-\x1f\x7f]", re.DOTALL)
+_WEB = re.compile(r"https://[^\\\s]+")
+_NO_PATH = re.compile(r"[^/?#]*:| *//|.*[\\\t\n]", re.DOTALL)
 """An address with a scheme, of another host, or what browsers would make one of."""
 
 
@@ -82,6 +82,7 @@ def _item(record: Record, folder: Path) -> dict[str, Any]:
 
 def _link(look: str, folder: Path) -> str:
     """Return a link to a page, for a file in a folder; nothing where that would be neither a relative path nor https."""
+    look = printable(look, len(look))  # control characters become backslashes, which are refused
     if _WEB.fullmatch(look):
         return look
     if not look or _NO_PATH.match(look):

@@ -97,7 +97,7 @@ def test_vehicles_with_any_name_are_drawn_and_replayed(run: Run, name: str) -> N
         shown = [g.findtext(f"{SVG}text") for g in root.iter(f"{SVG}g") if "data-agent" in g.attrib]
         assert set(shown) == {printable(name)}
         assert len(shown) == 4
-    assert data(page)["agents"] == [name] * 4
+    assert data(page)["agents"] == [printable(name)] * 4
 
 
 def test_a_page_runs_its_own_script_and_nothing_else(run: Run) -> None:

@@ -39,6 +39,7 @@ from pytest_rvads.runs.run import Fault, Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.wording import printable
 
 from .mutations import QUICK, damaged, hostile_text
 
@@ -226,4 +227,4 @@ def test_pictures_and_replays_show_hostile_names_as_texts(text: str) -> None:
     assert svg(page[page.index("<svg") : page.index("</svg>") + 6]) == svg(other[other.index("<svg") : other.index("</svg>") + 6])
     assert Elements(page).kinds == Elements(other).kinds
     assert Elements(page).own == Elements(other).own
-    assert Elements(page).data["agents"] == [f"{text}a{n}" for n in range(4)]
+    assert Elements(page).data["agents"] == [printable(f"{text}a{n}", 10**6) for n in range(4)]
