@@ -14,7 +14,6 @@ from pytest_rvads.report.outcome import Outcome
 __all__ = [
     "AgentRecord",
     "Computing",
-    "Count",
     "Difference",
     "Indicators",
     "Record",
