@@ -1,4 +1,4 @@
-"""JSON from elsewhere: msgspec holds it against a type, and what does not fit is refused in one sentence."""
+"""JSON from elsewhere: msgspec holds it against a type, and what does not fit is refused in one sentence. And JSON of ours."""
 
 from __future__ import annotations
 
@@ -8,16 +8,33 @@ import reprlib
 from typing import Any, TypeVar
 
 import msgspec
-from msgspec.inspect import DictType, EnumType, ListType, LiteralType, NoneType, StructType, TupleType, Type, UnionType, type_info
+from msgspec.inspect import (
+    DataclassType,
+    DictType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    LiteralType,
+    NoneType,
+    StrType,
+    StructType,
+    TupleType,
+    Type,
+    UnionType,
+    VarTupleType,
+    type_info,
+)
 
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.wording import one_line
 
-__all__ = ["decode", "typed"]
+__all__ = ["decode", "encode", "typed"]
 
 T = TypeVar("T")
 _WORDS = {"int": "a whole number", "float": "a number", "str": "a text", "bool": "true or false"}
 _WORDS |= {"array": "a list", "object": "an object"}
+_PLAIN = {IntType: int, FloatType: float, StrType: str}
 
 
 def decode(text: bytes, kind: type[T], where: str, error: type[RvadsError]) -> T:
@@ -39,6 +56,23 @@ def decode(text: bytes, kind: type[T], where: str, error: type[RvadsError]) -> T
     return found
 
 
+def encode(value: object) -> bytes:
+    """Return a value as JSON; of texts that UTF-8 can't hold, such as file names in another encoding, the rest is kept."""
+    try:
+        return msgspec.json.encode(value)
+    except UnicodeEncodeError:
+        return msgspec.json.encode(_encodable(msgspec.to_builtins(value, str_keys=True)))
+
+
+def _encodable(value: Any) -> Any:
+    """Return builtins with a question mark for each character that UTF-8 can't hold."""
+    if isinstance(value, str):
+        return value.encode(errors="replace").decode()
+    if isinstance(value, dict):
+        return {_encodable(key): _encodable(inner) for key, inner in value.items()}
+    return list(map(_encodable, value)) if isinstance(value, list | tuple) else value
+
+
 def typed(value: object, kind: type[T], where: str, error: type[RvadsError]) -> T:
     """Return a value that was read from JSON as a value of `kind`.
 
@@ -52,14 +86,15 @@ def typed(value: object, kind: type[T], where: str, error: type[RvadsError]) -> 
         RvadsError: an `error` that names the field, what it must be, and what was got.
     """
     try:
-        return msgspec.convert(value, kind)
+        return msgspec.convert(value, kind, str_keys=True)
     except msgspec.ValidationError as refused:
         raise error(f"{where}: {_sentence(str(refused), value, type_info(kind))}") from refused
 
 
 def _sentence(message: str, value: Any, info: Type) -> str:
     """Return msgspec's message in our words; what was got, and which choices there were, is looked up along its path."""
-    what, _, steps = message.partition(" - at `$")
+    what, _, place = message.partition(" - at `")
+    of_keys, _, steps = place.partition("$")  # "key` in `$.totals`"
     path = ""
     for step in re.findall(r"\.\.\.|[^.\[\]`]+", steps):
         info = _inside(info, step)
@@ -79,25 +114,35 @@ def _sentence(message: str, value: Any, info: Type) -> str:
         expected = "a number that is not too large to compute with"
     elif "matching regex" in expected:
         expected = "a text without control characters"
-    return one_line(f"{f'the field {path!r}' if path else 'it'} must be {expected}, got {reprlib.repr(value)}")
+    field = f"{'a key of ' if of_keys else ''}the field {path!r}" if path else "it"
+    return one_line(f"{field} must be {expected}, got {reprlib.repr(list(value) if of_keys else value)}")
 
 
 def _inside(info: Type, step: str) -> Type:
     """Return the type of a field or item."""
     if isinstance(info, UnionType):
         info = next(t for t in info.types if not isinstance(t, NoneType))
-    if isinstance(info, StructType):
+    if isinstance(info, StructType | DataclassType):
         return next(f.type for f in info.fields if f.encode_name == step)
     if isinstance(info, TupleType):
         return info.item_types[int(step)]
-    return info.value_type if isinstance(info, DictType) else info.item_type if isinstance(info, ListType) else info
+    if isinstance(info, ListType | VarTupleType):
+        return info.item_type
+    return info.value_type if isinstance(info, DictType) else info
 
 
 def _culprit(values: dict[str, Any], info: Type) -> str:
     """Return the key under which a value is not of its type, for msgspec names no keys."""
     for key, value in values.items():
         try:
-            msgspec.convert(value, info.cls if isinstance(info, StructType) else Any)
+            msgspec.convert(value, _plain(info))
         except msgspec.ValidationError:
             return key
     return next(iter(values))
+
+
+def _plain(info: Type) -> Any:
+    """Return a type to hold a value of a dictionary against."""
+    if isinstance(info, TupleType):
+        return tuple[tuple(map(_plain, info.item_types))]  # type: ignore[misc]
+    return info.cls if isinstance(info, StructType) else _PLAIN.get(type(info), Any)

@@ -5,6 +5,7 @@ It is imported by every pytest run of the environment, so it imports nothing hea
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Generator
 from contextlib import AbstractContextManager, ExitStack
 from typing import TypeVar
@@ -27,6 +28,7 @@ from pytest_rvads.session.main_process import Session
 from pytest_rvads.session.plan import Planner, in_part
 from pytest_rvads.session.time_budget import BUDGET, Budget
 from pytest_rvads.simulators.choice import Choice, choosing
+from pytest_rvads.wording import encode_all
 
 __all__ = [
     "monitor",
@@ -125,6 +127,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Refuse a mark on what can't be parametrized, so that it is not silently a plain test, and one that nothing matches."""
     for item in items:
         if "rvads_cell" in getattr(item, "fixturenames", ()):
+            encode_all(sys.stdout, sys.stderr)  # what a driver prints is no reason to end its run
             continue
         if mark := item.get_closest_marker("rvads_scenario"):
             said = "has @rvads.scenario(...), which works on functions and classes of pytest only"

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import re
+from html import escape
+from typing import TextIO
 
-__all__ = ["one_line", "printable"]
+__all__ = ["encode_all", "markup", "one_line", "printable"]
 
 _UNFIT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]")
 """What steers a terminal, turns the direction of writing, or can't be encoded; line ends and tabs are fit."""
@@ -19,3 +22,15 @@ def printable(text: str, most: int = 4096) -> str:
 def one_line(text: str, most: int = 400) -> str:
     """Return a text as `printable` does, on one line."""
     return printable(" ".join(text[: 4 * most].split()) + text[4 * most :], most)
+
+
+def markup(text: str) -> str:
+    """Return a text as HTML, SVG and other XML hold it, between tags and in quotes."""
+    return escape(printable(text, len(text)))
+
+
+def encode_all(*streams: TextIO | None) -> None:
+    r"""Let streams write any text: what their encoding lacks is escaped, as in ``\u2192``, where they would raise."""
+    for stream in streams:
+        if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
+            stream.reconfigure(errors="backslashreplace")

@@ -1,9 +1,14 @@
 """What comes from elsewhere is shown as text and as nothing else."""
 
+import io
+import xml.etree.ElementTree as ET
+from html import unescape
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pytest_rvads.wording import one_line, printable
+from pytest_rvads.wording import encode_all, markup, one_line, printable
 
 
 def test_what_steers_a_terminal_or_turns_the_writing_is_escaped() -> None:
@@ -29,3 +34,25 @@ def test_it_can_be_encoded_and_is_bounded(text: str, most: int) -> None:
 
 def test_a_huge_text_is_cut() -> None:
     assert printable("x" * 80_000_000, 10) == "xxxxxxxxxx... (80,000,000 characters)"
+
+
+@given(st.text(st.characters()))
+def test_in_markup_every_text_is_text(text: str) -> None:
+    shown = markup(text)
+    assert unescape(shown) == printable(text, len(text))
+    root = ET.fromstring(f'<a b="{shown}">{shown}</a>')
+    assert root.text or not text
+    assert (root.text or "") == printable(text, len(text))
+    assert len(root) == 0
+
+
+@pytest.mark.parametrize(
+    ("errors", "written"), [("strict", rb"\u2192\xfc"), ("surrogateescape", rb"\u2192\xfc"), ("replace", b"??")]
+)
+def test_streams_take_what_their_encoding_lacks(errors: str, written: bytes) -> None:
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(raw, encoding="ascii", errors=errors)
+    encode_all(stream, io.StringIO(), None)
+    stream.write("→ü")
+    stream.flush()
+    assert raw.getvalue() == written

@@ -13,13 +13,16 @@ from collections.abc import Callable, Sequence
 
 from pytest_rvads import __version__
 from pytest_rvads.cli import check_commands, map_commands, power_command, report_commands, simulate_commands
+from pytest_rvads.cli.common import warn
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.wording import encode_all
 
 __all__ = ["main"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit status."""
+    encode_all(sys.stdout, sys.stderr)
     options = _parser().parse_args(arguments)
     command: Callable[[argparse.Namespace], int] = options.command
     try:
@@ -30,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (RvadsError, OSError) as error:
         # A formula's error shows its place in lines of their own; programs that read ours get one line.
         text = str(error) if sys.stderr.isatty() else " ".join(str(error).split())
-        print(f"rvads: {text}", file=sys.stderr)
+        warn(f"rvads: {text}")
         return 2
     except KeyboardInterrupt:
         print("rvads: interrupted", file=sys.stderr)

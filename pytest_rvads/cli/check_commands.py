@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli import rules_command
-from pytest_rvads.cli.common import Subparsers, lines
+from pytest_rvads.cli.common import Subparsers, lines, say, warn
 from pytest_rvads.errors import RunError
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def _rules(options: argparse.Namespace) -> int:
 
     if options.file:
         load_rules(options.file)
-    print(list_rules())
+    say(list_rules())
     return 0
 
 
@@ -69,7 +69,7 @@ def _check(options: argparse.Namespace) -> int:
     rules = named_rules(options.rule or ["paper"])
     runs = read_runs(options.file)
     for doubt in doubts(runs):
-        print(f"warning: {doubt}", file=sys.stderr)
+        warn(f"warning: {doubt}")
     verdicts = check_runs(runs, rules)
     wanted = options.kpis or not options.json
     measured = {run.label: kpis(run) for run in runs if wanted and not damage(run)}
@@ -82,7 +82,7 @@ def _check(options: argparse.Namespace) -> int:
         print(json.dumps(answer))
     else:
         for run, by_rule in verdicts.items():
-            print("\n  ".join((run, *map(_line, by_rule.values()), *(describe(measured[run]) if run in measured else ()))))
+            say("\n  ".join((run, *map(_line, by_rule.values()), *(describe(measured[run]) if run in measured else ()))))
     return _exit_status([(run, v) for run, by_rule in verdicts.items() for v in by_rule.values()], told=options.json)
 
 
@@ -111,7 +111,7 @@ def _monitor(options: argparse.Namespace) -> int:
     from pytest_rvads.logic.ltl.words import answer
 
     if not options.jsonl:
-        print(describe(synthesize(parse_ltl(options.formula))))
+        say(describe(synthesize(parse_ltl(options.formula))))
         return 0
     for line in lines():
         print(json.dumps(answer(line), allow_nan=False), flush=True)

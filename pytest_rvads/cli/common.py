@@ -9,8 +9,9 @@ from itertools import count
 from typing import TypeAlias
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.wording import printable
 
-__all__ = ["LINE_LIMIT", "Subparsers", "lines", "progress"]
+__all__ = ["LINE_LIMIT", "Subparsers", "lines", "progress", "say", "warn"]
 
 LINE_LIMIT = 4 * 2**20
 """Longest line that is read [bytes]; to answer it may take a hundred times as much memory."""
@@ -43,3 +44,13 @@ def lines() -> Iterator[bytes]:
             return
         if line.strip():
             yield line
+
+
+def say(text: str) -> None:
+    """Print an answer in which names from elsewhere stand."""
+    print(printable(text, len(text)), flush=True)
+
+
+def warn(text: str) -> None:
+    """Print such a text on standard error."""
+    print(printable(text, len(text)), file=sys.stderr)

@@ -9,7 +9,8 @@ import sys
 from itertools import islice
 from pathlib import Path
 
-from pytest_rvads.cli.common import Subparsers
+from pytest_rvads.cli.common import Subparsers, say, warn
+from pytest_rvads.storage import write_file
 
 __all__ = ["declare"]
 
@@ -43,7 +44,7 @@ def _classes(options: argparse.Namespace) -> int:
         return [(class_label(ways, n), members(code)) for n, code in enumerate(islice(classes(ways), shown), start=1)]
 
     if options.svg:
-        Path(options.svg).write_text(draw_classes(ways, title, listed()), encoding="utf-8")
+        write_file(Path(options.svg), draw_classes(ways, title, listed()).encode())
     print(title)
     for number, code in enumerate(islice(classes(ways), shown), start=1):
         print(f"{class_label(ways, number)}  {label(code)}  {' '.join(label(m) for m in members(code)[1:])}".rstrip())
@@ -59,16 +60,16 @@ def _map(options: argparse.Namespace) -> int:
     road_map = read_map(options.file)
     found = describe(road_map)
     if options.svg:
-        Path(options.svg).write_text(draw_map(road_map), encoding="utf-8")
+        write_file(Path(options.svg), draw_map(road_map).encode())
     if options.json:
         print(json.dumps(found, indent=1))
         return 0
     count = len(found["junctions"])
-    print(f"{os.path.basename(options.file)}: {count} junction{'s' if count > 1 else ''}")
+    say(f"{os.path.basename(options.file)}: {count} junction{'s' if count > 1 else ''}")
     for junction in found["junctions"]:
         approach = f"approach {min(junction['approach'], default=0.0):4.0f} m"
         state = "usable" if junction["usable"] else f"not usable: {junction['reason']}"
-        print(f"  {junction['id']:>6}  {junction['ways']}-way {junction['control']:<7} {approach}  {state}")
+        say(f"  {junction['id']:>6}  {junction['ways']}-way {junction['control']:<7} {approach}  {state}")
     for warning in found["warnings"]:
-        print(f"warning: {warning['message']}", file=sys.stderr)
+        warn(f"warning: {warning['message']}")
     return 0

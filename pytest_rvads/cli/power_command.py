@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pytest_rvads.cli.common import Subparsers, progress
 from pytest_rvads.errors import ScenarioError
+from pytest_rvads.storage import write_file
 
 __all__ = ["declare"]
 
@@ -63,5 +64,5 @@ def _power(options: argparse.Namespace) -> int:
     )
     print(table_of_power(measured))
     if options.svg:
-        Path(options.svg).write_text(plot(measured), encoding="utf-8")
+        write_file(Path(options.svg), plot(measured).encode())
     return 0

@@ -7,7 +7,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from pytest_rvads.cli.common import Subparsers
+from pytest_rvads.cli.common import Subparsers, warn
 
 __all__ = ["declare"]
 
@@ -60,5 +60,5 @@ def _merge(options: argparse.Namespace) -> int:
     print(summary(report, colour=sys.stdout.isatty(), width=shutil.get_terminal_size().columns, unicode=unicode), end="")
     short = "" if options.cov_fail_under is None else shortfall(report, options.cov_fail_under)
     for note in (*report.notes, *([short] if short else [])):
-        print(f"rvads: {note}", file=sys.stderr)
+        warn(f"rvads: {note}")
     return report.exitstatus or (1 if short else 0)

@@ -6,7 +6,7 @@ import argparse
 from functools import partial
 from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import progress
+from pytest_rvads.cli.common import progress, say
 from pytest_rvads.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def _check(options: argparse.Namespace) -> int:
                 arrivals=arrivals,
                 progress=partial(progress, what="pairs"),
             )
-            print(show(result), flush=True)
+            say(show(result))
             found = found or bool(result.contradictions)
     return 1 if found else 0
 

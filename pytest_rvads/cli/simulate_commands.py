@@ -9,8 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import Subparsers, lines, progress
+from pytest_rvads.cli.common import Subparsers, lines, progress, say
 from pytest_rvads.errors import ScenarioError
+from pytest_rvads.storage import write_file
 
 if TYPE_CHECKING:
     from pytest_rvads.studies.pool import Progress
@@ -82,7 +83,7 @@ def _braking(options: argparse.Namespace) -> int:
         whole = {level: list(zip(_CURVE, speeds, strict=True)) for level, speeds in fine.items()}
         found = {level: list(zip(_DISTANCES, speeds, strict=True)) for level, speeds in curves.items()}
         picture = draw_braking(found, title, whole) if options.autopilot else draw_braking(whole, title)
-        Path(options.svg).write_text(picture, encoding="utf-8")
+        write_file(Path(options.svg), picture.encode())
     return 0
 
 
@@ -100,7 +101,7 @@ def _paper(options: argparse.Namespace) -> int:
     # Printed first: a picture that can't be written must not cost the answer.
     print(json.dumps(paper.nested(verdicts)) if options.json else report.text_tables(verdicts), flush=True)
     if options.svg:
-        Path(options.svg).write_text(report.svg_tables(verdicts), encoding="utf-8")
+        write_file(Path(options.svg), report.svg_tables(verdicts).encode())
     return 1 if options.strict and report.disagreements(verdicts) else 0
 
 
@@ -138,7 +139,7 @@ def _simulate(options: argparse.Namespace) -> int:
         from pytest_rvads.studies.predicted import compare, text_agreement
 
         for name in options.recorded:
-            print(text_agreement(compare(name, simulator=options.simulator, progress=progress), name), flush=True)
+            say(text_agreement(compare(name, simulator=options.simulator, progress=progress), name))
         return 0
     from pytest_rvads.studies.prediction import answer
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from html import escape
 
 from pytest_rvads.draw.scene import Scene, body, ink, path
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.wording import markup
 
 __all__ = ["STYLE", "picture", "size"]
 
@@ -50,7 +50,7 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
         f'viewBox="{left:.2f} {top - 5:.2f} {wide:.2f} {high + 5:.2f}"><style>{STYLE}</style>'
         f'<rect x="{left:.2f}" y="{top - 5:.2f}" width="{wide:.2f}" height="{high + 5:.2f}" fill="#fff"/>'
         f'{"".join(parts)}<rect x="{left:.2f}" y="{top - 5:.2f}" width="{wide:.2f}" height="5" fill="#fff"/>'
-        f'<text class="title" x="{left + 1:.2f}" y="{top - 1.5:.2f}">{escape(title)}</text></svg>\n'
+        f'<text class="title" x="{left + 1:.2f}" y="{top - 1.5:.2f}">{markup(title)}</text></svg>\n'
     )
 
 

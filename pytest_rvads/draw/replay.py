@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from html import escape
-from importlib.resources import files
-from string import Template
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +13,8 @@ from pytest_rvads.draw.scene import Scene, body, ink
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.webpage import webpage
+from pytest_rvads.wording import markup
 
 __all__ = ["Track", "events", "replay"]
 
@@ -73,7 +71,7 @@ def replay(
         "lengths": [size(run, i)[0] for i in range(len(run.agents))],
         "agents": [a.name for a in run.agents],
         "kinds": [a.kind for a in run.agents],
-        "motion": motion[::_EVERY].round(3).tolist(),
+        "motion": np.nan_to_num(motion[::_EVERY].round(3)).tolist(),  # who is gone may have no place
         "zones": [_changes(run.zone[:, i]) for i in range(len(run.agents))],
         "lights": [_changes(run.lights[:, e]) for e in range(run.lights.shape[1])],
         "tracks": [(track.label, track.changes) for track in tracks],
@@ -81,15 +79,16 @@ def replay(
         "marked": [time for time, _ in told],
         "events": sorted([*((*event, False) for event in events(run)), *((*event, True) for event in told)]),
     }
-    page = Template(files("pytest_rvads.draw").joinpath("replay.html").read_text(encoding="utf-8"))
-    return page.substitute(
-        title=escape(title),
+    return webpage(
+        "pytest_rvads.draw",
+        "replay",
+        title,
+        data,
         style=STYLE,
+        heading=markup(title),
         scene=f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2f} {top:.2f} {wide:.2f} {high:.2f}">'
         f"{scene.road()}{scene.lights(run.lights[0])}{trails}{bodies}</svg>",
-        notes=escape(notes),
-        # "<" could end the script element from inside a string.
-        data=json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
+        notes=markup(notes),
     )
 
 

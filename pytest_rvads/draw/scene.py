@@ -13,6 +13,7 @@ from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import Sign
 from pytest_rvads.runs.states import Agent, Colour, Kind
+from pytest_rvads.wording import markup
 
 __all__ = ["Scene", "body", "ink", "path"]
 
@@ -92,7 +93,7 @@ def ink(agent: Agent) -> str:
 
 def body(pose: NDArray[np.float64], agent: Agent, size: tuple[float, float], broken: bool = False) -> str:
     """Return a vehicle to scale; `pose` is that of the centre of its front bumper, `size` its length and width [m]."""
-    (x, y, heading), (length, width), name = map(float, pose), size, agent.name
+    (x, y, heading), (length, width), name = map(float, pose), size, markup(agent.name)
     outline = ' class="broken"' if broken else ""
     kind = "" if agent.kind is Kind.CAR else f"<title>{agent.kind} {name}</title>"
     return (

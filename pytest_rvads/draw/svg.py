@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from html import escape
+
+from pytest_rvads.wording import markup
 
 __all__ = ["document", "polyline", "text", "wrap"]
-
-_ILLEGAL = dict.fromkeys(i for i in range(32) if i not in (9, 10, 13))
 
 
 def document(width: float, height: float, body: Iterable[str], defs: str = "") -> str:
@@ -27,7 +26,7 @@ def polyline(points: Iterable[Sequence[float]], **style: str | float) -> str:
 
 def text(x: float, y: float, content: str, **style: str | float) -> str:
     """Return a line of text at a point, escaped."""
-    return f'<text x="{x:.1f}" y="{y:.1f}"{_attributes(style)}>{escape(content.translate(_ILLEGAL))}</text>'
+    return f'<text x="{x:.1f}" y="{y:.1f}"{_attributes(style)}>{markup(content)}</text>'
 
 
 def wrap(content: str, width: int) -> list[str]:
@@ -43,4 +42,4 @@ def wrap(content: str, width: int) -> list[str]:
 
 
 def _attributes(style: dict[str, str | float]) -> str:
-    return "".join(f' {name.replace("_", "-")}="{escape(str(value))}"' for name, value in style.items())
+    return "".join(f' {name.replace("_", "-")}="{markup(str(value))}"' for name, value in style.items())

@@ -94,15 +94,15 @@ def at_junctions(records: Sequence[Record], totals: Mapping[int, tuple[int, int]
 
     Args:
         records: of a session.
-        totals: per number of ways, how many classes and how many full scenarios exist.
+        totals: per number of ways, how many classes and how many full scenarios exist, where that is known.
     """
     here: dict[str, list[Record]] = {}
     for record in records:
         here.setdefault(record.junction, []).append(record)
-    return [_at(junction, found, *totals[found[0].ways]) for junction, found in here.items()]
+    return [_at(junction, found, *totals.get(found[0].ways, ("?", "?"))) for junction, found in here.items()]
 
 
-def _at(junction: str, records: Sequence[Record], classes: int, scenarios: int) -> str:
+def _at(junction: str, records: Sequence[Record], classes: int | str, scenarios: int | str) -> str:
     ran = [record for record in records if record.hash and record.status is not Outcome.ERROR]
     seen = {record.cls for record in ran} - {0}
     members = {record.scenario for record in ran if record.cls}

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from operator import itemgetter
+from typing import Any
 
 from pytest_rvads.report.record import Computing, Record
 
 __all__ = ["extremes", "makers", "slowest", "timing"]
 
-_Pick = Callable[[Iterable[float]], float]
+_Pick = Callable[..., Any]
 _LINES: tuple[tuple[str, tuple[tuple[str, str, _Pick, str], ...]], ...] = (
     ("nearest", (("time to collision", "ttc", min, "s"), ("post-encroachment time", "pet", min, "s"))),
     ("most", (("braking", "deceleration", max, "m/s^2"), ("waiting", "waiting", max, "s"), ("delay", "delay", max, "s"))),
@@ -43,8 +45,8 @@ def _extreme(records: Sequence[Record], name: str, key: str, pick: _Pick, unit: 
     found = [entry for record in records for entry in _measured(record, key)]
     if not found:
         return ""
-    most = pick(value for value, _ in found)
-    return f"{name} {most:.2f} {unit} ({next(who for value, who in found if value == most)})"
+    most, who = pick(found, key=itemgetter(0))
+    return f"{name} {most:.2f} {unit} ({who})"
 
 
 def _measured(record: Record, key: str) -> Iterator[tuple[float, str]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from pytest_rvads.decoding import decode, encode
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import outline
@@ -72,14 +73,11 @@ def load(path: Path) -> Report:
         head = msgspec.json.decode(content, type=_Head)
     except msgspec.ValidationError:
         head = _Head("", 0)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise RvadsError(f"{path} can't be read as a report of --rvads-report: {error}") from error
     if (head.format, head.version) != ("rvads-report", VERSION):
         raise RvadsError(f"{path} is not a report of version {VERSION} written by --rvads-report=FILE.json")
-    try:
-        return msgspec.json.decode(content, type=Report)
-    except msgspec.ValidationError as error:
-        raise RvadsError(f"{path} is a damaged report: {error}: write it again") from error
+    return decode(content, Report, f"{path} is a damaged report, write it again", RvadsError)
 
 
 def _json(report: Report) -> str:
@@ -90,7 +88,7 @@ def _json(report: Report) -> str:
         **{field.name: getattr(report, field.name) for field in fields(report)},
         "outline": [{"title": block.title, "lines": list(block.plain())} for block in outline(report)],
     }
-    return msgspec.json.format(msgspec.json.encode(content), indent=1).decode()
+    return msgspec.json.format(encode(content), indent=1).decode()
 
 
 FORMATS: dict[str, Callable[[Report, Path], str]] = {

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Notes, Verdicts, outline
 from pytest_rvads.report.session_report import Report
+from pytest_rvads.wording import printable
 
 __all__ = ["markdown"]
+
+_ESCAPES = (
+    (re.compile(r"&(?=[#\w])"), "&amp;"),  # entities
+    (re.compile(r"<(?=[A-Za-z/!?])"), "&lt;"),  # HTML, addresses in angle brackets
+    (re.compile(r"^[-+>#\[]|[\\`*~$|]|(?<![^\W_])_|_(?![^\W_])|\](?=[(\[])"), r"\\\g<0>"),  # blocks, spans, cells, links
+    (re.compile(r"(?i)\b(javascript|vbscript|data|file|http|ftp|mailto|xmpp)(?=:)|\bwww(?=\.)"), r"\g<0>\\"),  # bare addresses
+    (re.compile(r"(?<!\w)@(?=\w)"), "@\N{WORD JOINER}"),  # mentions
+)
 
 
 def markdown(report: Report) -> str:
@@ -19,25 +29,34 @@ def markdown(report: Report) -> str:
 def _render(block: Block) -> Iterator[str]:
     match block:
         case Notes():
-            yield "\n\n".join(f"**{_cell(note)}**" for note in block.lines)
+            yield "\n\n".join(f"**{_text(note)}**" for note in block.lines)
         case Changes(comparison):
-            yield from (_heading(block.title), "", _cell(comparison.headline), "")
-            yield from (f"- {_cell(line)}" for line in comparison.lines())
+            yield from (_heading(block.title), "", _text(comparison.headline), "")
+            yield from (f"- {_text(line)}" for line in comparison.lines())
         case Causes(title, causes):
             yield from (_heading(title), "", "| items | rule | cause | first |", "|---:|---|---|---|")
-            yield from (f"| {c.count} | {_cell(c.rule)} | {_cell(c.line)} | `{_cell(c.example)}` |" for c in causes)
+            yield from (f"| {c.count} | {_text(c.rule)} | {_text(c.line)} | {_code(c.example)} |" for c in causes)
         case Figures(lines):
-            yield from (f"- {_cell(line)}" for line in lines)
+            yield from (f"- {_text(line)}" for line in lines)
         case Verdicts(matrix):
-            yield from (f"## {matrix.title}", "")
-            yield "| class | " + " | ".join(f"{cfg} {rule}" for cfg, rule in matrix.columns) + " |"
+            yield from (f"## {_text(matrix.title)}", "")
+            yield "| class | " + " | ".join(_text(f"{cfg} {rule}") for cfg, rule in matrix.columns) + " |"
             yield "|---|" + "---|" * len(matrix.columns)
-            yield from (f"| {label} | " + " | ".join(_cell(e.text) for e in entries) + " |" for label, entries in matrix.rows)
+            yield from (f"| {label} | " + " | ".join(_text(e.text) for e in entries) + " |" for label, entries in matrix.rows)
 
 
 def _heading(title: str) -> str:
     return f"## {title[0].upper()}{title[1:]}"
 
 
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ")
+def _text(text: str) -> str:
+    """Return a text on one line, of which Markdown takes nothing for its own, for HTML, for a link or for a mention."""
+    line = printable(text, len(text)).translate({ord("\n"): " ", ord("\t"): " "})
+    for special, escaped in _ESCAPES:
+        line = special.sub(escaped, line)
+    return line
+
+
+def _code(text: str) -> str:
+    """Return a text as a span of code, in which nothing can be escaped."""
+    return _text(text) if re.search(r"[`\\|\s]", text) else f"`{printable(text, len(text))}`"

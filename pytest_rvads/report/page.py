@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import os
-from html import escape
-from importlib.resources import files
+import re
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from pytest_rvads.report.matrix import group_of
@@ -15,8 +12,14 @@ from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Notes, Verdicts, outline
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Report
+from pytest_rvads.webpage import webpage
+from pytest_rvads.wording import markup, printable
 
 __all__ = ["page"]
+
+_WEB = re.compile(r"https://[^\\\s]+")
+_NO_PATH = re.compile(r"[^/?#]*:| *//|.*[\\\t\n]", re.DOTALL)
+"""An address with a scheme, of another host, or what browsers would make one of."""
 
 
 def page(report: Report, folder: Path) -> str:
@@ -27,7 +30,6 @@ def page(report: Report, folder: Path) -> str:
         folder: where the page will lie, relative to the folder the session was started in; replay pages are linked from there.
     """
     blocks = outline(report)
-    template = Template(files("pytest_rvads.report").joinpath("page.html").read_text(encoding="utf-8"))
     seen = {record.status for record in report.records}
     content = {
         "items": [_item(record, folder) for record in report.records],
@@ -35,23 +37,19 @@ def page(report: Report, folder: Path) -> str:
         "matrices": [_matrix(block) for block in blocks if isinstance(block, Verdicts)],
         "statuses": {outcome: outcome.mark for outcome in Outcome.worst_first() if outcome in seen},
     }
-    return template.substitute(
-        said="".join(map(_said, blocks)),
-        # "<" could end the script element from inside a string.
-        data=json.dumps(content, separators=(",", ":")).replace("<", "\\u003c"),
-    )
+    return webpage("pytest_rvads.report", "page", "rvads verdicts", content, said="".join(map(_said, blocks)))
 
 
 def _said(block: Block) -> str:
     """Return a block of plain sentences as HTML; what can be clicked is made on the page."""
     match block:
         case Notes(lines):
-            return "".join(f"<p class=note>{escape(note)}</p>" for note in lines)
+            return "".join(f"<p class=note>{markup(note)}</p>" for note in lines)
         case Changes(comparison):
-            changes = "".join(f"<li>{escape(line)}" for line in comparison.lines())
-            return f"<h2>{block.title}</h2><p>{escape(comparison.headline)}</p><ul>{changes}</ul>"
+            changes = "".join(f"<li>{markup(line)}" for line in comparison.lines())
+            return f"<h2>{block.title}</h2><p>{markup(comparison.headline)}</p><ul>{changes}</ul>"
         case Figures(lines):
-            figures = "".join(f"<li>{escape(line)}" for line in lines)
+            figures = "".join(f"<li>{markup(line)}" for line in lines)
             return f"<div id=causes></div><h2>{block.title}</h2><ul>{figures}</ul>"
     return ""
 
@@ -78,5 +76,16 @@ def _item(record: Record, folder: Path) -> dict[str, Any]:
         "text": record.message,
         "driver": record.driver,
         "simulator": record.simulator,
-        "look": record.look and os.path.relpath(record.look, folder).replace(os.sep, "/"),
+        "look": _link(record.look, folder),
     }
+
+
+def _link(look: str, folder: Path) -> str:
+    """Return a link to a page, for a file in a folder; nothing where that would be neither a relative path nor https."""
+    look = printable(look, len(look))  # control characters become backslashes, which are refused
+    if _WEB.fullmatch(look):
+        return look
+    if not look or _NO_PATH.match(look):
+        return ""
+    path = os.path.relpath(look, folder).replace(os.sep, "/")
+    return "" if _NO_PATH.match(path) else path

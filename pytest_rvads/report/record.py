@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 from msgspec.structs import replace
 
+from pytest_rvads.decoding import encode
 from pytest_rvads.report.outcome import Outcome
 
 __all__ = [
@@ -23,6 +24,9 @@ __all__ = [
     "received",
     "sent",
 ]
+
+Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
+"""What things are counted or numbered by, exact in every program that reads JSON."""
 
 
 class InstanceRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -113,7 +117,7 @@ class Computing(msgspec.Struct, frozen=True, kw_only=True):
     """How long a stack in another process computed in a run: the sum and the longest decision [s]."""
 
     stack: str
-    decisions: int
+    decisions: Count
     compute: float
     longest: float
 
@@ -148,18 +152,18 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """
 
     nodeid: str
-    line: int
+    line: Count
     """Of the test function in its file."""
     test: str
     """Name of the test function."""
-    ways: int
+    ways: Count
     """Number of arms of the junction."""
     junction: str
-    cls: int
+    cls: Count
     scenario: str
     cfg: str
-    rotation: int
-    seat: int | None
+    rotation: Count
+    seat: Count | None
     traffic: str | None
     rule: str | None
     driver: str
@@ -285,7 +289,7 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
 
 def sent(record: Record) -> dict[str, Any]:
     """Return a record as it crosses processes and reaches hooks: builtins that JSON has too."""
-    content: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(record))
+    content: dict[str, Any] = msgspec.json.decode(encode(record))
     return content
 
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
+
+from msgspec import Meta
 
 from pytest_rvads.report.record import Record
 
@@ -91,7 +94,7 @@ class Report:
     """Every cell that the collected tests expand to, before ``-k`` and ``-m`` deselect."""
     versions: dict[str, str] = field(default_factory=dict)
     """Of what the verdicts depend on: name to version."""
-    exitstatus: int = 0
+    exitstatus: Annotated[int, Meta(ge=0, le=255)] = 0
     """Of pytest; 2 to 4: the session did not end by itself."""
     notes: tuple[str, ...] = ()
     """What is missing or doubtful, a sentence each."""

@@ -13,6 +13,7 @@ from rich.text import Text
 from pytest_rvads.report.matrix import Matrix
 from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Verdicts, outline
 from pytest_rvads.report.session_report import Report
+from pytest_rvads.wording import printable
 
 __all__ = ["summary"]
 
@@ -22,6 +23,8 @@ _MOST = 10
 """Causes and changes of a kind listed; the rest is counted."""
 _ROWS = 20
 """Rows of a table shown; those with failures first."""
+_LENGTH = 20_000
+"""Characters of a line shown."""
 _CHANGES = {"NEW": "bold red", "FIXED": "green", "ERODED": "yellow", "LOST": "yellow"}
 
 
@@ -72,7 +75,7 @@ class _Screen:
                     self._line(line)
 
     def _line(self, text: str, style: str = "") -> None:
-        self._console.print(Text(text, style=style), soft_wrap=True)
+        self._console.print(_text(text, style), soft_wrap=True)
 
     def _causes(self, block: Causes) -> None:
         self._line(block.title)
@@ -126,8 +129,13 @@ def _table(matrix: Matrix, columns: list[int], short: dict[str, str], unicode: b
     previous = None
     for configuration, rule in (matrix.columns[i] for i in columns):
         head = short.get(configuration, configuration) if configuration != previous else ""
-        table.add_column(f"{head}\n{rule}", no_wrap=len(columns) > 1, overflow="fold")
+        table.add_column(_text(head) + Text("\n") + _text(rule), no_wrap=len(columns) > 1, overflow="fold")
         previous = configuration
     for label, cells in matrix.rows:
-        table.add_row(label, *(Text(cells[i].text, style=cells[i].style) for i in columns))
+        table.add_row(label, *(_text(cells[i].text, cells[i].style) for i in columns))
     return table
+
+
+def _text(text: str, style: str = "") -> Text:
+    """Return a text on one line, which neither the terminal nor rich takes for a command."""
+    return Text(printable(text.replace("\n", " "), _LENGTH), style=style)

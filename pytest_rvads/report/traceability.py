@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 
 from pytest_rvads.report.outline import outline
 from pytest_rvads.report.session_report import Report
+from pytest_rvads.wording import printable
 
 __all__ = ["table"]
 
@@ -28,6 +30,9 @@ _COLUMNS = {
     "item": "nodeid",
 }
 """Heading to attribute of the record."""
+_FORMULA = re.compile(r"[\s'\"]*[=+\-@＝＋－＠\t\r]")
+"""What spreadsheets compute (OWASP, CSV Injection)."""
+_NUMBER = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
 
 def table(report: Report) -> str:
@@ -37,7 +42,8 @@ def table(report: Report) -> str:
 
     Who reads such a file with a program expects one heading and one width, so what is said of the whole session has rows of
     that width too: with nothing but ``section`` and ``text``, which rows of items leave empty but for the item's message.
-    Whoever sorts, filters or counts by any other column meets items alone.
+    Whoever sorts, filters or counts by any other column meets items alone. Texts that spreadsheets would take for formulas begin
+    with an apostrophe.
     """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
@@ -45,7 +51,16 @@ def table(report: Report) -> str:
     versions = "; ".join(f"{name} {version}" for name, version in report.versions.items())
     rows = [(requirement, record) for record in report.records for requirement in record.requirements or ("",)]
     for requirement, record in sorted(rows, key=lambda row: (row[0] == "", row[0])):
-        writer.writerow([requirement, *(getattr(record, key) for key in _COLUMNS.values()), versions, "", record.message])
+        cells = [requirement, *(getattr(record, key) for key in _COLUMNS.values()), versions, "", record.message]
+        writer.writerow(map(_cell, cells))
     empty = [""] * (2 + len(_COLUMNS))
-    writer.writerows([*empty, block.title, line] for block in outline(report) for line in block.plain())
+    writer.writerows([*empty, _cell(block.title), _cell(line)] for block in outline(report) for line in block.plain())
     return out.getvalue()
+
+
+def _cell(value: object) -> object:
+    """Return a value such that a spreadsheet shows it: after an apostrophe nothing is computed."""
+    if not isinstance(value, str):
+        return value
+    text = printable(value, len(value))
+    return f"'{text}" if _FORMULA.match(value) and not _NUMBER.fullmatch(value) else text

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from pytest_rvads.errors import FormulaError
-from pytest_rvads.wording import one_line
 from pytest_rvads.storage import write_file
+from pytest_rvads.wording import one_line
 
 if TYPE_CHECKING:
     from pytest_rvads.draw.replay import Track

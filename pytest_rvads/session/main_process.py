@@ -18,6 +18,7 @@ from pytest_rvads.session.items import OPTIONS
 from pytest_rvads.session.plan import Planner
 from pytest_rvads.session.reasons import Ending, counted, reasons
 from pytest_rvads.session.time_budget import BUDGET
+from pytest_rvads.wording import encode_all, printable
 
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
@@ -233,6 +234,7 @@ class Session:
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         """Print the verdict matrix, the causes and the coverage lines, if anything of ours ran."""
+        encode_all(sys.stdout)
         if self.report and _ran(self.report):
             from pytest_rvads.report.terminal import summary
 
@@ -246,7 +248,7 @@ class Session:
             if self.index:
                 terminalreporter.write_line(f"look: {self.index}")
         for trouble in self.troubles:
-            terminalreporter.write_line(f"rvads: {trouble}", red=True)
+            terminalreporter.write_line(f"rvads: {printable(trouble)}", red=True)
 
 
 def _ran(report: Report) -> bool:

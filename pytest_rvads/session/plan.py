@@ -44,9 +44,9 @@ class Plan:
         named = sorted(self.deselected), sorted(self.files), self.left_out
         if not self.cells:  # nothing of ours, so nothing more is loaded
             return json.dumps([[], [], [], *named])
-        import msgspec
+        from pytest_rvads.decoding import encode
 
-        return msgspec.json.encode([list(self.cells), *map(list, (self.items.values(), self.vanished.values())), *named]).decode()
+        return encode([list(self.cells), *map(list, (self.items.values(), self.vanished.values())), *named]).decode()
 
     def unpack(self, text: str) -> None:
         """Take in a packed plan; all workers send the same one."""

@@ -2,26 +2,31 @@
 
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from msgspec.structs import replace
+from msgspec import structs
 
+from pytest_rvads.draw.picture import picture
 from pytest_rvads.draw.replay import Track, replay
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
-from pytest_rvads.report.session_report import Report, in_order
+from pytest_rvads.report.session_report import Change, Comparison, Report, in_order
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Kind
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.wording import printable
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
 
 Chrome = Any  # of selenium.webdriver, which not everybody has
-Open = Callable[[str, str], Chrome]
+Open = Callable[..., Chrome]
 LAST = 2.0
 
 
@@ -45,10 +50,11 @@ def browser() -> Iterator[Chrome]:
 def open_page(browser: Chrome, tmp_path: Path) -> Iterator[Open]:
     """Open a page under a name; in the end its console must be empty."""
 
-    def opened(html: str, fragment: str = "") -> Chrome:
-        (tmp_path / "page.html").write_text(html, encoding="utf-8")
+    def opened(text: str, fragment: str = "", ending: str = "html") -> Chrome:
+        path = tmp_path / f"page.{ending}"
+        path.write_text(text, encoding="utf-8")
         browser.get("about:blank")  # a change of the fragment alone would not load the page again
-        browser.get(f"file://{tmp_path / 'page.html'}{fragment}")
+        browser.get(f"file://{path}{fragment}")
         return browser
 
     yield opened
@@ -56,8 +62,12 @@ def open_page(browser: Chrome, tmp_path: Path) -> Iterator[Open]:
 
 
 @pytest.fixture(scope="module")
-def replayed() -> str:
-    run = simulate(Case(Scenario(find("light4"), "1132", distance=0.3, duration=LAST), LgsvlLike))
+def run() -> Run:
+    return simulate(Case(Scenario(find("light4"), "1132", distance=0.3, duration=LAST), LgsvlLike))
+
+
+@pytest.fixture(scope="module")
+def replayed(run: Run) -> str:
     tracks = [Track("p6 a2, a0", ((0, "watching"), (50, "due"), (81, "violated")))]
     return replay(run, "p6 at t=0.81 s", "notes", [(0.81, "p6 is violated")], tracks, {"a2"})
 
@@ -137,7 +147,7 @@ def record(cls: int, rule: str, status: str) -> Record:
     found = planned_record(f"test_x.py::test[stop4-class{cls:02d}-{rule}]", 3, "test", keys, 4)
     verdict = {"rule": rule, "status": status, "cause": f"{rule} broken", "time": 1.0, "instances": [], "message": f"{rule} <b>"}
     outcome, look = ("failed", f".rvads/{cls}.html#t=1.00") if status == "FAIL" else ("passed", "")
-    return conclude(replace(found, look=look), [verdict], "call", outcome, text=f"{rule} <b>at</b> t=1")
+    return conclude(structs.replace(found, look=look), [verdict], "call", outcome, text=f"{rule} <b>at</b> t=1")
 
 
 def test_the_index_leads_from_a_cell_to_its_replay(open_page: Open) -> None:
@@ -170,3 +180,54 @@ def test_the_index_leads_from_a_cell_to_its_replay(open_page: Open) -> None:
     by_id(browser, "clear").click()
     browser.find_element("css selector", ".causes button").click()
     assert by_id(browser, "count").text == "1 of 798 items"
+
+
+HOSTILE = [
+    "<script>window.owned = 1</script>",
+    "</script><script>window.owned = 1</script><!--",
+    "'\"><img src=x onerror='window.owned = 1'>",
+    "</title></text></svg><svg onload='window.owned = 1'>",
+    "javascript:window.owned=1",
+    "${window.owned = 1} `",
+    "\x00\x1b\x85\u202e\ud800\ufffe</pre>",
+]
+
+
+def untouched(browser: Chrome) -> bool:
+    """Whether nothing of a text ran or became an element."""
+    script = "return window.owned === undefined && !document.querySelector('img, svg svg, [onload], [onerror]')"
+    return bool(browser.execute_script(script))
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_a_replay_shows_hostile_names_and_plays(open_page: Open, run: Run, text: str) -> None:
+    agents = tuple(replace(agent, name=f"{text}{n}") for n, agent in enumerate(run.agents))
+    hostile = replace(run, agents=agents, collisions=None, label=text)
+    tracks = [Track(text, ((0, "watching"), (81, "violated")))]
+    browser = open_page(replay(hostile, text, text, [(0.81, text)], tracks, {agents[0].name}), "#t=1.50")
+    assert clock(browser) == "1.50 s"
+    by_id(browser, "play").click()
+    wait(browser, lambda: clock(browser) == f"{LAST:.2f} s")
+    assert untouched(browser)
+    assert browser.find_element("tag name", "h1").text == printable(text)
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_an_index_shows_hostile_texts_and_can_be_clicked(open_page: Open, text: str) -> None:
+    one = structs.replace(record(2, text, "FAIL"), message=text, look=text, driver=text, junction=text, cfg=text, known=text)
+    report = Report((one,), {4: (24, 81)}, (), {text: text}, 1, (text,), comparison=Comparison(text, (Change("NEW", text),)))
+    browser = open_page(page(report, Path()))
+    for button in browser.find_elements("css selector", ".causes button, .matrix button"):
+        button.click()
+        assert by_id(browser, "count").text == "1 of 1 items"
+    assert {link.get_attribute("protocol") for link in browser.find_elements("tag name", "a")} <= {"file:"}
+    assert untouched(browser)
+    assert browser.find_element("css selector", ".note").text == printable(text)
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_a_picture_runs_nothing(open_page: Open, run: Run, text: str) -> None:
+    agents = tuple(replace(agent, name=text, kind=Kind.TRUCK) for agent in run.agents)
+    browser = open_page(picture(replace(run, agents=agents, collisions=None), 50, text), ending="svg")
+    assert browser.execute_script("return document.documentElement.localName") == "svg"
+    assert untouched(browser)

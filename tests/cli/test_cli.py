@@ -61,7 +61,7 @@ def test_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         ["check", __file__],
         ["monitor", "G(p -> "],
         ["rules", "--file", "nowhere.rules"],
-        ["classes", "3", "--svg", "/nowhere/c.svg"],
+        ["classes", "3", "--svg", "/dev/null/c.svg"],
     ],
 )
 def test_bad_input_is_one_line_and_status_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
@@ -217,3 +217,33 @@ def test_the_braking_table_is_the_plant_s(capsys: pytest.CaptureFixture[str]) ->
         for distance, speed in table[aggression].items():
             ideal = min((2 * (deceleration + 0.3) * float(distance)) ** 0.5, 11.176)
             assert 0.5 * ideal < speed <= ideal
+
+
+ASCII = os.environ | {"PYTHONIOENCODING": "ascii", "PYTHONPATH": os.pathsep.join(sys.path)}
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["rules", "--file", "größer.rules"], ["rules"], ["map", "größe.xodr"], ["check", "→.npz"], ["monitor", "G größer"]],
+)
+def test_every_answer_can_be_written_in_every_encoding(arguments: list[str], tmp_path: Path) -> None:
+    from pytest_rvads.junctions.builtin import path_of
+
+    rule = 'größer = forall a. G !(a@j)\n    title: "→ größer"\n'
+    (tmp_path / "größer.rules").write_text(rule, encoding="utf-8")
+    (tmp_path / "größe.xodr").write_bytes(path_of("stop3").read_bytes())
+    done = subprocess.run([RVADS, *arguments], env=ASCII, cwd=tmp_path, capture_output=True, timeout=60, check=False)
+    assert (done.stdout + done.stderr).isascii()
+    assert b"Traceback" not in done.stderr
+    assert done.stdout or done.stderr.startswith(b"rvads: ")
+
+
+def test_names_from_files_are_no_commands_of_the_terminal(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = load_run(kept)
+    save_run(replace(run, label="\x1b[2Jrun\u202e"), tmp_path / "run.npz")
+    main(["check", str(tmp_path / "run.npz")])
+    main(["check", str(tmp_path / "no\x1b[2J.npz")])
+    out, err = capsys.readouterr()
+    assert out.startswith(r"\x1b[2Jrun\u202e")
+    assert r"no\x1b[2J.npz" in err
+    assert "\x1b" not in out + err

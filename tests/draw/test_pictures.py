@@ -3,8 +3,10 @@
 import json
 import re
 import xml.etree.ElementTree as ET
+from base64 import b64encode
 from dataclasses import replace
 from functools import partial
+from hashlib import sha256
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Kind, Zone
 from pytest_rvads.scenarios.classes import classes, members
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.wording import printable
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -77,11 +80,41 @@ def test_titles_are_escaped(run: Run) -> None:
     assert "a &lt; b &amp; c" in picture(run, 0, "a < b & c")
     page = replay(run, "<script>alert(1)</script>", "</script>", [(1.0, "</script>")])
     assert "<script>alert" not in page
-    assert page.count("</script>") == 1
+    assert page.count("</script>") == 2, "the data and the script of the page"
+
+
+@pytest.mark.parametrize("name", ['"><script>alert(1)</script>', "]]>", "&lt;", "\x00\x1b\x85\ud800\ufffe", "a0", ""])
+def test_vehicles_with_any_name_are_drawn_and_replayed(run: Run, name: str) -> None:
+    agents = tuple(replace(agent, name=name, kind=Kind.TRUCK) for agent in run.agents)
+    hostile = replace(run, agents=agents, collisions=None)
+    document, page = picture(hostile, 250, name, {name}), replay(hostile, name)
+    scene = page[page.index("<svg") : page.index("</svg>") + 6]
+    for drawn in (document, scene):
+        root = ET.fromstring(drawn)
+        assert {e.tag.removeprefix(SVG) for e in root.iter()} <= {
+            *["svg", "style", "rect", "polyline", "line", "text", "path", "g", "circle", "title"]
+        }
+        shown = [g.findtext(f"{SVG}text") for g in root.iter(f"{SVG}g") if "data-agent" in g.attrib]
+        assert set(shown) == {printable(name)}
+        assert len(shown) == 4
+    assert data(page)["agents"] == [printable(name)] * 4
+
+
+def test_a_page_runs_its_own_script_and_nothing_else(run: Run) -> None:
+    page = replay(run, "title")
+    (policy,) = re.findall('<meta http-equiv="Content-Security-Policy" content="(.*)">', page)
+    allowed = dict(rule.split(" ", 1) for rule in policy.split("; "))
+    assert allowed["default-src"] == allowed["base-uri"] == allowed["form-action"] == "'none'"
+    for kind, element in (("script-src", "script"), ("style-src", "style")):
+        (own,) = re.findall(f"<{element}>(.*?)</{element}>", page, re.DOTALL)
+        assert allowed[kind] == f"'sha256-{b64encode(sha256(own.encode()).digest()).decode()}'"
+    assert not re.search(r"\sstyle=|\son\w+=", page[: page.index("<script")]), "what the policy would not let through"
 
 
 def data(page: str) -> dict[str, object]:
-    found: dict[str, object] = json.loads(re.search(r"^const run = (.*);$", page, re.MULTILINE)[1])
+    """What the script of a page is given, which JSON has to hold: a browser reads no NaN."""
+    (text,) = re.findall('<script type="application/json" id="data">(.*)</script>', page)
+    found: dict[str, object] = json.loads(text, parse_constant=pytest.fail)
     return found
 
 
@@ -93,6 +126,15 @@ def test_the_page_holds_the_states_of_the_run(run: Run) -> None:
         ticks, values = zip(*changes, strict=True)
         rebuilt = np.repeat(values, np.diff([*ticks, run.steps]))
         assert (rebuilt == run.zone[:, column]).all()
+
+
+def test_who_is_gone_needs_no_place(run: Run) -> None:
+    assert run.pose is not None
+    gone = np.where((run.zone == Zone.GONE)[..., None], np.nan, run.pose)
+    assert np.isnan(gone).any()
+    held, before = (data(replay(replace(run, pose=pose), "title"))["motion"] for pose in (gone, run.pose))
+    here = run.zone[::5] != Zone.GONE
+    assert (np.array(held)[here] == np.array(before)[here]).all()
 
 
 def test_events_are_when_they_happen(run: Run) -> None:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from pytest_rvads.report.files import load
+
 TESTS = """
     import pytest
     import pytest_rvads as rvads
@@ -102,3 +104,75 @@ def test_a_record_of_an_error_crosses_the_workers(pytester: pytest.Pytester) -> 
     result = pytester.runpytest_subprocess("-n", "1")
     result.assert_outcomes(errors=2)
     result.stdout.fnmatch_lines(["stop4: *2 error*"])
+
+
+@pytest.mark.parametrize(
+    ("variables", "options"),
+    [
+        ({"PYTHONIOENCODING": "ascii"}, []),
+        ({"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}, ["-s"]),
+        ({"PYTHONIOENCODING": "ascii"}, ["-n1"]),
+    ],
+)
+def test_no_encoding_of_the_terminal_changes_a_verdict(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], options: list[str]
+) -> None:
+    """A driver prints what the encoding lacks: under ``-s``, and where a failed run is repeated, to the terminal itself."""
+    pytester.makepyfile(
+        """
+        import pytest
+        import pytest_rvads as rvads
+
+        class Größer(rvads.RollingStop):
+            def control(self, seen):
+                if seen.time == 0:
+                    print("→ größer ✓")
+                return super().control(seen)
+
+        @pytest.fixture
+        def rvads_autopilot():
+            return Größer
+
+        @rvads.scenario("stop4", classes=7, distances=(10, 11, 12, 13), rules=("p1", "p3"), requirement="§ 8")
+        def test_rules(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    result = pytester.runpytest_subprocess("--rvads-report=r.json", "--rvads-report=r.html", *options)
+    result.assert_outcomes(passed=1, failed=1)
+    records = json.loads((pytester.path / "r.json").read_text(encoding="utf-8"))["records"]
+    assert [(one["status"], one["driver"].rpartition(".")[2], one["requirements"]) for one in records] == [
+        ("PASS", "Größer", ["§ 8"]),
+        ("FAIL", "Größer", ["§ 8"]),
+    ]
+    result.stdout.fnmatch_lines([" 07 *| pass | FAIL*", "driven by *.Gr\\xf6\\xdfer: 1 run"])
+
+
+def test_a_message_that_no_file_can_hold_costs_no_report(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        import pytest
+        import pytest_rvads as rvads
+
+        class Broken:
+            def control(self, seen):
+                raise OSError("half a character: \\ud800, \\x1b[2J")
+
+        @pytest.fixture
+        def rvads_autopilot():
+            return Broken
+
+        @rvads.scenario("stop4", classes=1, grid="C", rules="p1", requirement="\\udfff")
+        def test_rules(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    paths = [pytester.path / f"r.{ending}" for ending in ("json", "html", "md", "csv")]
+    result = pytester.runpytest_subprocess(*(f"--rvads-report={path}" for path in paths))
+    result.assert_outcomes(errors=1)
+    assert "INTERNALERROR" not in result.stdout.str()
+    for path in paths:
+        assert "half a character" in path.read_text(encoding="utf-8")
+    assert load(paths[0]).records[0].status == "ERROR"

@@ -23,11 +23,11 @@ def test_rules(run, rule, monitor):
 """
 
 
-def session(page: Path) -> dict[str, Any]:
-    found = re.search(r"^const session = (.*);$", page.read_text(encoding="utf-8"), re.MULTILINE)
+def content(page: Path) -> dict[str, Any]:
+    found = re.search(r'<script type="application/json" id="data">(.*)</script>', page.read_text(encoding="utf-8"))
     assert found
-    content: dict[str, Any] = json.loads(found[1])
-    return content
+    read: dict[str, Any] = json.loads(found[1])
+    return read
 
 
 @pytest.mark.parametrize("workers", ["-n0", "-n1"])
@@ -36,7 +36,7 @@ def test_the_index_links_every_failure_to_its_replay(pytester: pytest.Pytester, 
     result = pytester.runpytest(workers, "--rvads-report=out/verdicts.html")
     result.stdout.fnmatch_lines(["look: .rvads/index.html"])
     for page in (pytester.path / ".rvads" / "index.html", pytester.path / "out" / "verdicts.html"):
-        items = session(page)["items"]
+        items = content(page)["items"]
         assert len(items) == 2
         failed = [item for item in items if item["status"] == "FAIL"]
         assert failed
@@ -50,9 +50,7 @@ def test_the_replay_shows_the_monitors_and_the_vehicle_to_blame(pytester: pytest
     pytester.makepyfile(FAILING)
     pytester.runpytest("-k", "p3")
     (page,) = (pytester.path / ".rvads").glob("*p3.html")
-    found = re.search(r"^const run = (.*);$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    assert found
-    run = json.loads(found[1])
+    run = content(page)
     assert run["responsible"]
     assert "violated" in {word for _, changes in run["tracks"] for _, word in changes}
     assert {label.split()[0] for label, _ in run["tracks"]} == {"p3"}

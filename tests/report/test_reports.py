@@ -1,5 +1,7 @@
 """Matrices, causes and files, from records written by hand."""
 
+import csv
+import io
 import json
 import re
 from pathlib import Path
@@ -7,6 +9,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from markdown_it import MarkdownIt
 from msgspec.structs import replace
 
 from pytest_rvads.errors import RvadsError
@@ -17,10 +20,13 @@ from pytest_rvads.report.files import load, save
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrix, matrices
 from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Indicators, Record, conclude, planned_record, properties
-from pytest_rvads.report.session_report import Report, cell_of
+from pytest_rvads.report.session_report import Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
+from pytest_rvads.report.traceability import table
 from pytest_rvads.report.triage import causes
+from pytest_rvads.wording import printable
 
 TOTALS = {4: (24, 81)}
 
@@ -179,6 +185,93 @@ def test_markdown_keeps_its_tables_whole() -> None:
     lines = text.splitlines()
     heads = [k for k, line in enumerate(lines) if line.startswith("| class |")]
     assert [lines[k + 1] for k in heads] == ["|---|---|"], "a column of classes and one of a rule"
+
+
+HOSTILE = {
+    "": "",
+    "plain text: p1 -> a@j & b, 3 < 4 (a_b in test[run])": "plain text: p1 -> a@j & b, 3 < 4 (a_b in test[run])",
+    "<script>alert(1)</script>": "&lt;script>alert(1)&lt;/script>",
+    "[x](javascript:alert(1))": "[x\\](javascript\\:alert(1))",
+    "![x](http://x.org)": "![x\\](http\\://x.org)",
+    "see www.x.org or https://x.org": "see www\\.x.org or https://x.org",
+    "`code` *bold* _slant_ ~~gone~~ $x$": "\\`code\\` \\*bold\\* \\_slant\\_ \\~\\~gone\\~\\~ \\$x\\$",
+    "a\\|b\nc": "a\\\\\\|b c",
+    "&lt; &#60;": "&amp;lt; &amp;#60;",
+    "ask @everybody": "ask @\u2060everybody",
+    "\x1b[2J\u202e": "\\\\x1b[2J\\\\u202e",
+}
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_markdown_shows_texts_as_they_are_and_takes_nothing_from_them(text: str) -> None:
+    (line,) = (line for line in markdown(Report((), versions={text: "1"})).splitlines() if line.startswith("- versions: "))
+    assert line == f"- versions: {HOSTILE[text]} 1"
+    (rendered,) = (token for token in MarkdownIt().parse(line) if token.type == "inline")
+    read = "".join(child.content for child in rendered.children)
+    assert read.replace("\u2060", "") == f"versions: {printable(text)} 1".replace("\n", " ")
+
+
+def test_a_line_that_would_begin_a_block_does_not() -> None:
+    text = markdown(
+        Report((), {}, left_out={}, notes=("one",), comparison=Comparison("x", (), ("# head", "[x]: y", "- item", "> q")))
+    )
+    assert [line for line in text.splitlines() if line[:3] in ("- #", "- [", "- -", "- >")] == []
+
+
+def test_spans_of_code_hold_what_they_can() -> None:
+    def examples(nodeid: str) -> list[str]:
+        one = replace(record(1, "C", "p1", "FAIL"), nodeid=nodeid)
+        rows = (row.split(" | ") for row in markdown(Report((one,), TOTALS)).splitlines() if row.startswith("| 1 "))
+        return [row[-1].removesuffix(" |") for row in rows]
+
+    assert examples("t.py::test[a_b]") == ["`t.py::test[a_b]`"]
+    assert examples("t.py::`<b>") == ["t.py::\\`&lt;b>"]
+
+
+@pytest.mark.parametrize(
+    ("text", "cell"),
+    [
+        *(
+            (text, f"'{text}")
+            for text in ("=1+1", "+x", "-x", "@x", "=cmd|' /C calc'!A0", "  =1", "'=1", '"=1', "\t1", "＝1", "-1-1")
+        ),
+        ("\r=1", "'\\r=1"),
+        *((text, text) for text in ("-1", "+2.5", "-1e-3", "a=b", "", "x\ny", "1133")),
+    ],
+)
+def test_no_cell_is_a_formula(text: str, cell: str) -> None:
+    one = replace(record(1, "C", "p1", "PASS"), message=text, requirements=(text,), simulator=text, scenario=text)
+    rows = list(csv.DictReader(io.StringIO(table(Report((one,), TOTALS)), newline="")))
+    assert {rows[0][column] for column in ("requirement", "text", "simulator", "scenario")} == {cell}
+    assert rows[0]["class"] == "1"
+
+
+@pytest.mark.parametrize(
+    ("look", "link"),
+    [
+        (".rvads/a b.html#t=1.00", "a b.html#t=1.00"),
+        ("other/a.html", "../other/a.html"),
+        ("https://ci.example.org/1/a.html#t=1", "https://ci.example.org/1/a.html#t=1"),
+        *((look, "") for look in ("", "http://x.org/a", "javascript:alert(1)", " javascript:alert(1)", "JAVASCRIPT&colon;:x")),
+        *((look, "") for look in ("x/../.rvads/javascript:alert(1)", "a/../.rvads/data:x", "java\tscript:alert(1)")),
+        *(
+            (look, "")
+            for look in ("//x.org/a", " //x.org", "\\\\x.org\\a", "/\\x.org", "a\nb", "https://x.org/\x00", "C:/a.html")
+        ),
+    ],
+)
+def test_pages_link_to_relative_paths_and_https_only(look: str, link: str) -> None:
+    one = replace(record(1, "C", "p1", "FAIL"), look=look)
+    (data,) = re.findall('id="data">(.*)</script>', page(Report((one,), TOTALS), Path(".rvads")))
+    assert json.loads(data)["items"][0]["look"] == link
+
+
+def test_names_are_no_commands_of_the_terminal_or_of_its_library() -> None:
+    hostile = "[/] [red]x\x1b[31m\u202e\ny"
+    one = replace(record(1, hostile, hostile, "FAIL"), junction=hostile, driver=hostile, known=hostile)
+    text = summary(Report((one,), TOTALS, versions={hostile: hostile}), colour=False, width=300, unicode=False, full=True)
+    assert text.count(r"[/] [red]x\x1b[31m\u202e y") > 4
+    assert set(text) & set("\x1b\u202e") == set()
 
 
 def measured(cls: int, **vehicle: float | None) -> Record:
