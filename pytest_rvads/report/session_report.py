@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
+
+from msgspec import Meta
 
 from pytest_rvads.report.record import Record
 
-__all__ = ["Cell", "Change", "Comparison", "Report", "cell_of", "in_order"]
+__all__ = ["UNFINISHED", "Cell", "Change", "Comparison", "Report", "begun", "cell_of", "in_order"]
+
+UNFINISHED = 2
+"""Exit status of a session that did not come to its end, as of one that was interrupted."""
 
 Cell = tuple[str, int, str, str, int | None, str | None]
 """Junction, class, configuration, rule, seat of the subject, traffic around it; where a test has no rule axis, its name stands
@@ -91,7 +97,7 @@ class Report:
     """Every cell that the collected tests expand to, before ``-k`` and ``-m`` deselect."""
     versions: dict[str, str] = field(default_factory=dict)
     """Of what the verdicts depend on: name to version."""
-    exitstatus: int = 0
+    exitstatus: Annotated[int, Meta(ge=0, le=255)] = 0
     """Of pytest; 2 to 4: the session did not end by itself."""
     notes: tuple[str, ...] = ()
     """What is missing or doubtful, a sentence each."""
@@ -101,6 +107,19 @@ class Report:
     """Test and run to how long simulating and judging took on this machine [s]."""
     comparison: Comparison | None = None
     """With the baseline, where there is one."""
+    complete: bool = True
+    """False from the beginning of a session until it has come to its end, whatever ended it; so for ever if it died."""
+
+
+def begun(records: Sequence[Record] = (), planned: Sequence[Cell] = ()) -> Report:
+    """Return the report of a session that is still to come to its end.
+
+    Args:
+        records: of the items that are to run, as far as that is known.
+        planned: the cells that its tests expand to, likewise.
+    """
+    note = "INCOMPLETE: the session that writes this report has not ended, or died; `rvads report check` says what it has judged"
+    return Report(in_order(records), planned=tuple(planned), exitstatus=UNFINISHED, notes=(note,), complete=False)
 
 
 def cell_of(record: Record) -> Cell:

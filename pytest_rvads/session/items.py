@@ -6,7 +6,7 @@ It crosses xdist on the report as builtins, and lands in JUnit and report logs.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -24,7 +24,19 @@ if TYPE_CHECKING:
     from pytest_rvads.runs.run import Run
     from pytest_rvads.simulators.simulator import Simulator
 
-__all__ = ["OPTIONS", "RECORD", "REPEAT", "RUN", "SIMULATOR", "VERDICTS", "NoVerdict", "NotJudged", "attach", "letter", "prepare"]
+__all__ = [
+    "OPTIONS",
+    "RECORD",
+    "REPEAT",
+    "RUN",
+    "SIMULATOR",
+    "VERDICTS",
+    "NoVerdict",
+    "NotJudged",
+    "attach",
+    "letter",
+    "prepare",
+]
 
 OPTIONS: pytest.StashKey[Options] = pytest.StashKey()
 RECORD: pytest.StashKey[Record] = pytest.StashKey()
@@ -144,11 +156,11 @@ def _undriven(item: pytest.Item) -> bool:
 
 
 def _release(item: pytest.Item) -> None:
-    """Let go of the run: a session of thousands of items can't hold on to all of them."""
-    if RUN in item.stash:
-        del item.stash[RUN]
-    if REPEAT in item.stash:
-        del item.stash[REPEAT]
+    """Let go of all that belongs to the run: a session holds on to all of its thousands of items."""
+    keys: tuple[pytest.StashKey[Any], ...] = (RUN, REPEAT, SIMULATOR, VERDICTS, RECORD)
+    for key in keys:
+        if key in item.stash:
+            del item.stash[key]
 
 
 def _repeated(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
