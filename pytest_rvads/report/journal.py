@@ -21,7 +21,7 @@ from pytest_rvads.storage import read_file
 
 __all__ = ["Journal", "claim", "journal_of", "recovered"]
 
-_SHOWN = 5
+_SHOWN = 3
 """Items without a verdict that are named."""
 
 
@@ -40,12 +40,12 @@ class Journal:
     """Takes records in, a line of JSON each, and gives them back at the end of the session.
 
     Args:
-        path: where it lies. With None, and where no file can be made there, it has no name and is gone with its process.
+        report: beside which it lies. Without one, and where no file can be made, it has no name and is gone with its process.
     """
 
-    def __init__(self, path: Path | None) -> None:
-        self._path = path
-        self._file = _begun(path)
+    def __init__(self, report: Path | None) -> None:
+        self._path = report and journal_of(report)
+        self._file = _begun(self._path)
         self._unwritten: list[bytes] = []
         """Lines that there was no room for on disk."""
 

@@ -111,15 +111,10 @@ class Report:
     """False from the beginning of a session until it has come to its end, whatever ended it; so for ever if it died."""
 
 
-def begun(records: Sequence[Record] = (), planned: Sequence[Cell] = ()) -> Report:
-    """Return the report of a session that is still to come to its end.
-
-    Args:
-        records: of the items that are to run, as far as that is known.
-        planned: the cells that its tests expand to, likewise.
-    """
+def begun(records: Sequence[Record], totals: dict[int, tuple[int, int]], planned: Sequence[Cell]) -> Report:
+    """Return the report of a session that has not ended, with what is to run, where that is known; arguments as its fields."""
     note = "INCOMPLETE: the session that writes this report has not ended, or died; `rvads report check` says what it has judged"
-    return Report(in_order(records), planned=tuple(planned), exitstatus=UNFINISHED, notes=(note,), complete=False)
+    return Report(in_order(records), totals, tuple(planned), exitstatus=UNFINISHED, notes=(note,), complete=False)
 
 
 def cell_of(record: Record) -> Cell:

@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
+from functools import cache, partial
 from types import FrameType
 from typing import Any
 
@@ -27,6 +27,7 @@ _Handler = Callable[[int, FrameType | None], None]
 def heed(config: pytest.Config) -> None:
     """Have SIGTERM and SIGHUP end a session as Ctrl-C does; where somebody ignores (``nohup``) or handles them, they stay his."""
     session = os.getpid()
+    _lose_none_in_forks()
 
     def interrupt(number: int, _: FrameType | None) -> None:
         if os.getpid() == session:
@@ -35,6 +36,22 @@ def heed(config: pytest.Config) -> None:
         os.kill(os.getpid(), number)
 
     _handle(config, [number for number in _POLITE if signal.getsignal(number) is signal.SIG_DFL], interrupt)
+
+
+@cache
+def _lose_none_in_forks() -> None:
+    """Hold such signals back while the process forks, for Python forgets those that reach a child that early."""
+    if hasattr(os, "register_at_fork"):
+        masks: list[set[int]] = []
+
+        def release() -> None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, masks.pop())
+
+        os.register_at_fork(
+            before=lambda: masks.append(signal.pthread_sigmask(signal.SIG_BLOCK, _POLITE)),
+            after_in_parent=release,
+            after_in_child=release,
+        )
 
 
 def put_off(config: pytest.Config) -> None:

@@ -15,7 +15,7 @@ from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.session.interrupts import put_off
 from pytest_rvads.session.items import OPTIONS
-from pytest_rvads.session.outputs import Outputs, told
+from pytest_rvads.session.outputs import Outputs, told, totals
 from pytest_rvads.session.plan import Planner
 from pytest_rvads.session.reasons import Ending, counted, reasons
 from pytest_rvads.session.time_budget import BUDGET
@@ -182,14 +182,11 @@ class Session:
         """Return the report of the session, with the exit status that its gates make of it."""
         from pytest_rvads.report.coverage import shortfall
         from pytest_rvads.report.session_report import Report, in_order
-        from pytest_rvads.scenarios.classes import count_classes, count_scenarios
         from pytest_rvads.versions import versions
 
-        ways = sorted({record.ways for record in self.records.values()})
-        totals = {n: (count_classes(n), count_scenarios(n)) for n in ways}
         plan = self.planner.plan()
         records = in_order(list(self.records.values()))
-        report = Report(records, totals, tuple(plan.cells), versions(), left_out=plan.left_out, seconds=self._by_run())
+        report = Report(records, totals(records), tuple(plan.cells), versions(), left_out=plan.left_out, seconds=self._by_run())
         if self.baseline:
             report = self._compare(report, self.baseline)
             if ended in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):

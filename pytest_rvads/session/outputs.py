@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pytest_rvads.report.session_report import Cell, Report
     from pytest_rvads.session.plan import Planner
 
-__all__ = ["Outputs", "claim", "told"]
+__all__ = ["Outputs", "claim", "told", "totals"]
 
 _QUESTIONS = ("cacheshow", "collectonly", "help", "markers", "show_fixtures_per_test", "showfixtures", "version")
 """Options with which pytest runs nothing."""
@@ -42,6 +42,13 @@ def told(error: BaseException) -> str:
     return one_line(f"{type(error).__name__}: {error}")
 
 
+def totals(records: Iterable[Record]) -> dict[int, tuple[int, int]]:
+    """Return how many classes and scenarios there are at junctions of so many ways, for each kind that has records."""
+    from pytest_rvads.scenarios.classes import count_classes, count_scenarios
+
+    return {ways: (count_classes(ways), count_scenarios(ways)) for ways in sorted({record.ways for record in records})}
+
+
 class Outputs:
     """Writes what a session is asked for; what can't be written costs nothing else."""
 
@@ -53,6 +60,8 @@ class Outputs:
         """Whether the reports say what is to run."""
         self.index = ""
         """Where the page of the session is, if it could be written."""
+        self._troubles: list[str] = []
+        """What went wrong while reports of what is to run were written."""
 
     @cached_property
     def journal(self) -> Journal:
@@ -71,12 +80,12 @@ class Outputs:
         """Say in the reports what is to run, so that nothing of it can be missing unnoticed; once, as soon as it is known."""
         if self._reports and not self._announced and (plan := planner.plan()).items:
             self._announced = True
-            self._provide(list(plan.items.values()), list(plan.cells))
+            self._provide(plan.items.values(), plan.cells)
 
-    def _provide(self, records: Sequence[Record], planned: Sequence[Cell]) -> None:
+    def _provide(self, records: Collection[Record], planned: Iterable[Cell]) -> None:
         from pytest_rvads.report.session_report import begun
 
-        self._save(begun(records, planned))  # what goes wrong now will do so at the end, and is told then
+        self._troubles = self._save(begun(list(records), totals(records), list(planned)))
 
     def end(self, report: Report, ran: bool) -> tuple[list[str], bool]:
         """Write all that is to stay.
@@ -94,7 +103,7 @@ class Outputs:
         unlinked = []
         if self._artefacts and ran:
             unlinked = _attempt("the index of the session", partial(self._write_index, report, self._artefacts))
-        return [*unlinked, *lacking], not lacking
+        return list(dict.fromkeys([*self._troubles, *unlinked, *lacking])), not lacking
 
     def _save(self, report: Report) -> list[str]:
         if not self._reports:
