@@ -232,19 +232,23 @@ class Session:
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         """Print the verdict matrix, the causes and the coverage lines, if anything of ours ran."""
         if self.report and _ran(self.report):
-            from pytest_rvads.report.terminal import summary
-
-            width = shutil.get_terminal_size().columns
-            unicode = (sys.stdout.encoding or "").lower().startswith("utf")
-            full = self.options.summary == "full"
             terminalreporter.section("rvads verdicts")
-            terminalreporter.write(
-                summary(self.report, colour=terminalreporter.hasmarkup, width=width, unicode=unicode, full=full)
-            )
+            terminalreporter.write(self._summary(self.report, terminalreporter.hasmarkup))
             if self.outputs.index:
                 terminalreporter.write_line(f"look: {self.outputs.index}")
         for trouble in self.troubles:
             terminalreporter.write_line(f"rvads: {trouble}", red=True)
+
+    def _summary(self, report: Report, colour: bool) -> str:
+        from pytest_rvads.report.terminal import summary
+
+        width = shutil.get_terminal_size().columns
+        unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+        try:
+            return summary(report, colour=colour, width=width, unicode=unicode, full=self.options.summary == "full")
+        except Exception as error:
+            self.troubles.append(f"the summary could not be shown: {told(error)}")
+            return ""
 
 
 def _ran(report: Report) -> bool:
