@@ -10,6 +10,7 @@ from pathlib import Path
 from pytest_rvads.cli.common import Subparsers
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.session_report import UNFINISHED
+from pytest_rvads.wording import one_line
 
 __all__ = ["declare"]
 
@@ -90,7 +91,7 @@ def _told(file: Path) -> int:
         print(f"rvads: {error}", file=sys.stderr)
         return UNFINISHED
     for note in report.notes:
-        print(f"rvads: {file}: {note}", file=sys.stderr)
+        print(f"rvads: {file}: {one_line(note)}", file=sys.stderr)
     if report.complete:
         print(f"{file}: complete, {len(report.records)} items, exit status {report.exitstatus}")
     return report.exitstatus

@@ -24,19 +24,7 @@ if TYPE_CHECKING:
     from pytest_rvads.runs.run import Run
     from pytest_rvads.simulators.simulator import Simulator
 
-__all__ = [
-    "OPTIONS",
-    "RECORD",
-    "REPEAT",
-    "RUN",
-    "SIMULATOR",
-    "VERDICTS",
-    "NoVerdict",
-    "NotJudged",
-    "attach",
-    "letter",
-    "prepare",
-]
+__all__ = ["OPTIONS", "RECORD", "REPEAT", "RUN", "SIMULATOR", "VERDICTS", "NoVerdict", "NotJudged", "attach", "letter", "prepare"]
 
 OPTIONS: pytest.StashKey[Options] = pytest.StashKey()
 RECORD: pytest.StashKey[Record] = pytest.StashKey()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -73,7 +74,7 @@ class Outputs:
     def begin(self) -> None:
         """Replace what an earlier session has left: until this one has ended, the reports say so."""
         if self._reports:
-            assert self.journal  # comes first: that of an earlier session has other items
+            _ = self.journal  # comes first: that of an earlier session has other items
             self._provide((), ())
 
     def announce(self, planner: Planner) -> None:
@@ -85,32 +86,38 @@ class Outputs:
     def _provide(self, records: Collection[Record], planned: Iterable[Cell]) -> None:
         from pytest_rvads.report.session_report import begun
 
-        self._troubles = self._save(begun(list(records), totals(records), list(planned)))
+        self._troubles = self._save(begun(list(records), totals(records), list(planned)), lambda _: True)
 
     def end(self, report: Report, ran: bool) -> tuple[list[str], bool]:
-        """Write all that is to stay.
+        """Write all that is to stay, what programs read last: it tells what else could not be written.
 
         Returns:
             What went wrong, a sentence each, and whether all is there that was asked for.
         """
-        lacking = self._save(report)
+        told = self._troubles
+        if self._artefacts and ran:
+            told = told + _attempt("the index of the session", partial(self._write_index, report, self._artefacts))
+        lacking = self._save(report, lambda path: path.suffix != ".json")
         if (summary := os.environ.get("GITHUB_STEP_SUMMARY")) and report.records:
             from pytest_rvads.report.files import append_summary
 
             lacking += _attempt("the report", partial(append_summary, Path(summary), report))
-        if not lacking:
+        if lacking:
+            report = replace(
+                report, exitstatus=report.exitstatus or pytest.ExitCode.TESTS_FAILED, notes=(*report.notes, *lacking)
+            )
+        lost = self._save(report, lambda path: path.suffix == ".json")
+        if not lost:
             self.journal.end()
-        unlinked = []
-        if self._artefacts and ran:
-            unlinked = _attempt("the index of the session", partial(self._write_index, report, self._artefacts))
-        return list(dict.fromkeys([*self._troubles, *unlinked, *lacking])), not lacking
+        return list(dict.fromkeys([*told, *lacking, *lost])), not (lacking or lost)
 
-    def _save(self, report: Report) -> list[str]:
+    def _save(self, report: Report, wanted: Callable[[Path], bool]) -> list[str]:
         if not self._reports:
             return []
         from pytest_rvads.report.files import save
 
-        return [trouble for path in self._reports for trouble in _attempt("the report", partial(save, path, report))]
+        jobs = [partial(save, path, report) for path in self._reports if wanted(path)]
+        return [trouble for job in jobs for trouble in _attempt("the report", job)]
 
     def _write_index(self, report: Report, artefacts: str) -> None:
         """Write the page that leads from the verdicts to the replays."""

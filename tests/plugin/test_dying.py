@@ -180,6 +180,7 @@ def test_a_writer_that_fails_costs_its_own_file(tests: pytest.Pytester, workers:
     ]
     result.stdout.fnmatch_lines(said)
     assert len(load(Path("out.json")).records) == 4
+    assert main(["report", "check", "out.json"]) == pytest.ExitCode.TESTS_FAILED
     assert not Path("out.md").exists(), "neither at the beginning nor at the end could it be written"
 
 
