@@ -22,9 +22,11 @@ from pytest_rvads.options import Options, declare
 from pytest_rvads.session.bundled import offer
 from pytest_rvads.session.chosen_driver import chosen
 from pytest_rvads.session.comparing import explain
+from pytest_rvads.session.interrupts import end_with_parent, heed
 from pytest_rvads.session.items import OPTIONS, RECORD, attach, letter, prepare
 from pytest_rvads.session.limits import limits
 from pytest_rvads.session.main_process import Session
+from pytest_rvads.session.outputs import claim
 from pytest_rvads.session.plan import Planner, in_part
 from pytest_rvads.session.time_budget import BUDGET, Budget
 from pytest_rvads.simulators.choice import Choice, choosing
@@ -59,7 +61,8 @@ def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
-    """Open the session's own book of rules."""
+    """Open the session's own book of rules, and tell an earlier report that this session is to replace it."""
+    claim(early_config)
     _opened(early_config, open_session(early_config))
 
 
@@ -88,7 +91,10 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(config.stash[BUDGET], "rvads_budget")
     planner = Planner(config)
     config.pluginmanager.register(planner, "rvads_planner")
-    if not hasattr(config, "workerinput"):
+    if hasattr(config, "workerinput"):
+        end_with_parent()
+    else:
+        heed(config)
         config.pluginmanager.register(Session(config, planner), "rvads_session")
 
 

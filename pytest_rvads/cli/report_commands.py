@@ -7,20 +7,23 @@ import shutil
 import sys
 from pathlib import Path
 
-from pytest_rvads.cli.common import Subparsers, warn
+from pytest_rvads.cli.common import Subparsers, say, warn
+from pytest_rvads.errors import RvadsError
+from pytest_rvads.report.session_report import UNFINISHED
+from pytest_rvads.wording import one_line
 
 __all__ = ["declare"]
 
 
 def declare(commands: Subparsers) -> None:
     """Add the commands of this module."""
-    report = commands.add_parser("report", help="merge the reports of several sessions")
+    report = commands.add_parser("report", help="merge the reports of several sessions, or tell whether they are whole")
     actions = report.add_subparsers(required=True, metavar="ACTION")
     merge = actions.add_parser(
         "merge",
         help="make one report of several, such as the shards of a CI job, and print its summary",
         description="Exit status: that of a session which had run everything; 1 when reports contradict each other or coverage "
-        "is too low.",
+        "is too low; 2 when one is missing, damaged or incomplete.",
     )
     merge.add_argument("files", nargs="+", metavar="FILE.json", help="written by --rvads-report")
     merge.add_argument("-o", "--output", metavar="OUT", help="write the merged report, in the format of its ending")
@@ -28,6 +31,14 @@ def declare(commands: Subparsers) -> None:
     merge.add_argument("--baseline", metavar="FILE.json", help="tell what changed since an earlier report")
     merge.add_argument("--erosion", type=float, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
     merge.set_defaults(command=_merge)
+    check = actions.add_parser(
+        "check",
+        help="tell whether sessions came to their end, and how",
+        description="Exit status: 2 when a report is missing, damaged, or incomplete because its session has not ended or died; "
+        "else that of the first session that did not end with 0.",
+    )
+    check.add_argument("files", nargs="+", metavar="FILE.json", help="written by --rvads-report")
+    check.set_defaults(command=_check)
 
 
 def _percent(text: str) -> float:
@@ -44,11 +55,12 @@ def _merge(options: argparse.Namespace) -> int:
     from pytest_rvads.report.baseline import compare, with_baseline
     from pytest_rvads.report.coverage import shortfall
     from pytest_rvads.report.files import load, save
+    from pytest_rvads.report.journal import recovered
     from pytest_rvads.report.merge import merge
     from pytest_rvads.report.session_report import cell_of
     from pytest_rvads.report.terminal import summary
 
-    report = merge([(name, load(Path(name))) for name in options.files])
+    report = merge([(name, recovered(Path(name))) for name in options.files])
     if options.baseline:
         planned = set(report.planned)
         earlier = load(Path(options.baseline))
@@ -62,3 +74,24 @@ def _merge(options: argparse.Namespace) -> int:
     for note in (*report.notes, *([short] if short else [])):
         warn(f"rvads: {note}")
     return report.exitstatus or (1 if short else 0)
+
+
+def _check(options: argparse.Namespace) -> int:
+    statuses = [_told(Path(name)) for name in options.files]
+    return UNFINISHED if UNFINISHED in statuses else next(filter(None, statuses), 0)
+
+
+def _told(file: Path) -> int:
+    """Say of one report whether it is whole, and return the exit status of its session."""
+    from pytest_rvads.report.journal import recovered
+
+    try:
+        report = recovered(file)
+    except RvadsError as error:
+        warn(f"rvads: {error}")
+        return UNFINISHED
+    for note in report.notes:
+        warn(f"rvads: {file}: {one_line(note)}")
+    if report.complete:
+        say(f"{file}: complete, {len(report.records)} items, exit status {report.exitstatus}")
+    return report.exitstatus

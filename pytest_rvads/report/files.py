@@ -15,10 +15,13 @@ from pytest_rvads.report.outline import outline
 from pytest_rvads.report.page import page
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.traceability import table
+from pytest_rvads.storage import read_file, write_file
 
-__all__ = ["FORMATS", "append_summary", "load", "save"]
+__all__ = ["FORMATS", "MOST", "append_summary", "load", "read", "save"]
 
 VERSION = 4
+MOST = 2**28
+"""A report is refused that is longer than any session writes it [bytes]."""
 SUMMARY_LIMIT = 900 * 1024
 """GitHub drops a job summary above 1 MiB as a whole [bytes]."""
 
@@ -39,16 +42,7 @@ def save(path: Path, report: Report) -> None:
     """
     if path.suffix not in FORMATS:
         raise RvadsError(f"a report is a {', '.join(FORMATS)} file, got {str(path)!r}")
-    text = FORMATS[path.suffix](report, path.parent)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # An earlier report, perhaps the baseline, outlives a disk that is full.
-    part = path.with_name(f"{path.name}.part")
-    try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(path)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
+    write_file(path, FORMATS[path.suffix](report, path.parent).encode("utf-8", "backslashreplace"))
 
 
 def append_summary(path: Path, report: Report) -> None:
@@ -63,13 +57,25 @@ def append_summary(path: Path, report: Report) -> None:
 
 
 def load(path: Path) -> Report:
-    """Read a JSON report.
+    """Read the JSON report of a session that came to its end.
+
+    Raises:
+        RvadsError: as `read` does; or it is incomplete.
+    """
+    report = read(path)
+    if not report.complete:
+        raise RvadsError(f"{path} is incomplete, its session has not ended, or died: take the report of one that did")
+    return report
+
+
+def read(path: Path) -> Report:
+    """Read a JSON report, also an incomplete one.
 
     Raises:
         RvadsError: not a report, or one of another version, or damaged: where, and what was expected there.
     """
     try:
-        content = path.read_bytes()
+        content = read_file(path, MOST)
         head = msgspec.json.decode(content, type=_Head)
     except msgspec.ValidationError:
         head = _Head("", 0)

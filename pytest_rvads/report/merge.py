@@ -50,6 +50,7 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
         tuple(differences + notes),
         {test: count for _, report in reports for test, count in report.left_out.items()},
         _seconds([report for _, report in reports]),
+        complete=all(report.complete for _, report in reports),
     )
 
 

@@ -11,7 +11,10 @@ from msgspec import Meta
 
 from pytest_rvads.report.record import Record
 
-__all__ = ["Cell", "Change", "Comparison", "Report", "cell_of", "in_order"]
+__all__ = ["UNFINISHED", "Cell", "Change", "Comparison", "Report", "begun", "cell_of", "in_order"]
+
+UNFINISHED = 2
+"""Exit status of a session that did not come to its end, as of one that was interrupted."""
 
 Cell = tuple[str, int, str, str, int | None, str | None]
 """Junction, class, configuration, rule, seat of the subject, traffic around it; where a test has no rule axis, its name stands
@@ -104,6 +107,14 @@ class Report:
     """Test and run to how long simulating and judging took on this machine [s]."""
     comparison: Comparison | None = None
     """With the baseline, where there is one."""
+    complete: bool = True
+    """False from the beginning of a session until it has come to its end, whatever ended it; so for ever if it died."""
+
+
+def begun(records: Sequence[Record], totals: dict[int, tuple[int, int]], planned: Sequence[Cell]) -> Report:
+    """Return the report of a session that has not ended, with what is to run, where that is known; arguments as its fields."""
+    note = "INCOMPLETE: the session that writes this report has not ended, or died; `rvads report check` says what it has judged"
+    return Report(in_order(records), totals, tuple(planned), exitstatus=UNFINISHED, notes=(note,), complete=False)
 
 
 def cell_of(record: Record) -> Cell:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
+from collections.abc import Generator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,9 @@ import pytest
 
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.session.interrupts import put_off
 from pytest_rvads.session.items import OPTIONS
+from pytest_rvads.session.outputs import Outputs, told, totals
 from pytest_rvads.session.plan import Planner
 from pytest_rvads.session.reasons import Ending, counted, reasons
 from pytest_rvads.session.time_budget import BUDGET
@@ -35,12 +36,13 @@ class Session:
         self.options = config.stash[OPTIONS]
         self.planner = planner
         self.baseline = _load(self.options.baseline)
+        self.outputs = Outputs(config)
         self.records: dict[str, Record] = {}
-        """By node id; an item that is repeated counts as it ended."""
+        """By node id, once the session is over; until then they are in the journal. A repeated item counts as it ended."""
         self.seconds: dict[str, float] = {}
         """Node id to how long its phases took [s]."""
-        self.crashed: set[str] = set()
-        """Node ids of items that a worker died in."""
+        self.lost: dict[str, str] = {}
+        """Node ids of items that ran and left no record, and why."""
         self.turned: set[str] = set()
         """Node ids of items that failed until somebody changed their reports."""
         self.others: set[str] = set()
@@ -50,17 +52,31 @@ class Session:
         self.troubles: list[str] = []
         self.report: Report | None = None
         """Of the whole session, once it is over."""
-        self.index = ""
-        """Where the page of the session is, if it could be written."""
+        self.collected = False
+        """Whether collecting came to its end; under xdist this process collects nothing."""
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_sessionstart(self) -> None:
+        """Take the place of an earlier session, before anything of this one runs."""
+        self.outputs.begin()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_collection(self) -> Generator[None, object, object]:
+        """Announce what is to run."""
+        found = yield
+        self.collected = True
+        self.outputs.announce(self.planner)
+        return found
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Keep the record of an item."""
+        self.outputs.announce(self.planner)  # under xdist what is to run comes with the first report
         content = getattr(report, "rvads", None)
         self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
         if content is not None:
             self._keep(content, report)
         elif report.when not in ("setup", "call", "teardown"):
-            self.crashed.add(report.nodeid)
+            self.lost[report.nodeid] = "the worker process crashed while it ran this item"
         if hasattr(report, "rvads_undriven"):
             self.undriven[report.nodeid] = report.rvads_undriven
         if report.failed and (content is None or report.when == "teardown"):
@@ -70,13 +86,19 @@ class Session:
         """Keep a record and tell users' hooks of it; one that fails costs no other verdict."""
         from pytest_rvads.report.record import received
 
-        record = self.records[report.nodeid] = received(content)
+        try:
+            record = received(content)
+            self.outputs.journal.add(record)
+        except Exception as error:
+            self.lost[report.nodeid] = f"the record of this item can't be read: {told(error)}"
+            self.others.add(report.nodeid)
+            return
         if record.failed and not report.failed:
             self.turned.add(report.nodeid)
         try:
             self.config.hook.pytest_rvads_verdict(record=content, config=self.config)
-        except Exception as error:
-            said = f"a hook pytest_rvads_verdict raised {type(error).__name__}: {error}"
+        except (Exception, SystemExit, pytest.skip.Exception, pytest.fail.Exception) as error:
+            said = f"a hook pytest_rvads_verdict raised {told(error)}"
             self.troubles += [] if said in self.troubles else [said]
             self.others.add("pytest_rvads_verdict")
 
@@ -85,16 +107,30 @@ class Session:
         if report.failed:
             self.others.add(report.nodeid)
 
-    @pytest.hookimpl(trylast=True)
-    def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
-        """Write what was asked for, whatever ended the session, and keep its exit status honest."""
+    @pytest.hookimpl(wrapper=True, trylast=True)
+    def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> Generator[None, None, None]:
+        """Finish the session, whatever ended it and whatever becomes of others that finish theirs."""
         if self.config.option.collectonly or not self._concerned():
-            return
+            return (yield)
+        put_off(self.config)
+        try:
+            return (yield)
+        finally:
+            try:
+                self._finish(session, int(exitstatus))
+            except Exception as error:
+                self.troubles.append(f"the session could not be summed up: {told(error)}")
+                session.exitstatus = exitstatus or pytest.ExitCode.INTERNAL_ERROR
+
+    def _finish(self, session: pytest.Session, exitstatus: int) -> None:
+        """Write what was asked for, and keep the exit status honest."""
+        self.records = self.outputs.journal.records()
         budget = self.config.stash[BUDGET]
         missing = self._complete()
         found = reasons(
             Ending(
-                int(exitstatus),
+                exitstatus,
+                self.collected,
                 self.records,
                 missing,
                 self.planner.unsaid(),
@@ -106,23 +142,24 @@ class Session:
             )
         )
         self.troubles += [reason.text for reason in found]
-        ended = next(filter(None, (int(exitstatus), *(reason.exitstatus for reason in found))), 0)
+        ended = next(filter(None, (exitstatus % 256, *(reason.exitstatus for reason in found))), 0)
         if budget:
             budget.remember(self.records.values())
-        if "pytest_rvads_verdict" in self.others:
+        if self.lost or "pytest_rvads_verdict" in self.others:
             ended = ended or pytest.ExitCode.TESTS_FAILED
         self.report = self._report(ended, cut=bool(session.shouldfail) or any(reason.cut for reason in found))
         ended = self.report.exitstatus
-        self._index(self.report)
-        if not self._write(self.report):
+        wrong, whole = self.outputs.end(self.report, _ran(self.report))
+        self.troubles += wrong
+        if not whole:
             ended = ended or pytest.ExitCode.TESTS_FAILED
-        if ended != exitstatus:
+        if session.exitstatus in (0, exitstatus):  # somebody else's is worse
             session.exitstatus = ended
 
     def _concerned(self) -> bool:
         """Return whether anything of ours was planned, or asked for; most sessions of an environment are none of our business."""
         asked = self.baseline, self.options.reports, self.options.cov_fail_under is not None
-        return bool(self.records or self.planner.plan().cells or any(asked))
+        return bool(self.planner.plan().cells or any(asked))
 
     def _complete(self) -> int:
         """Add a record for every item that was selected and gave none; return how many never ran."""
@@ -135,9 +172,8 @@ class Session:
         for nodeid, record in plan.vanished.items():
             self.records[nodeid] = structs.replace(record, message="dropped after collection")
         for nodeid, record in plan.items.items():
-            if nodeid in self.crashed:
-                text = "the worker process crashed while it ran this item"
-                self.records[nodeid] = conclude(record, (), "", "failed", text=text)
+            if nodeid in self.lost:
+                self.records[nodeid] = conclude(record, (), "", "failed", text=self.lost[nodeid])
             elif nodeid not in self.records:
                 self.records[nodeid] = structs.replace(record, message="the session ended before")
                 missing += 1
@@ -147,14 +183,11 @@ class Session:
         """Return the report of the session, with the exit status that its gates make of it."""
         from pytest_rvads.report.coverage import shortfall
         from pytest_rvads.report.session_report import Report, in_order
-        from pytest_rvads.scenarios.classes import count_classes, count_scenarios
         from pytest_rvads.versions import versions
 
-        ways = sorted({record.ways for record in self.records.values()})
-        totals = {n: (count_classes(n), count_scenarios(n)) for n in ways}
         plan = self.planner.plan()
         records = in_order(list(self.records.values()))
-        report = Report(records, totals, tuple(plan.cells), versions(), left_out=plan.left_out, seconds=self._by_run())
+        report = Report(records, totals(records), tuple(plan.cells), versions(), left_out=plan.left_out, seconds=self._by_run())
         if self.baseline:
             report = self._compare(report, self.baseline)
             if ended in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
@@ -197,58 +230,27 @@ class Session:
             return pytest.ExitCode.OK
         return ended
 
-    def _index(self, report: Report) -> None:
-        """Write the page that leads from the verdicts to the replays; one that can't be written costs no verdict."""
-        if not self.options.artefacts or not _ran(report):
-            return
-        from pytest_rvads.report.files import save
-        from pytest_rvads.session.artefacts import prepare_folder
-
-        folder = self.config.invocation_params.dir / self.options.artefacts
-        try:
-            prepare_folder(folder)
-            save(folder / "index.html", report)
-        except OSError as error:
-            self.troubles.append(f"the index of the session could not be written: {error}")
-        else:
-            self.index = f"{Path(self.options.artefacts).as_posix()}/index.html"
-
-    def _write(self, report: Report) -> bool:
-        """Write the reports and return whether that went well."""
-        summary = os.environ.get("GITHUB_STEP_SUMMARY")
-        if not self.options.reports and not (summary and self.records):
-            return True
-        from pytest_rvads.report.files import append_summary, save
-
-        jobs = [partial(save, path, report) for path in self.options.reports]
-        if summary and self.records:
-            jobs.append(partial(append_summary, Path(summary), report))
-        written = True
-        for job in jobs:
-            try:
-                job()
-            except OSError as error:
-                self.troubles.append(f"the report could not be written: {error}")
-                written = False
-        return written
-
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         """Print the verdict matrix, the causes and the coverage lines, if anything of ours ran."""
         encode_all(sys.stdout)
         if self.report and _ran(self.report):
-            from pytest_rvads.report.terminal import summary
-
-            width = shutil.get_terminal_size().columns
-            unicode = (sys.stdout.encoding or "").lower().startswith("utf")
-            full = self.options.summary == "full"
             terminalreporter.section("rvads verdicts")
-            terminalreporter.write(
-                summary(self.report, colour=terminalreporter.hasmarkup, width=width, unicode=unicode, full=full)
-            )
-            if self.index:
-                terminalreporter.write_line(f"look: {self.index}")
+            terminalreporter.write(self._summary(self.report, terminalreporter.hasmarkup))
+            if self.outputs.index:
+                terminalreporter.write_line(f"look: {self.outputs.index}")
         for trouble in self.troubles:
             terminalreporter.write_line(f"rvads: {printable(trouble)}", red=True)
+
+    def _summary(self, report: Report, colour: bool) -> str:
+        from pytest_rvads.report.terminal import summary
+
+        width = shutil.get_terminal_size().columns
+        unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+        try:
+            return summary(report, colour=colour, width=width, unicode=unicode, full=self.options.summary == "full")
+        except Exception as error:
+            self.troubles.append(f"the summary could not be shown: {told(error)}")
+            return ""
 
 
 def _ran(report: Report) -> bool:

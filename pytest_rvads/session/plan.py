@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
+from sys import intern
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
@@ -150,11 +151,16 @@ class Planner:
         if self._unsent:
             self._config.workeroutput[_WIRE] = self.plan().pack()  # type: ignore[attr-defined]
 
-    @pytest.hookimpl(tryfirst=True)
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Take the plan off a worker's report in the main process, before anybody else reads it."""
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> Generator[None, None, None]:
+        """Take the plan off a worker's report in the main process, before anybody else reads it, and lighten it afterwards."""
         if not hasattr(self._config, "workerinput") and hasattr(report, _WIRE):
             self._plan.unpack(report.__dict__.pop(_WIRE))
+        try:
+            return (yield)
+        finally:
+            if report.nodeid in self.plan().items:
+                _lighten(report)
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_xdist_node_collection_finished(self, ids: Sequence[str]) -> None:
@@ -167,6 +173,16 @@ class Planner:
         text = getattr(node, "workeroutput", {}).get(_WIRE)
         if text:
             self._plan.unpack(text)
+
+
+def _lighten(report: pytest.TestReport) -> None:
+    """Keep of an item's report what is asked of it at the end: terminals hold on to every one."""
+    if report.passed and report.when != "call":
+        report.keywords, report.user_properties = {}, []
+    if record := getattr(report, "rvads", None):
+        report.rvads = {"status": record["status"], "message": record["message"]}  # type: ignore[attr-defined]
+        texts = [(intern(name), intern(value) if isinstance(value, str) else value) for name, value in report.user_properties]
+        report.user_properties = texts
 
 
 def _file(nodeid: str) -> str:

@@ -25,6 +25,8 @@ class Ending:
 
     exitstatus: int
     """Of pytest."""
+    collected: bool
+    """Whether collecting came to its end."""
     records: Mapping[str, Record]
     """By node id."""
     missing: int
@@ -65,12 +67,15 @@ def counted(count: int) -> str:
 
 def _ended(ending: Ending) -> Reason | None:
     missing = f"{counted(ending.missing)} did not run"
-    if ending.unsaid:
+    lacking = bool(ending.missing or ending.unsaid) or not ending.collected
+    if not ending.collected:
+        missing = "it was not yet known what is to run"
+    elif ending.unsaid:
         missing = f"none of {counted(ending.unsaid)} ended, and no worker came to say which of them ask for a run"
     if ending.exitstatus not in (pytest.ExitCode.OK, _FAILED, _NOTHING):
         text = f"the session did not end by itself (exit status {ending.exitstatus}): {missing}"
-        return Reason(text, cut=bool(ending.missing or ending.unsaid))
-    return Reason(f"the session stopped early: {missing}") if ending.missing or ending.unsaid else None
+        return Reason(text, cut=lacking)
+    return Reason(f"the session stopped early: {missing}") if lacking else None
 
 
 def _vanished(ending: Ending) -> Reason | None:

@@ -1,11 +1,15 @@
 """Sessions that are interrupted or can't write keep every verdict reached, and say what is missing."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
 import time
+import xml.etree.ElementTree as ET
 from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -38,7 +42,11 @@ INTERRUPTED = (
         if not request.node.name.startswith(("test_rules[stop4-class01-", "test_rules[stop4-class02-")):
             Path(f"waits-{os.getpid()}").touch()
             while True:
-                time.sleep(0.01)
+                try:
+                    time.sleep(0.01)
+                except KeyboardInterrupt:
+                    if "STUBBORN" not in os.environ:
+                        raise
 """
 )
 CONFTEST = """
@@ -47,30 +55,106 @@ CONFTEST = """
     def pytest_rvads_verdict(record):
         Path("told").open("a").write("one")
 """
+ENDING = """
+    import time
+    from pathlib import Path
+
+    def pytest_sessionfinish(session):
+        if not hasattr(session.config, "workerinput"):
+            Path("ends").touch()
+            while not Path("again").exists():
+                time.sleep(0.01)
+"""
 
 
-@pytest.mark.parametrize("workers", [(), ("-n", "2")])
-def test_ctrl_c(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
-    """Every worker has come to an item that does not end, and the main process knows of both verdicts before."""
-    pytester.makeconftest(CONFTEST)
-    pytester.makepyfile(test_it=INTERRUPTED)
-    session = subprocess.Popen(
-        [sys.executable, "-m", "pytest", "-v", "--rvads-report=out.json", *workers],
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # in the background, shells have it ignored
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+LONG = 60
+"""No session takes longer to end [s]."""
+Start = Callable[..., "subprocess.Popen[str]"]
+
+
+@pytest.fixture
+def start(pytester: pytest.Pytester) -> Iterator[Start]:
+    """Start a session of its own; what is left of it is killed at the end."""
+    sessions: list[subprocess.Popen[str]] = []
+
+    def begin(*options: str, ignoring: tuple[int, ...] = (), **variables: str) -> "subprocess.Popen[str]":
+        def handle() -> None:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # in the background, shells have it ignored
+            for number in ignoring:
+                signal.signal(number, signal.SIG_IGN)
+
+        sessions.append(
+            subprocess.Popen(
+                [sys.executable, "-m", "pytest", "-v", "--rvads-report=out.json", "--junitxml=out.xml", *options],
+                preexec_fn=handle,
+                start_new_session=True,
+                env=os.environ | variables,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+            )
+        )
+        return sessions[-1]
+
+    yield begin
+    for session in sessions:
+        with suppress(ProcessLookupError):
+            os.killpg(session.pid, signal.SIGKILL)
+        session.communicate()
+
+
+def wait_for(session: "subprocess.Popen[str]", arrived: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + LONG
+    while not arrived():
+        assert session.poll() is None, session.communicate()[0]
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def stuck(session: "subprocess.Popen[str]", workers: tuple[str, ...]) -> list[int]:
+    """Wait until two verdicts are known and every other process is in an item that does not end; return the processes."""
 
     def arrived() -> bool:
         told = Path("told").read_text(encoding="utf-8") if Path("told").exists() else ""
         return told == "oneone" and len(list(Path().glob("waits-*"))) == max(1, len(workers))
 
-    while not arrived() and session.poll() is None:
-        time.sleep(0.01)
-    session.send_signal(signal.SIGINT)
-    said, _ = session.communicate()
+    wait_for(session, arrived)
+    return [int(path.name.partition("-")[2]) for path in Path().glob("waits-*")]
+
+
+def gone(process: int) -> bool:
+    try:
+        state = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return True
+    return state == "Z"  # nobody has asked how it ended
+
+
+@pytest.fixture
+def tests(pytester: pytest.Pytester) -> None:
+    pytester.makeconftest(CONFTEST)
+    pytester.makepyfile(test_it=INTERRUPTED)
+
+
+@pytest.mark.usefixtures("tests")
+@pytest.mark.parametrize(
+    ("number", "workers"),
+    [
+        (signal.SIGINT, ()),
+        (signal.SIGTERM, ()),
+        (signal.SIGHUP, ()),
+        (signal.SIGINT, ("-n", "2")),
+        (signal.SIGTERM, ("-n", "2")),
+    ],
+)
+def test_who_is_asked_to_end_tells_what_is_known(start: Start, number: int, workers: tuple[str, ...]) -> None:
+    session = start(*workers)
+    processes = stuck(session, workers)
+    session.send_signal(number)
+    said, _ = session.communicate(timeout=LONG)
     assert session.returncode == pytest.ExitCode.INTERRUPTED, said
+    assert all(map(gone, processes))
+    assert ET.parse("out.xml").getroot() is not None
     content = json.loads(Path("out.json").read_text(encoding="utf-8"))
     counts = Counter(r["status"] for r in content["records"])
     assert counts["FAIL"] == said.count(" FAILED "), "every verdict that was reached is there"
@@ -78,6 +162,77 @@ def test_ctrl_c(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
     note = f"the session did not end by itself (exit status 2): {counts['NOT RUN']} items did not run"
     assert content["notes"] == [note]
     assert f"rvads: {note}" in said
+
+
+@pytest.mark.usefixtures("tests")
+@pytest.mark.parametrize("workers", [(), ("-n", "2")])
+def test_ctrl_c_again_does_not_keep_reports_from_being_written(
+    pytester: pytest.Pytester, start: Start, workers: tuple[str, ...]
+) -> None:
+    pytester.makeconftest(CONFTEST + ENDING)
+    session = start(*workers, **({"STUBBORN": "workers"} if workers else {}))
+    processes = stuck(session, workers)
+    session.send_signal(signal.SIGINT)
+    wait_for(session, Path("ends").exists)
+    session.send_signal(signal.SIGINT)
+    Path("again").touch()
+    said, _ = session.communicate(timeout=LONG)
+    assert session.returncode == pytest.ExitCode.INTERRUPTED, said
+    assert "Traceback" not in said
+    assert all(map(gone, processes))
+    assert Counter(r["status"] for r in json.loads(Path("out.json").read_text(encoding="utf-8"))["records"])["FAIL"] == 2
+    assert ET.parse("out.xml").getroot() is not None
+
+
+@pytest.mark.usefixtures("tests")
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers are given some seconds to notice")
+def test_workers_end_with_the_main_process_whatever_they_are_at(start: Start) -> None:
+    workers = ("-n", "2")
+    session = start(*workers, STUBBORN="workers")
+    processes = stuck(session, workers)
+    session.kill()
+    session.wait()
+    deadline = time.monotonic() + 3  # execnet, which they talk by, would end them after some 15 s, and none that is busy in C
+    while not all(map(gone, processes)):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert not json.loads(Path("out.json").read_text(encoding="utf-8"))["complete"]
+
+
+@pytest.mark.usefixtures("tests")
+def test_a_signal_that_is_ignored_stays_ignored(start: Start) -> None:
+    session = start(ignoring=(signal.SIGHUP,))
+    stuck(session, ())
+    session.send_signal(signal.SIGHUP)
+    session.send_signal(signal.SIGTERM)
+    said, _ = session.communicate(timeout=LONG)
+    assert "KeyboardInterrupt: SIGTERM" in said
+
+
+def test_a_child_of_a_test_ends_by_sigterm_as_ever(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("""
+        import os, signal, time
+
+        def test_it():
+            for _ in range(20):
+                child = os.fork()
+                if not child:
+                    time.sleep(10)
+                    os._exit(0)
+                os.kill(child, signal.SIGTERM)  # at once, which is when it could get lost
+                assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGTERM
+    """)
+    pytester.runpytest_subprocess(timeout=LONG).assert_outcomes(passed=1)
+
+
+@pytest.mark.parametrize("workers", [(), ("-n", "1")])
+def test_what_is_interrupted_while_it_collects_says_so(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
+    pytester.makepyfile(test_it=TESTS, test_late="raise KeyboardInterrupt")
+    result = pytester.runpytest_subprocess("--rvads-report=out.json", *workers, timeout=LONG)
+    assert result.ret == pytest.ExitCode.INTERRUPTED
+    content = json.loads(Path("out.json").read_text(encoding="utf-8"))
+    assert content["exitstatus"] == pytest.ExitCode.INTERRUPTED
+    assert "it was not yet known what is to run" in content["notes"][0] or workers
 
 
 def test_what_is_interrupted_before_any_worker_s_first_report_says_how_much_was_collected(pytester: pytest.Pytester) -> None:
@@ -136,10 +291,19 @@ def test_a_damaged_run_is_kept_again(pytester: pytest.Pytester) -> None:
     assert kept.read_bytes() == whole
 
 
-def test_an_earlier_report_outlives_a_failed_one(pytester: pytest.Pytester) -> None:
+def test_an_earlier_report_outlives_a_failed_one(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     pytester.makepyfile(test_it=TESTS)
     pytester.path.joinpath("out.json").write_text("earlier", encoding="utf-8")
-    pytester.path.joinpath("out.json.part").mkdir()  # so that nothing can be written beside it
-    result = pytester.runpytest("-k", "class01", "--rvads-report=out.json")
-    result.stdout.fnmatch_lines(["rvads: the report could not be written: *"])
+    pytester.makeconftest("""
+        import errno
+        from pytest_rvads.report import files
+
+        def full(path, content):
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+        files.write_file = full
+    """)
+    result = pytester.runpytest_subprocess("-k", "class01", "--rvads-report=out.json", timeout=LONG)
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    result.stdout.fnmatch_lines(["rvads: the report could not be written: *No space left on device*"])
     assert pytester.path.joinpath("out.json").read_text(encoding="utf-8") == "earlier"

@@ -1,0 +1,131 @@
+"""The journal of a session: its records on disk as they come, so that they need no memory and outlive the process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import replace
+from os import fstat
+from os.path import samestat
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO
+
+import msgspec
+
+from pytest_rvads.decoding import encode
+from pytest_rvads.errors import RvadsError
+from pytest_rvads.report.files import MOST, read
+from pytest_rvads.report.record import Record
+from pytest_rvads.report.session_report import UNFINISHED, Report, in_order
+from pytest_rvads.storage import read_file
+
+__all__ = ["Journal", "claim", "journal_of", "recovered"]
+
+_SHOWN = 3
+"""Items without a verdict that are named."""
+
+
+def journal_of(report: Path) -> Path:
+    """Return where the journal of the session lies that writes a report; it is there until that session has ended."""
+    return report.with_name(f"{report.name}.journal")
+
+
+def claim(report: Path) -> None:
+    """Leave an empty journal beside a report, unless one is there: so it is known that a session began which is to replace it."""
+    with suppress(OSError):
+        journal_of(report).touch()
+
+
+class Journal:
+    """Takes records in, a line of JSON each, and gives them back at the end of the session.
+
+    Args:
+        report: beside which it lies. Without one, and where no file can be made, it has no name and is gone with its process.
+    """
+
+    def __init__(self, report: Path | None) -> None:
+        self._path = report and journal_of(report)
+        self._file = _begun(self._path)
+        self._unwritten: list[bytes] = []
+        """Lines that there was no room for on disk."""
+
+    def add(self, record: Record) -> None:
+        """Write a record down, at once."""
+        line = b"\n" + encode(record)  # the line end comes first: it closes one that was cut off
+        with suppress(OSError):
+            if self._file and self._file.write(line) == len(line):
+                return
+        self._unwritten.append(line)
+
+    def records(self) -> dict[str, Record]:
+        """Return the records by node id; of an item that was repeated the last one."""
+        found = {}
+        if self._file:
+            self._file.seek(0)
+            with open(self._file.fileno(), "rb", closefd=False) as lines:
+                found = _parsed(lines)
+        return found | _parsed(self._unwritten)
+
+    def end(self) -> None:
+        """Remove the file, unless another session has put its own in this place."""
+        if self._file:
+            with self._file, suppress(OSError):
+                if self._path and samestat(fstat(self._file.fileno()), self._path.stat()):
+                    self._path.unlink()
+
+
+def _begun(path: Path | None) -> IO[bytes] | None:
+    """Return a new file to write to and read from, in place of an earlier one; None where none can be made anywhere."""
+    if path:
+        with suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.unlink(missing_ok=True)
+            return path.open("x+b", buffering=0)
+    with suppress(OSError):
+        return TemporaryFile(buffering=0)
+    return None
+
+
+def _parsed(lines: Iterable[bytes]) -> dict[str, Record]:
+    """Return the records of lines by node id, the last one of each; what is none, as a line that was cut off, is passed over."""
+    decoder = msgspec.json.Decoder(Record)
+    found = {}
+    for line in lines:
+        with suppress(msgspec.DecodeError, RecursionError):
+            record = decoder.decode(line)
+            found[record.nodeid] = record
+    return found
+
+
+def recovered(path: Path) -> Report:
+    """Read a JSON report; that of a session which has not ended with the records of its journal, and a note on what is missing.
+
+    Raises:
+        RvadsError: not a report, or one of another version, or damaged; or its journal can't be read.
+    """
+    report, journal = read(path), journal_of(path)
+    if report.complete:
+        if not journal.exists():
+            return report
+        note = f"of an earlier session: one that began later has not ended, or died ({journal.name} is still there)"
+        return replace(report, exitstatus=UNFINISHED, notes=(note, *report.notes), complete=False)
+    records = {record.nodeid: record for record in report.records}
+    try:
+        records |= _parsed(read_file(journal, MOST).splitlines())
+    except FileNotFoundError:  # who copied the report may have left it behind
+        pass
+    except OSError as error:
+        raise RvadsError(f"{journal} can't be read as the journal of a session: {error}") from error
+    whole = in_order(list(records.values()))
+    return replace(report, records=whole, notes=(f"incomplete: {_missing(whole)}",))
+
+
+def _missing(records: tuple[Record, ...]) -> str:
+    """Return how much of a session that did not end is known."""
+    said = "the session that writes it has not ended, or died"
+    if not records:
+        return f"{said} before it was known what is to run"
+    without = [record.nodeid for record in records if not record.outcome]
+    first = f", the first without: {', '.join(without[:_SHOWN])}" if without else ""
+    return f"{said}: {len(records) - len(without)} of {len(records)} items have a verdict{first}"
