@@ -156,8 +156,8 @@ class Autopilot(ABC):
     def timing(self) -> Mapping[str, Any] | None:
         """Return what it measured: names with finite numbers or texts, others are left out; None where nobody measures.
 
-        It is kept in the provenance of the run, under ``timing`` and the vehicle, and no verdict depends on it. Reports show it where
-        it has ``stack`` (its name), ``decisions``, ``compute`` and ``longest`` [s].
+        It is kept in the provenance of the run, under ``timing`` and the vehicle, and no verdict depends on it. Reports show it
+        where it has ``stack`` (its name), ``decisions``, ``compute`` and ``longest`` [s].
         """
         return None
 
