@@ -54,7 +54,7 @@ class Watch:
     @pytest.hookimpl(trylast=True)
     def pytest_runtest_logreport(self, report):
         self.ran += report.when == "teardown"
-        if report.when == "teardown" and self.ran % {EVERY} == 0:
+        if report.when == "teardown" and self.ran % {EVERY} == 0 and self.ran <= {RUN}:  # workers go on with what they were given
             size = next(line.split()[1] for line in Path("/proc/self/status").open() if line.startswith("VmRSS"))
             with Path(f"{{self.who}}.log").open("a") as log:
                 print(self.ran, int(size) / 1024, time.process_time(), file=log)
