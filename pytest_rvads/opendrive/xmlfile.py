@@ -7,11 +7,13 @@ when it begins.
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from pytest_rvads.errors import MapError
+from pytest_rvads.wording import one_line
 
 __all__ = ["MAX_BYTES", "MAX_DEPTH", "MAX_ELEMENTS", "MAX_TAG", "integer", "load", "number"]
 
@@ -19,10 +21,12 @@ MAX_BYTES = 128 * 2**20
 """Largest file that is read [bytes]; whole towns have 1 to 20 MB."""
 MAX_DEPTH = 40
 """Deepest nesting that is read; OpenDRIVE needs 10."""
-MAX_ELEMENTS = 2_000_000
+MAX_ELEMENTS = 300_000
 """Most elements that are kept; a town has 30,000."""
 MAX_TAG = 2**21
 """Longest tag or comment [bytes]."""
+_ID = re.compile(r"[^\x00-\x1f\x7f-\x9f]{0,1000}")
+"""What ids may be: they name junctions in tables, reports and kept runs."""
 _CHUNK = 2**18
 _SKIPPED = frozenset(
     {"userData", "roadMark", "elevationProfile", "lateralProfile", "surface", "railroad", "crossSectionSurface", "outlines"}
@@ -58,6 +62,11 @@ class _Builder:
         self.kept += 1
         if self.kept > MAX_ELEMENTS:
             raise MapError(f"{self.name} has more than {MAX_ELEMENTS:,} elements; cut the map into pieces")
+        if not _ID.fullmatch(attributes.get("id", "")):
+            raise MapError(
+                f"{self.name}: the id of <{one_line(tag, 40)}> must have at most 1,000 characters and no control characters, "
+                f"got {attributes['id'][:40]!r}"
+            )
         element = Element(tag, attributes)
         if self.stack:
             self.stack[-1].append(element)

@@ -11,7 +11,7 @@ from pytest_rvads.errors import RunError
 
 __all__ = ["MOST_LANES", "Name", "Size", "Step", "check_size"]
 
-MOST_AGENTS = MOST_LANES = 100
+MOST_LANES = _MOST_AGENTS = 100
 """Most vehicles of a run, and most entrances, or exits, of a junction."""
 _MOST_WORK = 320_000_000
 """Five million ticks where four vehicles meet at four entrances: judging them takes half a gigabyte and some seconds."""
@@ -20,7 +20,6 @@ Name = Annotated[str, Meta(min_length=1, max_length=1000, pattern="^[^\x00-\x1f\
 """Of a run, a vehicle, a junction: a text without control characters."""
 Step = Annotated[float, Meta(ge=1e-6, le=3600.0)]
 """Time between two states [s]."""
-
 Size = Annotated[float, Meta(gt=0.0, le=1e4)]
 """Length or width of a vehicle, width of a lane [m]."""
 
@@ -34,9 +33,9 @@ def check_size(where: str, sizes: Iterable[tuple[int, int, int]]) -> None:
     """
     ticks = work = 0
     for steps, agents, entrances in sizes:
-        if agents > MOST_AGENTS or entrances > MOST_LANES:
+        if agents > _MOST_AGENTS or entrances > MOST_LANES:
             raise RunError(
-                f"{where}: {agents:,} vehicles at {entrances:,} entrances, at most {MOST_AGENTS} of either are read: cut it up"
+                f"{where}: {agents:,} vehicles at {entrances:,} entrances, at most {_MOST_AGENTS} of either are read: cut it up"
             )
         ticks, work = ticks + steps, work + steps * (agents + entrances) ** 2
     if work > _MOST_WORK:

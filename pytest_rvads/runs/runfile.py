@@ -26,6 +26,7 @@ from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.runs.archive import MOST_BYTES, unpack
 from pytest_rvads.runs.bounds import MOST_LANES, Name, Size, Step, check_size
+from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Kind
 from pytest_rvads.storage import read_file, write_file
@@ -122,7 +123,7 @@ def save_run(run: Run, path: str | Path) -> None:
         path: of the file, by convention ``.npz``; folders are made.
 
     Raises:
-        RunError: the file can't be written, or ``provenance`` is not builtins.
+        RunError: the file can't be written, ``provenance`` is not builtins, or the run is more than `load_run` would read.
     """
     require(run, Run, "save_run takes a run, such as rvads.simulate(case) returns", RunError)
     path = Path(path)
@@ -146,6 +147,7 @@ def save_run(run: Run, path: str | Path) -> None:
     except (TypeError, ValueError) as error:
         raise RunError(f"run {run.label!r} can't be kept: {error}") from error
     typed(values, _Header, f"run {run.label!r} can't be kept", RunError)
+    check_size(f"run {run.label!r} can't be kept", [(run.steps, len(run.agents), len(run.junction.entrances))])
     arrays["header"] = np.frombuffer(text.encode(), dtype=np.uint8)
     arrays |= {f"line_{k}": line.points for k, line in enumerate(lines)}
     size = sum(array.nbytes for array in arrays.values())
@@ -225,6 +227,8 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]], path: Path) -> Run
             raise ValueError(
                 f"{agent.name} goes from entrance {agent.route[0]} to exit {agent.route[1]}, where no movement leads"
             )
+        if junction.drivable:
+            Itinerary.through(junction, *agent.route)  # refuses lanes that do not meet
         agents.append(Agent(agent.name, junction.movements[agent.route], agent.kind, agent.size))
     if len(set(names)) < len(names):
         raise ValueError(f"every vehicle must have a name of its own, got {reprlib.repr(names)}")

@@ -133,6 +133,25 @@ def test_more_elements_than_a_town_can_have(read: Read, monkeypatch: pytest.Monk
     assert "more than 1,000 elements" in refusal(read, "<OpenDRIVE>" + "<x/>" * 1000 + "</OpenDRIVE>")
 
 
+@pytest.mark.parametrize("id", ["x" * 1001, "a\x9bb", "a&#10;b"], ids=["long", "control", "line"])
+def test_ids_that_nobody_can_show(read: Read, id: str) -> None:
+    text = opendrive(Layout()).replace('<junction id="1"', f'<junction id="{id}"')
+    assert "the id of <junction> must have at most 1,000 characters and no control characters, got" in refusal(read, text)
+
+
+@pytest.mark.slow
+def test_as_many_elements_as_are_read_take_seconds(read: Read) -> None:
+    lane = '<right><lane id="-1" type="driving"><width sOffset="0" a="3" b="0" c="0" d="0"/></lane></right>'
+    road = (
+        '<road id="{0}" length="9" junction="-1"><planView><geometry s="0" x="{0}0" y="0" hdg="0" length="9"><line/></geometry>'
+        f'</planView><lanes><laneSection s="0">{lane}</laneSection></lanes></road>'
+    )
+    roads = "".join(map(road.format, range(document.MAX_ELEMENTS // 10)))
+    began = time.process_time()
+    assert len(read(f'<OpenDRIVE>{roads}<junction id="1"/></OpenDRIVE>').junctions) == 1
+    assert time.process_time() - began < 20
+
+
 def test_endless_tags_and_comments(read: Read) -> None:
     assert "tag or comment of more than 2 MB" in refusal(read, "<OpenDRIVE><!--" + "-x" * 3_000_000)
     assert "tag or comment of more than 2 MB" in refusal(

@@ -72,7 +72,9 @@ REFUSED: list[tuple[Callable[[], bytes], str]] = [
 ]
 
 
-@pytest.mark.parametrize("array", [NUMBERS, np.asfortranarray(NUMBERS), NUMBERS.astype(">f4"), np.int8([1, 2]), np.zeros((0, 3))])
+@pytest.mark.parametrize(
+    "array", [NUMBERS, np.asfortranarray(NUMBERS), NUMBERS.astype(">f4"), np.array([1, 2], np.int8), np.zeros((0, 3))]
+)
 def test_what_numpy_wrote_comes_back(array: np.ndarray[Any, Any]) -> None:
     out = io.BytesIO()
     np.savez_compressed(out, a=array)

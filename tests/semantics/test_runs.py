@@ -152,6 +152,10 @@ def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]
         (lambda h, a: a.update(station=a["station"] * 1e300), r"damaged: station holds numbers beyond 1e\+09"),
         (lambda h, a: a.update(line_0=a["line_0"] * np.nan), "damaged: segment .* has coordinates that are not finite"),
         (lambda h, a: a.update(line_0=a["line_0"] * 1e300), "damaged: its centre lines have more than 100,000 points, or"),
+        (
+            lambda h, a: a.update(line_0=a["line_0"] + 50.0),
+            "damaged: junction 'light4': the lanes from entrance 0 to exit . do not meet",
+        ),
         (lambda h, a: a.update(line_0=np.ones((100_001, 2))), "its centre lines have more than 100,000 points"),
         (
             lambda h, a: a.update({name: a[name] * 1e3 for name in a if name.startswith("line")}),
