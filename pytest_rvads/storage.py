@@ -47,7 +47,10 @@ def write_file(path: Path, content: bytes) -> None:
     """
     path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
-        path.write_bytes(content)
+        number = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0))  # a pipe that nobody reads is refused
+        os.set_blocking(number, True)
+        with open(number, "wb") as file:
+            file.write(content)
         return
     path.parent.mkdir(parents=True, exist_ok=True)
     # The name is as long as any: that of the file may leave no room for more.

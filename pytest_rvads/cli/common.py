@@ -13,7 +13,7 @@ from pytest_rvads.wording import printable
 
 __all__ = ["LINE_LIMIT", "Subparsers", "lines", "progress", "say", "warn"]
 
-LINE_LIMIT = 4 * 2**20
+LINE_LIMIT = 2**20
 """Longest line that is read [bytes]; to answer it may take a hundred times as much memory."""
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"

@@ -67,12 +67,16 @@ class Journal:
                 found = _parsed(lines)
         return found | _parsed(self._unwritten)
 
-    def end(self) -> None:
+    def remove(self) -> None:
         """Remove the file, unless another session has put its own in this place."""
+        with suppress(OSError):
+            if self._file and self._path and samestat(fstat(self._file.fileno()), self._path.stat()):
+                self._path.unlink()
+
+    def close(self) -> None:
+        """Let go of the file."""
         if self._file:
-            with self._file, suppress(OSError):
-                if self._path and samestat(fstat(self._file.fileno()), self._path.stat()):
-                    self._path.unlink()
+            self._file.close()
 
 
 def _begun(path: Path | None) -> IO[bytes] | None:

@@ -54,7 +54,7 @@ class Outputs:
     """Writes what a session is asked for; what can't be written costs nothing else."""
 
     def __init__(self, config: pytest.Config) -> None:
-        options = config.stash[OPTIONS]
+        options, self._config = config.stash[OPTIONS], config
         self._here, self._artefacts = config.invocation_params.dir, options.artefacts
         self._reports = () if _runs_nothing(config.option) else options.reports
         self._announced = False
@@ -69,7 +69,9 @@ class Outputs:
         """What the records are written to as they come."""
         from pytest_rvads.report.journal import Journal
 
-        return Journal(_first_json(self._reports))
+        journal = Journal(_first_json(self._reports))
+        self._config.add_cleanup(journal.close)
+        return journal
 
     def begin(self) -> None:
         """Replace what an earlier session has left: until this one has ended, the reports say so."""
@@ -108,7 +110,7 @@ class Outputs:
             )
         lost = self._save(report, lambda path: path.suffix == ".json")
         if not lost:
-            self.journal.end()
+            self.journal.remove()
         return list(dict.fromkeys([*told, *lacking, *lost])), not (lacking or lost)
 
     def _save(self, report: Report, wanted: Callable[[Path], bool]) -> list[str]:

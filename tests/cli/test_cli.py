@@ -240,10 +240,10 @@ def test_every_answer_can_be_written_in_every_encoding(arguments: list[str], tmp
 
 def test_names_from_files_are_no_commands_of_the_terminal(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = load_run(kept)
-    save_run(replace(run, label="\x1b[2Jrun\u202e"), tmp_path / "run.npz")
+    save_run(replace(run, label="\u202erun"), tmp_path / "run.npz")
     main(["check", str(tmp_path / "run.npz")])
     main(["check", str(tmp_path / "no\x1b[2J.npz")])
     out, err = capsys.readouterr()
-    assert out.startswith(r"\x1b[2Jrun\u202e")
+    assert out.startswith(r"\u202erun")
     assert r"no\x1b[2J.npz" in err
     assert "\x1b" not in out + err

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from shutil import copytree
+from textwrap import dedent
 
 import pytest
 
@@ -48,12 +50,22 @@ def tests(pytester: pytest.Pytester) -> pytest.Pytester:
     return pytester
 
 
+@pytest.fixture(scope="module")
+def passed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which a session has passed."""
+    folder = tmp_path_factory.mktemp("passed")
+    (folder / "test_it.py").write_text(dedent(TESTS), encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *REPORTS]
+    assert subprocess.run(command, cwd=folder, timeout=LONG, check=False).returncode == OK
+    return folder
+
+
 @pytest.fixture
-def green(tests: pytest.Pytester) -> pytest.Pytester:
+def green(passed: Path, pytester: pytest.Pytester) -> pytest.Pytester:
     """An earlier session has passed."""
-    assert tests.runpytest_subprocess(*REPORTS, timeout=LONG).ret == OK
+    copytree(passed, pytester.path, dirs_exist_ok=True)
     assert main(["report", "check", "out.json"]) == OK
-    return tests
+    return pytester
 
 
 @pytest.mark.parametrize("how", WAYS.values(), ids=WAYS)

@@ -143,7 +143,7 @@ def tests(pytester: pytest.Pytester) -> None:
         (signal.SIGINT, ()),
         (signal.SIGTERM, ()),
         (signal.SIGHUP, ()),
-        (signal.SIGINT, ("-n", "2")),
+        pytest.param(signal.SIGINT, ("-n", "2"), marks=pytest.mark.slow),
         (signal.SIGTERM, ("-n", "2")),
     ],
 )
