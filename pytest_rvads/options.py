@@ -171,9 +171,9 @@ class Options:
             sut=_command(values["sut"], here),
             autopilot=values["autopilot"] or None,
             simulator=values["simulator"],
-            sut_rate=_number("sut-rate", values["sut-rate"], 100.0),
-            sut_timeout=_number("sut-timeout", values["sut-timeout"], 3600.0) or 5.0,
-            sut_startup=_number("sut-startup", values["sut-startup"], 3600.0) or 15.0,
+            sut_rate=_rate(values["sut-rate"]),
+            sut_timeout=_seconds("sut-timeout", values["sut-timeout"]),
+            sut_startup=_seconds("sut-startup", values["sut-startup"]),
             sut_grace=_number("sut-grace", values["sut-grace"], 3600.0) or 0.0,
             decision_limit=_number("decision-limit", values["decision-limit"], 1e6) or 0.0,
             run_limit=_number("run-limit", values["run-limit"], 1e6) or 0.0,
@@ -218,15 +218,18 @@ def _dest(name: str) -> str:
 
 def _value(config: pytest.Config, name: str) -> str:
     option, dest = _DECLARED[name], _dest(name)
-    value: str = config.getoption(dest) or config.getini(dest) or option.default
+    flag = config.getoption(dest)
+    if flag is not None and not flag.strip():  # as where a variable of a CI job is not set
+        raise RvadsError(f"--rvads-{name} needs a value, got {flag!r}: leave it out for what holds without it")
+    value: str = flag or config.getini(dest) or option.default
     if option.choices and value and value not in option.choices:
         raise RvadsError(f"{dest} must be one of {', '.join(option.choices)}, got {value!r}")
     return value
 
 
 def _count(name: str, value: str) -> int:
-    if not (value.isdecimal() and int(value) > 0):
-        raise RvadsError(f"{_dest(name)} must be a whole number above 0, got {value!r}")
+    if not (value.isdecimal() and len(value) < 10 and int(value) > 0):
+        raise RvadsError(f"{_dest(name)} must be a whole number from 1 to 999999999, got {value!r:.60}")
     return int(value)
 
 
@@ -241,6 +244,22 @@ def _number(name: str, value: str, most: float) -> float | None:
     if not 0 <= number <= most:
         raise RvadsError(f"{_dest(name)} must be a number from 0 to {most:g}, got {value!r}")
     return number
+
+
+def _seconds(name: str, value: str) -> float:
+    """Return a time limit, which can't be 0 [s]."""
+    seconds = _number(name, value, 3600.0)
+    if not seconds:
+        raise RvadsError(f"{_dest(name)} must be a number above 0, at most 3600, got {value!r}")
+    return seconds
+
+
+def _rate(value: str) -> float | None:
+    """Return how often a stack decides [Hz], or None where nothing was said."""
+    rate = _number("sut-rate", value, 100.0)
+    if rate is not None and not (rate and math.isclose(round(100.0 / rate) * rate, 100.0)):
+        raise RvadsError(f"{_dest('sut-rate')} must divide 100, such as 10, 20, 25 or 50, got {value!r}")
+    return rate
 
 
 def _reports(config: pytest.Config, here: Path) -> tuple[Path, ...]:

@@ -22,6 +22,9 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit status."""
+    if sys.stdout is None or sys.stdin is None:  # closed by who started us
+        warn("rvads: it needs an open standard input and output: redirect what is of no use to /dev/null")
+        return 2
     encode_all(sys.stdout, sys.stderr)
     options = _parser().parse_args(arguments)
     command: Callable[[argparse.Namespace], int] = options.command

@@ -29,7 +29,7 @@ def declare(commands: Subparsers) -> None:
     merge.add_argument("-o", "--output", metavar="OUT", help="write the merged report, in the format of its ending")
     merge.add_argument("--cov-fail-under", type=_percent, metavar="N", help="as --rvads-cov-fail-under, for the whole [%%]")
     merge.add_argument("--baseline", metavar="FILE.json", help="tell what changed since an earlier report")
-    merge.add_argument("--erosion", type=float, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
+    merge.add_argument("--erosion", type=_seconds, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
     merge.set_defaults(command=_merge)
     check = actions.add_parser(
         "check",
@@ -48,7 +48,14 @@ def _percent(text: str) -> float:
     return value
 
 
-_percent.__name__ = "percentage"  # argparse names it in its message
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0 <= value <= 3600:
+        raise ValueError
+    return value
+
+
+_percent.__name__, _seconds.__name__ = "percentage", "number of seconds"  # argparse names them in its messages
 
 
 def _merge(options: argparse.Namespace) -> int:
@@ -73,7 +80,7 @@ def _merge(options: argparse.Namespace) -> int:
     short = "" if options.cov_fail_under is None else shortfall(report, options.cov_fail_under)
     for note in (*report.notes, *([short] if short else [])):
         warn(f"rvads: {note}")
-    return report.exitstatus or (1 if short else 0)
+    return report.ended or (1 if short else 0)
 
 
 def _check(options: argparse.Namespace) -> int:
@@ -94,4 +101,4 @@ def _told(file: Path) -> int:
         warn(f"rvads: {file}: {one_line(note)}")
     if report.complete:
         say(f"{file}: complete, {len(report.records)} items, exit status {report.exitstatus}")
-    return report.exitstatus
+    return report.ended

@@ -15,7 +15,7 @@ from pytest_rvads.wording import one_line
 if TYPE_CHECKING:
     from pytest_rvads.drivers.interface import Factory
 
-__all__ = ["at", "called", "in_ids", "name_of", "stand_in"]
+__all__ = ["at", "called", "in_ids", "labelled", "name_of", "stand_in"]
 
 _LONGEST = 1000
 """Of a name [characters]."""
@@ -54,12 +54,17 @@ def name_of(driver: Any) -> str:
     return label or own
 
 
+def labelled(driver: Any) -> bool:
+    """Tell whether a driver has a label, as stacks in other processes do."""
+    return bool(_text(driver, "label"))
+
+
 def called(driver: Any) -> str:
     """Return what drives, by a name that tells where it is from."""
     label, own = _names(driver)
     if driver is stand_in():
         return f"{own} (nobody said what drives)"
-    module = "" if label else str(getattr(_inner(driver), "__module__", None) or "")
+    module = "" if label else _text(_inner(driver), "__module__")
     return ".".join(filter(None, (module, label or own)))
 
 
@@ -72,14 +77,15 @@ def in_ids(driver: Any) -> str:
 
 def _names(driver: Any) -> tuple[str, str]:
     inner = _inner(driver)
-    own = getattr(inner, "__qualname__", type(inner).__qualname__)
-    return _label(driver) or _label(inner), one_line(str(own), _LONGEST)
+    own = _text(inner, "__qualname__") or _text(type(inner), "__qualname__")
+    return _text(driver, "label") or _text(inner, "label"), own
 
 
-def _label(driver: Any) -> str:
+def _text(driver: Any, name: str) -> str:
+    """Return an attribute that is a text, on one line; nothing where there is none or it can't be read."""
     try:
-        label = getattr(driver, "label", None)
-        return one_line(str(label), _LONGEST) if isinstance(label, str) else ""
+        text = getattr(driver, name, None)
+        return one_line(str(text), _LONGEST) if isinstance(text, str) else ""
     except KeyboardInterrupt:
         raise
     except BaseException:  # a name that can't be read is none, and costs no more

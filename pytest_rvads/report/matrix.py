@@ -14,7 +14,9 @@ from pytest_rvads.report.record import Record
 __all__ = ["Entry", "Matrix", "group_of", "matrices"]
 
 
-_CLASS = re.compile(r"-class(\d{2,})-")
+_CLASS = re.compile(r"-class(\d{2,9})-")
+_MOST = 200_000
+"""Most entries of a matrix: nobody reads a larger one, and most of it would be empty."""
 
 
 class Entry(NamedTuple):
@@ -75,6 +77,8 @@ def _matrix(title: str, records: Sequence[Record]) -> Matrix:
     cells: dict[int, dict[tuple[str, str], list[Record]]] = {}
     for record in records:
         cells.setdefault(record.cls, {}).setdefault((record.cfg, record.asks), []).append(record)
+    if len(cells) * len(columns) > _MOST:
+        return Matrix(f"{title}: {len(cells):,} classes in {len(columns):,} columns are too many for a table", (), ())
     alike: dict[tuple[Entry, ...], list[int]] = {}
     for number in sorted(cells):
         row = tuple(_entry(cells[number].get(column, [])) for column in columns)

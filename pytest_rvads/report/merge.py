@@ -93,7 +93,7 @@ def _exitstatus(reports: Sequence[Report], records: Sequence[Record], clashed: b
 
     A shard in which nothing was applicable (5) is no trouble as long as another one judged something.
     """
-    worst = max((r.exitstatus for r in reports if r.exitstatus != 5), default=0)
+    worst = max((r.ended for r in reports if r.ended != 5), default=0)
     if worst == 0 and (clashed or any(record.failed for record in records)):
         return 1
     if worst == 0 and not any(record.status.judges for record in records):

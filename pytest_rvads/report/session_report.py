@@ -110,6 +110,11 @@ class Report:
     complete: bool = True
     """False from the beginning of a session until it has come to its end, whatever ended it; so for ever if it died."""
 
+    @property
+    def ended(self) -> int:
+        """The exit status, that of an unfinished session where the report is incomplete."""
+        return self.exitstatus if self.complete else UNFINISHED
+
 
 def begun(records: Sequence[Record], totals: dict[int, tuple[int, int]], planned: Sequence[Cell]) -> Report:
     """Return the report of a session that has not ended, with what is to run, where that is known; arguments as its fields."""

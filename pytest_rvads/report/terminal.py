@@ -101,7 +101,7 @@ class _Screen:
 
 def _pages(matrix: Matrix, short: dict[str, str], width: int) -> list[list[int]]:
     """Split the columns so that no table is wider than the terminal; a configuration stays together where it can."""
-    room = width - 3 - min(max(len("class"), *(len(label) for label, _ in matrix.rows)), width // 3)
+    room = width - 3 - min(max(map(len, ["class", *(label for label, _ in matrix.rows)])), width // 3)
     pages: list[list[int]] = [[]]
     used = 0
     for _, group in groupby(range(len(matrix.columns)), lambda i: matrix.columns[i][0]):

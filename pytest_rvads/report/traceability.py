@@ -30,7 +30,7 @@ _COLUMNS = {
     "item": "nodeid",
 }
 """Heading to attribute of the record."""
-_FORMULA = re.compile(r"[\s'\"]*[=+\-@＝＋－＠\t\r]")
+_FORMULA = re.compile(r"[\s'\"\u200b\ufeff]*[=+\-@＝＋－＠\t\r]")
 """What spreadsheets compute (OWASP, CSV Injection)."""
 _NUMBER = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
@@ -14,11 +15,15 @@ from typing import Any
 
 import pytest
 
-__all__ = ["end_with_parent", "heed", "put_off"]
+__all__ = ["end_with_parent", "heed", "leave_in_time", "put_off"]
 
 _POLITE = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """Who sends these means what Ctrl-C means."""
 _PR_SET_PDEATHSIG = 1
+_PATIENCE = 15.0
+"""How long a process may take to exit once its session is over and its main thread has come to its end [s]."""
+_statuses: list[int] = []
+"""Exit statuses of the sessions that this process has finished."""
 
 
 _Handler = Callable[[int, FrameType | None], None]
@@ -66,6 +71,28 @@ def put_off(config: pytest.Config) -> None:
         os.write(2, b"\nrvads: the session ends and writes its reports; once more breaks that off\n")
 
     _handle(config, [number for number in (signal.SIGINT, *_POLITE) if callable(signal.getsignal(number))], wait)
+
+
+def leave_in_time(status: int) -> None:
+    """Have the process exit with the status of its last session, also where a thread or exit handler of a driver keeps it."""
+    _statuses.append(status)
+    if len(_statuses) == 1:
+        with suppress(RuntimeError):  # no thread can be started
+            threading.Thread(target=_leave, name="rvads exit", daemon=True).start()
+
+
+def _leave() -> None:
+    threading.main_thread().join()
+    time.sleep(_PATIENCE)
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(Exception):
+            stream.flush()
+    with suppress(OSError):
+        os.write(
+            2,
+            b"rvads: the session is over, but a thread, child or exit handler keeps its process, which ends now\n",
+        )
+    os._exit(_statuses[-1])
 
 
 def _handle(config: pytest.Config, numbers: list[int], handler: _Handler) -> None:

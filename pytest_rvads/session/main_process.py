@@ -13,7 +13,7 @@ import pytest
 
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.session.interrupts import put_off
+from pytest_rvads.session.interrupts import leave_in_time, put_off
 from pytest_rvads.session.items import OPTIONS
 from pytest_rvads.session.outputs import Outputs, told, totals
 from pytest_rvads.session.plan import Planner
@@ -113,14 +113,22 @@ class Session:
         if self.config.option.collectonly or not self._concerned():
             return (yield)
         put_off(self.config)
+        ended = int(exitstatus)
         try:
             return (yield)
+        except KeyboardInterrupt:
+            ended = ended or pytest.ExitCode.INTERRUPTED
+            raise
+        except BaseException:
+            ended = ended or pytest.ExitCode.TESTS_FAILED
+            raise
         finally:
             try:
-                self._finish(session, int(exitstatus))
+                self._finish(session, ended)
             except Exception as error:
                 self.troubles.append(f"the session could not be summed up: {told(error)}")
                 session.exitstatus = exitstatus or pytest.ExitCode.INTERNAL_ERROR
+            leave_in_time(int(session.exitstatus))
 
     def _finish(self, session: pytest.Session, exitstatus: int) -> None:
         """Write what was asked for, and keep the exit status honest."""

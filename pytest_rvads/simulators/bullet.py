@@ -120,9 +120,12 @@ class _Loop:
             "end": self.end,
             "versions": versions(),
         }
-        timed = {seat.agent.name: told for seat in self._seats.values() if (told := seat.timing())}
-        if timed:
-            provenance["timing"] = timed
+        try:
+            timed = {seat.agent.name: told for seat in self._seats.values() if (told := seat.timing())}
+        except Halt as halt:
+            provenance["late"] = halt.reason
+        else:
+            provenance |= {"timing": timed} if timed else {}
         facts = Facts(case.scenario.under_test, SPEED_LIMIT, self.strayed)
         return self.recorder.run(case.scenario.name, self.junction, tuple(self.collisions), self.fault, facts, provenance)
 

@@ -58,7 +58,7 @@ class Watch:
         """What a driver is being asked with, another object in every call; None while none is."""
         self.late = ""
         """Which limit was over, in words; a driver that caught `TooLate` is late all the same."""
-        self.thread = threading.get_ident()
+        self.thread, self._process = threading.get_ident(), os.getpid()
         self.signalled = _SIGNAL is not None and self.thread == threading.main_thread().ident
         self._latest: object = None
         self._since = self._began = 0.0
@@ -80,12 +80,19 @@ class Watch:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.end_in_child(error)
         _WATCHDOG.remove(self)
         if self.signalled:
             signal.signal(_SIGNAL, self._before or signal.SIG_DFL)  # type: ignore[arg-type]
         elif self.late:
             _raise(self.thread, None)
         _CURRENT.reset(self._token)
+
+    def end_in_child(self, error: BaseException | None) -> None:
+        """End a process that a driver has forked and that comes back from its code, perhaps by `error`: no run is its own."""
+        if os.getpid() != self._process:
+            code = error.code if isinstance(error, SystemExit) else error and 1
+            os._exit(code if isinstance(code, int) else 1 if code else 0)
 
     def look(self, now: float) -> bool:
         """Note which limit is over at time `now` [s]; return whether the run got on since the last look, within its limits."""
@@ -112,7 +119,8 @@ class Watch:
 class _Watchdog:
     """Looks at all watches from a thread of its own, which ends when there are none."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, last_resort: bool = True) -> None:
+        self._last_resort = last_resort
         self.clock = 0.0
         """Time that the process was running for [s]: not while it was stopped."""
         self._watches: list[Watch] = []
@@ -122,7 +130,7 @@ class _Watchdog:
     def add(self, watch: Watch) -> None:
         with self._lock:
             self._watches.append(watch)
-            _last_resort(watch.limits)
+            self._put_off(watch.limits)
             if not self._runs:
                 with suppress(RuntimeError):  # no thread can be started: there are no limits then
                     threading.Thread(target=self._patrol, name="rvads limits", daemon=True).start()
@@ -131,7 +139,7 @@ class _Watchdog:
     def remove(self, watch: Watch) -> None:
         with self._lock, suppress(ValueError):
             self._watches.remove(watch)
-            if watch.limits.dump is not None and not self._watches:
+            if watch.limits.dump is not None and not self._watches and self._last_resort:
                 faulthandler.cancel_dump_traceback_later()
 
     def late(self, thread: int) -> bool:
@@ -153,9 +161,16 @@ class _Watchdog:
             with self._lock:
                 for watch in self._watches:
                     if watch.look(self.clock):
-                        _last_resort(watch.limits)
+                        self._put_off(watch.limits)
                     elif watch.overdue:
                         _stop(watch)
+
+    def _put_off(self, limits: Limits) -> None:
+        """Have the process end some time after the limit, unless this is called again before, or taken back."""
+        if limits.dump is not None and self._last_resort:
+            seconds = (limits.decision or limits.run) + _GRACE
+            with suppress(RuntimeError, OSError):  # no thread can be started, or standard error is gone
+                faulthandler.dump_traceback_later(seconds, file=limits.dump, exit=True)
 
 
 _WATCHDOG = _Watchdog()
@@ -165,7 +180,7 @@ _CURRENT: ContextVar[Watch] = ContextVar("rvads_watch")
 def _forked() -> None:
     """Start anew in a child process, which has no thread but the one that forked."""
     global _WATCHDOG
-    _WATCHDOG = _Watchdog()
+    _WATCHDOG = _Watchdog(last_resort=False)  # its timer may be locked by a thread that the child does not have
 
 
 if hasattr(os, "register_at_fork"):
@@ -195,14 +210,6 @@ def _raise(thread: int, error: type[BaseException] | None) -> None:
     import ctypes
 
     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), None if error is None else ctypes.py_object(error))
-
-
-def _last_resort(limits: Limits) -> None:
-    """Have the process end some time after the limit, unless this is called again before, or taken back."""
-    if limits.dump is not None:
-        seconds = (limits.decision or limits.run) + _GRACE
-        with suppress(RuntimeError, OSError):  # no thread can be started, or standard error is gone
-            faulthandler.dump_traceback_later(seconds, file=limits.dump, exit=True)
 
 
 def _place(stack: FrameType | None) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from numbers import Real
@@ -37,6 +37,8 @@ _REASON = 2000
 """Of a reason [characters]."""
 _TEXT = 400
 """Of a text that an autopilot tells beside its run [characters]."""
+_DAY = 86400.0
+"""No period is longer [s]."""
 _TIMES = 32
 """How many of the times that an autopilot measured are kept."""
 
@@ -92,12 +94,18 @@ class Seat:
         return self._tracker.control(command, seen)
 
     def timing(self) -> dict[str, float | str] | None:
-        """Return what the autopilot measured, see `Autopilot.timing`; None where it tells nothing of the kind."""
+        """Return what the autopilot measured, see `Autopilot.timing`; None where it tells nothing of the kind.
+
+        Raises:
+            Halt: it took too long.
+        """
         try:
             with _asking("timing", self.agent, limited=self._limited):
                 told = self.autopilot.timing()
                 return _measured(told) if isinstance(told, Mapping) else None
-        except Halt:  # what it measured is no part of the run, so nothing that it does here ends one
+        except Halt as halt:  # what it measured is no part of the run, so nothing that it does here ends one
+            if halt.end == LATE:
+                raise
             return None
 
     def _answer(self, seen: Observation) -> Command:
@@ -160,16 +168,18 @@ def _hire(factory: Factory, agents: Sequence[Agent], senses: Senses = IDEAL, key
     """Return the seats of `agents`, filled by one factory, asked in order; or once, if it makes a traffic system."""
     seats: list[Seat] = []
     for agent in agents:
-        made = _make(factory, agent)
-        if callable(getattr(made, "autopilots", None)):
+        made, coordinates = _make(factory, agent)
+        if coordinates:
             return [Seat(a, one, senses, key) for a, one in zip(agents, _delegate(made, agents), strict=True)]
         seats.append(Seat(agent, made, senses, key))
     return seats
 
 
-def _make(factory: Factory, agent: Agent) -> Any:
+def _make(factory: Factory, agent: Agent) -> tuple[Any, bool]:
+    """Return what a factory makes, and whether it is a traffic system."""
     with _asking(f"making {name_of(factory)} for {agent.name}", agent):
-        return factory()
+        made = factory()
+        return made, callable(getattr(made, "autopilots", None))
 
 
 def _delegate(system: Any, agents: Sequence[Agent]) -> list[Any]:
@@ -217,6 +227,7 @@ def _fault(error: BaseException, doing: str, agent: Agent, autopilot: Any = None
         KeyboardInterrupt: the error, which is no driver's.
         TooLate: the error, which is meant for a run that this one is simulated within.
     """
+    watch().end_in_child(error)
     if isinstance(error, KeyboardInterrupt):
         raise error
     if isinstance(error, TooLate):
@@ -239,7 +250,7 @@ def _fault(error: BaseException, doing: str, agent: Agent, autopilot: Any = None
 def _steps(period: Any) -> int:
     """Return a period in steps of the simulation, 0 where it is no whole number of them."""
     number = float(period) if isinstance(period, Real) and not isinstance(period, bool) else 0.0
-    steps = round(number / DT) if 0.0 < number < math.inf else 0
+    steps = round(number / DT) if 0.0 < number < _DAY else 0
     return steps if math.isclose(steps * DT, number, rel_tol=1e-9) else 0
 
 
@@ -276,9 +287,21 @@ def _describe(error: BaseException) -> str:
 
     The file goes by its name alone: the reason is part of the run's hash, which must not depend on the checkout.
     """
-    try:
-        text = one_line(str(error), _TEXT)
-    except Exception:
-        text = "it can't be told what"
+    kind = _read(lambda: type(error).__name__, "an error")
+    text = _read(lambda: str(error), "it can't be told what")
     frames = traceback.extract_tb(error.__traceback__)
-    return f"raised {type(error).__name__}{': ' if text else ''}{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
+    return f"raised {kind}{': ' if text else ''}{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
+
+
+def _read(tell: Callable[[], str], otherwise: str) -> str:
+    """Return a text that code of a driver may make, on one line."""
+    watched = watch()
+    watched.asked = tell
+    try:
+        return one_line(tell(), _TEXT)
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # what it was to tell of has ended the run anyway
+        return otherwise
+    finally:
+        watched.asked = None

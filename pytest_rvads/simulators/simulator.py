@@ -8,6 +8,8 @@ from numbers import Real
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from pytest_rvads.drivers.naming import at
 from pytest_rvads.errors import RunError, ScenarioError, require, suggest
 from pytest_rvads.runs.run import Run
@@ -173,7 +175,8 @@ def vmax(
 
 
 def _made(maker: Simulator, case: Case) -> Run:
-    with Watch(choice().limits) as watch:
+    # What a driver sets of numpy, such as to raise on underflow, holds for its own run.
+    with np.errstate(), Watch(choice().limits) as watch:
         try:
             return maker(case)
         except TooLate as late:

@@ -247,3 +247,11 @@ def test_names_from_files_are_no_commands_of_the_terminal(kept: Path, tmp_path: 
     assert out.startswith(r"\u202erun")
     assert r"no\x1b[2J.npz" in err
     assert "\x1b" not in out + err
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-"])
+def test_a_stream_that_is_closed_is_told_in_one_sentence(closed: str) -> None:
+    command = f"{Path(sys.executable).with_name('rvads')} monitor --jsonl {closed}"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == ("rvads: it needs an open standard input and output: redirect what is of no use to /dev/null\n")

@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections.abc import Callable
 from itertools import combinations
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from pytest_rvads.cli.answers import list_rules
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl.export import describe, to_dot, to_hoa
-from pytest_rvads.logic.ltl.ltl3 import Truth, synthesize
+from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, synthesize
 from pytest_rvads.logic.ltl.monitor import Monitor
 from pytest_rvads.logic.ltl.parser import parse_ltl
 from pytest_rvads.logic.ltl.words import answer
@@ -303,3 +304,10 @@ def test_the_list_of_rules_names_every_rule_with_its_source() -> None:
         assert f"\n  {name}  " in text
     assert "\n      No two vehicles touch.\n" in text
     assert text.count("responsible:") == text.count("source:") == 20
+
+
+@pytest.mark.parametrize("write", [describe, to_dot, to_hoa])
+def test_a_monitor_that_is_too_large_to_be_written_out_is_told_with_its_size(write: Callable[[Machine], str]) -> None:
+    machine = synthesize(parse_ltl(" ^ ".join(f"(p{i} U q{i})" for i in range(5))))
+    with pytest.raises(FormulaError, match="63 states and 845 edges over 1024 letters, too many to be written out"):
+        write(machine)

@@ -261,3 +261,124 @@ def test_an_item_that_is_over_holds_no_run(pytester: pytest.Pytester) -> None:
     """)
     result = pytester.runpytest("-p", "no:cacheprovider", "--rvads-autopilot=reference", "-s")
     result.stdout.fnmatch_lines(["*held: []*"])
+
+
+@pytest.mark.parametrize("name", ["label", "__qualname__", "autopilots", "control", "period"])
+@pytest.mark.parametrize("does", ["pytest.skip('not today')", "sys.exit(0)", "time.sleep(600)"])
+def test_what_an_attribute_does_is_an_error_of_the_driver(pytester: pytest.Pytester, name: str, does: str) -> None:
+    pytester.makepyfile(f"""
+        import sys, time
+        import pytest
+        import pytest_rvads as rvads
+
+        class Odd:
+            def __getattribute__(self, name):
+                if name == "{name}":
+                    {does}
+                return object.__getattribute__(self, name)
+
+            def control(self, seen):
+                return rvads.Control()
+
+        class Maker(Odd):
+            def __call__(self):
+                return Odd()
+
+        class TestOdd:
+            rvads_autopilot = pytest.fixture(lambda self: Maker())
+
+            @rvads.scenario("stop4", classes=1, grid="C", rules=("p1", "p2"), duration=1)
+            def test_it(self, rule, monitor):
+                monitor.check(rule)
+
+        class TestSound:
+            rvads_autopilot = pytest.fixture(lambda self: rvads.Reference)
+
+            @rvads.scenario("stop4", classes=1, grid="C", duration=1)
+            def test_it(self, run):
+                assert run.duration == 1
+    """)
+    result = pytester.runpytest("-p", "no:cacheprovider", "--rvads-report=out.json", "--rvads-decision-limit=0.3")
+    assert result.ret == pytest.ExitCode.TESTS_FAILED or (name in ("label", "__qualname__") and "sleep" not in does)
+    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    assert {record["status"] for record in records} <= {"PASS", "ERROR", "NA"}, "nothing is skipped"
+    assert [record["outcome"] for record in records if "TestSound" in record["nodeid"]] == ["passed"]
+
+
+def test_who_is_late_in_one_test_is_asked_in_another(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("""
+        import time
+        from functools import partial
+        import pytest
+        import pytest_rvads as rvads
+
+        class Pilot(rvads.Reference):
+            def __init__(self, slow):
+                super().__init__()
+                self.slow = slow
+
+            def control(self, seen):
+                time.sleep(600 * self.slow)
+                return super().control(seen)
+
+        class TestSlow:
+            rvads_autopilot = pytest.fixture(lambda self: partial(Pilot, True))
+
+            @rvads.scenario("stop4", classes=(1, 2, 3), grid="C", duration=1)
+            def test_it(self, run): ...
+
+        class TestQuick:
+            rvads_autopilot = pytest.fixture(lambda self: partial(Pilot, False))
+
+            @rvads.scenario("stop4", classes=1, grid="C", duration=1)
+            def test_it(self, run):
+                assert run.duration == 1
+    """)
+    result = pytester.runpytest("-p", "no:cacheprovider", "--rvads-decision-limit=0.3")
+    result.assert_outcomes(errors=3, passed=1)
+
+
+@pytest.mark.parametrize("child", ["sys.exit(3)", "raise ValueError", "return rvads.Control()"])
+def test_a_child_that_a_driver_forks_does_not_go_on_with_the_session(pytester: pytest.Pytester, child: str) -> None:
+    pytester.makepyfile(f"""
+        import os, sys
+        import pytest
+        import pytest_rvads as rvads
+
+        class Parent(rvads.Reference):
+            def control(self, seen):
+                child = os.fork()
+                if not child:
+                    {child}
+                open("children", "a").write(f"{{os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])}} ")
+                return super().control(seen)
+
+        rvads_autopilot = pytest.fixture(lambda: Parent)
+
+        @rvads.scenario("stop4", classes=1, grid="C", subject=0, traffic="reference", duration=0.02)
+        def test_it(run):
+            open("sessions", "a").write("one ")
+    """)
+    pytester.runpytest_subprocess("-p", "no:cacheprovider", timeout=60)
+    assert (pytester.path / "sessions").read_text(encoding="utf-8") == "one "
+    assert set((pytester.path / "children").read_text(encoding="utf-8").split()) == {
+        {"s": "3", "r": "1"}[child[0]] if child[2] != "t" else "0"
+    }
+
+
+def test_how_numpy_treats_errors_in_a_driver_holds_for_its_run_alone(pytester: pytest.Pytester) -> None:
+    _, *sound = session(pytester, "import numpy as np; np.seterr(all='raise')")
+    assert [record["status"] for record in sound] == ["PASS", "PASS"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "keeps", ["threading.Thread(target=time.sleep, args=(600,)).start()", "atexit.register(time.sleep, 600)"]
+)
+def test_what_keeps_the_process_after_its_session_is_not_waited_for(pytester: pytest.Pytester, keeps: str) -> None:
+    does = f"import atexit, threading; {keeps}; raise ValueError"
+    pytester.makepyfile(test_it=SESSION.format(does=does, classes=(1,)))
+    result = pytester.runpytest_subprocess("-p", "no:cacheprovider", timeout=60)
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    result.stdout.fnmatch_lines(["*2 passed, 1 error*"])
+    assert "keeps its process, which ends now" in result.stderr.str()

@@ -165,7 +165,9 @@ def test_check_tells_of_every_report(green: pytest.Pytester, capsys: pytest.Capt
     assert (
         capsys.readouterr().out == "out.json: complete, 4 items, exit status 0\nfailed.json: complete, 4 items, exit status 1\n"
     )
-    for other in ("damaged.json", "none.json", "wraps.json"):
+    Path("cut.json").write_text(json.dumps(failed | {"exitstatus": 0, "complete": False}), encoding="utf-8")
+    assert main(["report", "merge", "cut.json"]) == 2
+    for other in ("damaged.json", "none.json", "wraps.json", "cut.json"):
         assert main(["report", "check", "failed.json", other, "out.json"]) == 2
         said = capsys.readouterr()
         assert said.out.count("complete") == 2, "the others are told of as well"

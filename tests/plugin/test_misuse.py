@@ -272,7 +272,18 @@ def test_marks_of_pytests_own_making_are_refused(pytester: pytest.Pytester, name
 
 
 @pytest.mark.parametrize(
-    ("option", "says"), [("--rvads-max-items=0", "*whole number above 0, got '0'*"), ("--rvads-grid=Q", "*unknown conf*")]
+    ("option", "says"),
+    [
+        ("--rvads-max-items=0", "*must be a whole number from 1 to 999999999, got '0'*"),
+        (f"--rvads-max-items={'9' * 5000}", "*must be a whole number from 1 to 999999999, got '999*"),
+        ("--rvads-grid=Q", "*unknown conf*"),
+        ("--rvads-autopilot=", "*--rvads-autopilot needs a value, got ''*"),
+        ("--rvads-sut= ", "*--rvads-sut needs a value, got ' '*"),
+        ("--rvads-baseline=", "*--rvads-baseline needs a value, got ''*"),
+        ("--rvads-sut-rate=33", "*rvads_sut_rate must divide 100, such as 10, 20, 25 or 50, got '33'*"),
+        ("--rvads-sut-rate=0", "*rvads_sut_rate must divide 100, such as 10, 20, 25 or 50, got '0'*"),
+        ("--rvads-sut-timeout=0", "*rvads_sut_timeout must be a number above 0, at most 3600, got '0'*"),
+    ],
 )
 def test_wrong_options(pytester: pytest.Pytester, option: str, says: str) -> None:
     pytester.makepyfile(BODY.format(arguments='"stop4"'))

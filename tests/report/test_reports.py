@@ -70,6 +70,17 @@ def texts(matrix: Matrix) -> tuple[Any, ...]:
     return tuple((label, tuple(entry.text for entry in entries)) for label, entries in matrix.rows)
 
 
+def test_a_matrix_that_nobody_could_read_is_none() -> None:
+    """Six thousand classes, each with a configuration of its own, would be 36 million entries."""
+    records = tuple(record(number, f"c{number}", "p1", "PASS") for number in range(6000))
+    (matrix,) = matrices(records)
+    assert matrix.title.endswith("6,000 classes in 6,000 columns are too many for a table")
+    assert texts(matrix) == ()
+    report = Report(records, TOTALS)
+    for form in (markdown(report), page(report, Path()), summary(report, colour=False, width=80, unicode=True)):
+        assert "are too many for a table" in " ".join(form.split())
+
+
 def test_the_matrix_reads_like_a_table_of_the_paper() -> None:
     (matrix,) = matrices(RECORDS)
     assert matrix.columns == (("C", "p1"), ("C", "p2"))

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.stacks import messages
 from pytest_rvads.drivers.stacks.child import StackError, StackTimeout
 from pytest_rvads.drivers.stacks.process import Process
 from pytest_rvads.errors import AutopilotError
@@ -207,3 +208,12 @@ def test_the_traffic_may_be_a_stack_too(faulty: Make) -> None:
     run = simulate(Case(Scenario(find("stop4"), "2202", duration=0.5, subject=0), Reference, traffic=faulty("none")))
     assert run.fault is None
     assert set(run.provenance["timing"]) == {"a1", "a3"}
+
+
+@pytest.mark.parametrize(
+    "content", [b'"throttle":0.1,"target_speed":5', b'"target_speed":5,"acceleration":1', b'"brake":0,"trajectory":[]']
+)
+def test_a_command_that_says_two_things_is_refused(content: bytes) -> None:
+    answer = messages.read(b'{"type":"command",' + content + b"}", messages.Answer)
+    with pytest.raises(StackError, match=r"its command says \S+.* and .*: expected throttle, brake and steering; "):
+        answer.command()

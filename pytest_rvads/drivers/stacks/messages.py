@@ -67,6 +67,10 @@ class Answer(Struct, tag_field="type", tag="command"):
         Raises:
             StackError: it says nothing, or too much.
         """
+        parts = [name for name in ("trajectory", "target_speed", "acceleration") if getattr(self, name) is not None]
+        parts += ["throttle or brake"] if not (self.throttle is self.brake is None) else []
+        if len(parts) > 1:
+            raise StackError(f"its command says {' and '.join(parts)}: expected {_KINDS}")
         if self.trajectory is not None:
             if len(self.trajectory) > _POINTS:
                 raise StackError(f"its trajectory has {len(self.trajectory)} points, expected at most {_POINTS}")

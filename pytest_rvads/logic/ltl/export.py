@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import conj, disj, neg
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 
 __all__ = ["describe", "label", "to_dot", "to_hoa"]
 
+_MOST_WORK = 100_000_000
+"""Comparisons of letters for the labels of edges; some 5 s."""
 _COLOURS = {Truth.FALSE: "#f4b6b6", Truth.TRUE: "#b9e3b9", Truth.UNKNOWN: "#ffffff"}
 _MEANING = {
     Truth.FALSE: "no continuation satisfies the formula",
@@ -51,14 +54,25 @@ def label(machine: Machine, letters: frozenset[int]) -> f.Formula:
 
 
 def _edges(machine: Machine) -> list[tuple[int, int, f.Formula]]:
-    """Return (state, target, label), in order."""
-    found = []
+    """Return (state, target, label), in order.
+
+    Raises:
+        FormulaError: there is too much to say.
+    """
+    edges: list[tuple[int, int, frozenset[int]]] = []
     for state, row in enumerate(machine.delta.tolist()):
         targets: dict[int, set[int]] = {}
         for letter, target in enumerate(row):
             targets.setdefault(target, set()).add(letter)
-        found += [(state, target, label(machine, frozenset(letters))) for target, letters in sorted(targets.items())]
-    return found
+        edges += [(state, target, frozenset(letters)) for target, letters in sorted(targets.items())]
+    count = len(machine.codes)
+    work = sum(len(letters) * (count - len(letters)) * len(machine.guards) for _, _, letters in edges)
+    if work > _MOST_WORK:
+        raise FormulaError(
+            f"the monitor has {machine.states} states and {len(edges)} edges over {count} letters, too many to be written out: "
+            "ask `rvads monitor --jsonl` for its verdicts, or write out its parts"
+        )
+    return [(state, target, label(machine, letters)) for state, target, letters in edges]
 
 
 def describe(machine: Machine) -> str:
