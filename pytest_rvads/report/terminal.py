@@ -90,7 +90,7 @@ class _Screen:
         self._line(matrix.title, "bold")
         long = [label for label in dict.fromkeys(cfg for cfg, _ in matrix.columns) if len(label) > _LONG]
         short = {label: f"#{n}" for n, label in enumerate(long, start=1)}
-        for columns in _pages(matrix, short, self._width):
+        for columns in _pages(matrix, short, self._width) if matrix.rows else ():
             self._console.print(_table(matrix, columns, short, self._unicode))
         if len(matrix.rows) < len(whole.rows):
             self._line(f" ... and {len(whole.rows) - len(matrix.rows)} more rows: --rvads-summary=full shows them all")
