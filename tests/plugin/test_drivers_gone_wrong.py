@@ -61,7 +61,7 @@ def test_after_three_runs_that_were_too_late_a_driver_is_not_asked_again(pyteste
         pytest.param(
             "while True:\n                    try: time.sleep(1)\n                    except BaseException: pass", id="catches"
         ),
-        pytest.param("collections.deque(itertools.repeat(0), maxlen=0)", id="in C"),
+        pytest.param("collections.deque(itertools.repeat(0), maxlen=0)", id="in C", marks=pytest.mark.slow),
     ],
 )
 def test_what_nothing_stops_costs_its_worker_and_that_is_accounted_for(pytester: pytest.Pytester, does: str) -> None:

@@ -174,7 +174,7 @@ def test_check_tells_of_every_report(green: pytest.Pytester, capsys: pytest.Capt
         assert other in said.err
 
 
-@pytest.mark.parametrize("workers", [(), ("-n", "1")])
+@pytest.mark.parametrize("workers", [(), pytest.param(("-n", "1"), marks=pytest.mark.slow)])
 def test_a_writer_that_fails_costs_its_own_file(tests: pytest.Pytester, workers: tuple[str, ...]) -> None:
     tests.makeconftest("""
         from pytest_rvads.report import files, terminal

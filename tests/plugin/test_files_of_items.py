@@ -49,7 +49,8 @@ def test_runs_of_tests_with_long_names_are_kept(pytester: pytest.Pytester) -> No
     assert len({load_run(path).hash for path in Path("kept").iterdir()}) == 2
 
 
-@pytest.mark.parametrize("workers", [(), pytest.param(("-n", "2", "--dist", "load"), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [(), ("-n", "2", "--dist", "load")])
 def test_sessions_may_keep_the_same_runs_at_once(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
     pytester.makepyfile(test_it=TESTS.format(name="test_rules"))
     command = [sys.executable, "-m", "pytest", *KEEP, *workers]

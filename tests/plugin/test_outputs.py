@@ -110,8 +110,8 @@ def test_a_record_of_an_error_crosses_the_workers(pytester: pytest.Pytester) -> 
     ("variables", "options"),
     [
         ({"PYTHONIOENCODING": "ascii"}, []),
-        ({"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}, ["-s"]),
-        ({"PYTHONIOENCODING": "ascii"}, ["-n1"]),
+        pytest.param({"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}, ["-s"], marks=pytest.mark.slow),
+        pytest.param({"PYTHONIOENCODING": "ascii"}, ["-n1"], marks=pytest.mark.slow),
     ],
 )
 def test_no_encoding_of_the_terminal_changes_a_verdict(

@@ -109,12 +109,13 @@ def test_a_program_that_knows_nothing_of_the_protocol_is_told_apart() -> None:
     assert "it wrote 'hello world' to its standard output, which carries the protocol" in run.fault.reason
 
 
-def test_a_hundred_of_a_hundred_injected_faults_are_errors_and_the_other_runs_go_on(faulty: Make) -> None:
+@pytest.mark.parametrize("count", [30, pytest.param(100, marks=pytest.mark.slow)])
+def test_all_injected_faults_are_errors_and_the_other_runs_go_on(faulty: Make, count: int) -> None:
     """Every kind of fault, at decisions drawn at random, with a good run before and after."""
     draw = random.Random(8)
     good = drive(faulty("none"))
     errors = 0
-    for number in range(100):
+    for number in range(count):
         fault = list(AT_DECISION)[number % len(AT_DECISION)]
         stack = faulty(fault, scenario=1, decision=draw.randint(1, 10))
         run = drive(stack)
@@ -122,7 +123,7 @@ def test_a_hundred_of_a_hundred_injected_faults_are_errors_and_the_other_runs_go
         assert run.fault.reason.startswith(f"{stack.label} driving a0"), run.fault
         assert run.label in ("stop4-class00-as2000-cfgd20.00v05.00",)
         stack.close()
-    assert errors == 100
+    assert errors == count >= len(AT_DECISION)
     assert drive(faulty("crash", scenario=2)).hash == good.hash
 
 
