@@ -81,11 +81,15 @@ class Watch:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.end_in_child(error)
-        _WATCHDOG.remove(self)
+        try:
+            _WATCHDOG.remove(self)
+            if self.late and not self.signalled:
+                for _ in range(100):  # what the watchdog raised last arrives here at the latest
+                    pass
+        except TooLate:
+            _WATCHDOG.remove(self)
         if self.signalled:
             signal.signal(_SIGNAL, self._before or signal.SIG_DFL)  # type: ignore[arg-type]
-        elif self.late:
-            _raise(self.thread, None)
         _CURRENT.reset(self._token)
 
     def end_in_child(self, error: BaseException | None) -> None:
@@ -202,14 +206,18 @@ def _stop(watch: Watch) -> None:
     if watch.signalled:
         signal.pthread_kill(watch.thread, _SIGNAL)  # type: ignore[arg-type]
     else:
-        _raise(watch.thread, TooLate)
+        _raise(watch.thread)
 
 
-def _raise(thread: int, error: type[BaseException] | None) -> None:
-    """Have a thread raise an error when it next runs Python code; None takes back one that it has not raised yet."""
+def _raise(thread: int) -> None:
+    """Have a thread raise `TooLate` when it next runs Python code.
+
+    It is never taken back: the interpreter (3.11) would go on looking for it in every thread, and never come to an end of
+    that in one that is traced.
+    """
     import ctypes
 
-    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), None if error is None else ctypes.py_object(error))
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(TooLate))
 
 
 def _place(stack: FrameType | None) -> str:

@@ -1,6 +1,8 @@
 """Limits of real time: what takes too long ends its own run, wherever it hangs, and disturbs nothing else."""
 
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -239,3 +241,27 @@ def test_nothing_is_left_behind() -> None:
         time.sleep(0.05)
     else:
         pytest.fail("the thread that looks at runs outlives them")
+
+
+def test_a_late_thread_leaves_nothing_pending_in_the_interpreter() -> None:
+    """Under 3.11 a traced call never returns while an exception waits for a thread that does not take it."""
+    program = """
+import sys, threading
+import pytest_rvads as rvads
+
+class Loops:
+    def control(self, seen):
+        while True:
+            pass
+
+def run():
+    with rvads.limits(decision=0.3):
+        assert rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1231", duration=0.1), Loops)).fault
+
+thread = threading.Thread(target=run)
+thread.start()
+thread.join()
+sys.settrace(lambda *_: None)
+(lambda: None)()
+"""
+    subprocess.run([sys.executable, "-c", program], timeout=60, check=True)
