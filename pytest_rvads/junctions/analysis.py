@@ -2,22 +2,45 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 from pytest_rvads.junctions.arms import RoadArm, arms_of, sort_arms, turns_in_order
+from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.junctions.usability import MOST, unusable
 from pytest_rvads.junctions.ways import Way, paths_of, walk
-from pytest_rvads.maps.control import JunctionControl, MapObject, ObjectKind, Sign, control_of, phase_groups, setback_of, signs_of
+from pytest_rvads.maps.control import (
+    JunctionControl,
+    MapObject,
+    ObjectKind,
+    Sign,
+    control_of,
+    phase_groups,
+    setback_of,
+    sign_setback_of,
+    signs_of,
+)
 from pytest_rvads.maps.doubts import Doubt, MapWarning
 from pytest_rvads.maps.network import Network
 from pytest_rvads.maps.segment import Turn
 
-__all__ = ["JunctionReport", "analyse", "opposite_pairs", "right_of_pairs"]
+__all__ = ["JunctionReport", "LaneEnd", "analyse", "lifted", "opposite_pairs", "right_of_pairs"]
 
 Pairs = frozenset[tuple[int, int]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaneEnd:
+    """A lane where it meets a junction."""
+
+    arm: int
+    lane: int
+    """Counted from the kerb."""
+    edge: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,19 +50,30 @@ class JunctionReport:
     id: str
     arms: tuple[RoadArm, ...]
     """Counter-clockwise."""
+    entrances: tuple[LaneEnd, ...]
+    """Arm by arm, on each arm from the kerb: their places are their numbers."""
+    exits: tuple[LaneEnd, ...]
+    """Likewise."""
     movements: tuple[Way, ...]
     """Sorted by entrance and exit."""
     signs: tuple[Sign, ...]
-    """What regulates every arm that has an entrance."""
+    """What regulates every entrance."""
     reason: str | None
     """Why it cannot be used, None where it can."""
     approach: tuple[float, ...]
-    """Per arm, length walked upstream to the previous junction or the end of the road; 0 for an arm without entrance [m]."""
+    """Per entrance, length walked upstream to the previous junction or the end of the road [m]."""
     right_of: Pairs
+    """Pairs of arms."""
     opposite: Pairs
+    """Pairs of arms."""
     phase_groups: tuple[frozenset[int], ...]
+    """Entrances that have green together."""
     setbacks: tuple[float, ...]
-    """Per arm, distance of the stopping line before the vertex [m]."""
+    """Per entrance, distance of the stopping line before the vertex [m]; 0 where none is marked."""
+    sign_setbacks: tuple[float | None, ...]
+    """Per entrance, distance of its stop sign before the vertex, where that is not at the stopping line [m]."""
+    stated: frozenset[tuple[Key, Key]]
+    """Pairs of movements of which the file says that the first gives way to the second."""
     objects: tuple[MapObject, ...]
     left_hand: bool
 
@@ -58,9 +92,14 @@ class JunctionReport:
         """Whether scenarios can run there."""
         return self.reason is None
 
+    @property
+    def usable_from(self) -> float:
+        """Greatest distance before the stopping line that vehicles can start from at every entrance [m]."""
+        return min((length - back for length, back in zip(self.approach, self.setbacks, strict=True)), default=0.0)
+
 
 def analyse(
-    graph: MetricGraph, id: str, objects: Sequence[MapObject], warnings: list[MapWarning], *, drop_uturns: bool = False
+    graph: MetricGraph, id: str, objects: Sequence[MapObject], warnings: list[MapWarning], *, uturns: bool = False
 ) -> JunctionReport:
     """Analyse junction `id` of a map.
 
@@ -68,51 +107,85 @@ def analyse(
         graph: of the map.
         id: of the junction.
         objects: signs, lights and stop lines of this junction.
-        warnings: doubts about the order of movements and about priorities are appended here.
-        drop_uturns: leave U-turns out instead of refusing the junction.
+        warnings: doubts about movements and priorities are appended here.
+        uturns: keep U-turns, which are left out otherwise.
     """
     network = graph.network
     paths = paths_of(graph, id)
     pairs = [(path.entrance, path.exit) for path in paths] + [*network.junctions[id].direct]
     arms = arms_of(graph, pairs)
 
-    def numbered(order: Sequence[RoadArm]) -> list[tuple[int, int, float]]:
-        entrances = {edge: i for i, arm in enumerate(order) for edge in arm.entrances}
-        exits = {edge: i for i, arm in enumerate(order) for edge in arm.exits}
-        return [(entrances[p.entrance], exits[p.exit], p.turning) for p in paths]
+    def turning(order: Sequence[RoadArm]) -> list[tuple[int, int, float]]:
+        entering = {edge: i for i, arm in enumerate(order) for edge in arm.entrances}
+        leaving = {edge: i for i, arm in enumerate(order) for edge in arm.exits}
+        return [(entering[p.entrance], leaving[p.exit], p.turning) for p in paths]
 
-    arms = sort_arms(arms, lambda order: turns_in_order(numbered(order), len(order)))
+    arms = sort_arms(arms, lambda order: turns_in_order(turning(order), len(order)))
+    entrances = _lanes([arm.entrances for arm in arms])
+    exits = _lanes([arm.exits for arm in arms])
+    numbers = {end.edge: k for k, end in enumerate(entrances)}, {end.edge: k for k, end in enumerate(exits)}
     ways = [
-        Way(entrance, exit, Turn.of(turning), path.length, turning, path)
-        for (entrance, exit, turning), path in zip(numbered(arms), paths, strict=True)
-        if not (drop_uturns and entrance == exit)
+        Way(numbers[0][path.entrance], numbers[1][path.exit], Turn.of(path.turning), path.length, path.turning, path)
+        for path in paths
     ]
     ways.sort(key=lambda way: (way.entrance, way.exit, way.length, way.path.edges))
+    kept = [way for way in ways if uturns or entrances[way.entrance].arm != exits[way.exit].arm]
     left_hand = any(road in network.left_hand for arm in arms for road, _ in arm.ends)
-    turns = {(way.entrance, way.exit): way.turn for way in reversed(ways)}
-    signs = signs_of([{item.kind for item in objects if item.edge in arm.entrances} for arm in arms if arm.entrances])
+    here = [[item for item in objects if item.edge == end.edge] for end in entrances]
+    signs = signs_of([{item.kind for item in items} for items in here])
     # With more arms than the model has room for there may be thousands, and their priorities mean nothing.
-    ranked = turns if len(arms) <= MOST else {}
-    opposite, right_of = opposite_pairs(ranked), right_of_pairs(ranked, left_hand=left_hand)
-    reason = unusable(graph, id, arms, ways, pairs)
+    turns = turns_of_arms(arms, entrances, exits, ways) if len(arms) <= MOST else {}
+    opposite, right_of = opposite_pairs(turns), right_of_pairs(turns, left_hand=left_hand)
+    reason = unusable(graph, id, arms, kept, pairs)
     if reason is None:
-        for kind, message in _doubts(id, ways, signs, right_of):
+        if len(kept) < len(ways):
+            message = f"{len(ways) - len(kept)} U-turns of junction {id!r} are left out"
+            warnings.append(MapWarning(Doubt.TABLE, message, None, id))
+        for kind, message in _doubts(id, kept, entrances, exits, signs, right_of):
             warnings.append(MapWarning(kind, message, None, id))
-    lit = control_of(signs) is JunctionControl.LIGHTS
     return JunctionReport(
         id,
         arms,
-        tuple(ways),
+        entrances,
+        exits,
+        tuple(kept),
         signs,
         reason,
-        tuple(min((_walked(graph, edge) for edge in arm.entrances), default=0.0) for arm in arms),
+        tuple(_walked(graph, end.edge) for end in entrances),
         right_of,
         opposite,
-        phase_groups(len(arms), opposite, _controllers(network, arms, objects)) if lit else (),
-        tuple(setback_of(item for item in objects if item.edge in arm.entrances) for arm in arms),
+        _phases(network, entrances, opposite, signs, objects),
+        tuple(map(setback_of, here)),
+        tuple(map(sign_setback_of, here)),
+        _stated(network, id, kept, graph),
         tuple(objects),
         left_hand,
     )
+
+
+def lifted(pairs: Pairs, entrances: Sequence[LaneEnd]) -> Pairs:
+    """Return a relation of arms as one of their entrances."""
+    table: dict[int, list[int]] = {}
+    for number, end in enumerate(entrances):
+        table.setdefault(end.arm, []).append(number)
+    return frozenset((a, b) for one, two in pairs for a in table.get(one, ()) for b in table.get(two, ()))
+
+
+def turns_of_arms(
+    arms: Sequence[RoadArm], entrances: Sequence[LaneEnd], exits: Sequence[LaneEnd], ways: Sequence[Way]
+) -> dict[tuple[int, int], Turn]:
+    """Return the turn type from every arm to every other one: of its first movement, else by the directions of the arms."""
+    found: dict[tuple[int, int], Turn] = {}
+    for way in ways:
+        found.setdefault((entrances[way.entrance].arm, exits[way.exit].arm), way.turn)
+    for (one, here), (two, there) in permutations(enumerate(arms), 2):
+        if (one, two) not in found:
+            found[one, two] = Turn.of(math.remainder(there.outward - here.outward - math.pi, math.tau))
+    return found
+
+
+def _lanes(edges: Sequence[Sequence[str]]) -> tuple[LaneEnd, ...]:
+    return tuple(LaneEnd(arm, lane, edge) for arm, lanes in enumerate(edges) for lane, edge in enumerate(lanes))
 
 
 def right_of_pairs(turns: dict[tuple[int, int], Turn], *, left_hand: bool) -> Pairs:
@@ -138,21 +211,49 @@ def opposite_pairs(turns: dict[tuple[int, int], Turn]) -> Pairs:
     )
 
 
-def _controllers(network: Network, arms: Sequence[RoadArm], objects: Sequence[MapObject]) -> list[frozenset[int]]:
-    number = {edge: i for i, arm in enumerate(arms) for edge in arm.entrances}
+def _phases(
+    network: Network, entrances: Sequence[LaneEnd], opposite: Pairs, signs: Sequence[Sign], objects: Sequence[MapObject]
+) -> tuple[frozenset[int], ...]:
+    """Return the entrances that have green together, of those with lights."""
+    lit = [number for number, sign in enumerate(signs) if sign is Sign.LIGHTS]
+    place = {entrances[number].edge: k for k, number in enumerate(lit)}
     lights: dict[str, set[int]] = {}
     for item in objects:
-        if item.kind is ObjectKind.LIGHT and item.edge in number:
-            lights.setdefault(item.id, set()).add(number[item.edge])
-    return [frozenset(e for signal in signals for e in lights.get(signal, ())) for signals in network.controllers]
+        if item.kind is ObjectKind.LIGHT and item.edge in place:
+            lights.setdefault(item.id, set()).add(place[item.edge])
+    controllers = [frozenset(e for signal in signals for e in lights.get(signal, ())) for signals in network.controllers]
+    facing = lifted(opposite, [entrances[number] for number in lit])
+    groups = phase_groups([entrances[number].arm for number in lit], facing, controllers)
+    return tuple(frozenset(lit[k] for k in group) for group in groups)
+
+
+def _stated(network: Network, id: str, ways: Sequence[Way], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
+    """Return the pairs of movements of which the file says that the first gives way to the second, by roads."""
+    found = set()
+    for high, low in network.junctions[id].priorities:
+        roads = [(way, {graph.edges[edge].road for edge in (way.path.entrance, *way.path.edges)}) for way in ways]
+        found |= {
+            ((one.entrance, one.exit), (two.entrance, two.exit))
+            for one, yielding in roads
+            for two, prior in roads
+            if low in yielding and high in prior and one.entrance != two.entrance
+        }
+    return frozenset(found - {(two, one) for one, two in found})
 
 
 def _walked(graph: MetricGraph, edge: str) -> float:
     return sum(graph.edges[id].length for id in walk(graph, edge, upstream=True))
 
 
-def _doubts(id: str, ways: Sequence[Way], signs: Sequence[Sign], right_of: Pairs) -> Iterator[tuple[Doubt, str]]:
-    if not turns_in_order(((w.entrance, w.exit, w.turning) for w in ways), len(signs)):
+def _doubts(
+    id: str,
+    ways: Sequence[Way],
+    entrances: Sequence[LaneEnd],
+    exits: Sequence[LaneEnd],
+    signs: Sequence[Sign],
+    right_of: Pairs,
+) -> Iterator[tuple[Doubt, str]]:
+    if not turns_in_order(((entrances[w.entrance].arm, exits[w.exit].arm, w.turning) for w in ways), len(entrances)):
         yield Doubt.ORDER, f"the movements of junction {id!r}, sorted by turn, do not follow the order of its exits"
     if not right_of:
         yield (
@@ -166,8 +267,8 @@ def _doubts(id: str, ways: Sequence[Way], signs: Sequence[Sign], right_of: Pairs
     if control_of(signs) is JunctionControl.PARTIAL:
         bare = [f"e{i}" for i, sign in enumerate(signs) if sign is Sign.NONE]
         what = (
-            f"entrances {', '.join(bare)} of junction {id!r} have no stop sign or light"
+            f"entrances {', '.join(bare)} of junction {id!r} have no sign or light"
             if bare
-            else f"the entrances of junction {id!r} mix stop signs and lights"
+            else f"the entrances of junction {id!r} mix signs and lights"
         )
         yield Doubt.SIGNAL, f"{what}, so its control is partial"

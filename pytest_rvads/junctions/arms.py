@@ -8,7 +8,7 @@ direction -112.5 degrees as seen from the centre, so a southern arm with some sl
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
 
 from pytest_rvads.junctions.graph import MetricGraph
@@ -32,9 +32,9 @@ class RoadArm:
 
     ends: tuple[RoadEnd, ...]
     entrances: tuple[str, ...]
-    """Edges that lead into the junction."""
+    """Edges that lead into the junction, counted from the kerb."""
     exits: tuple[str, ...]
-    """Edges that lead out of it."""
+    """Edges that lead out of it, likewise."""
     x: float
     """Mean of the lane ends, east [m]."""
     y: float
@@ -56,22 +56,23 @@ def arms_of(graph: MetricGraph, pairs: Sequence[tuple[str, str]]) -> tuple[RoadA
         entering.setdefault(graph.edges[id].head, []).append(graph.edges[id])
     for id in dict.fromkeys(two for _, two in pairs):
         leaving.setdefault(graph.edges[id].tail, []).append(graph.edges[id])
-    arms = [_arm((end,), entering[end], leaving[end]) for end in entering if end in leaving]
+    left_hand = graph.network.left_hand
+    arms = [_arm((end,), entering[end], leaving[end], left_hand) for end in entering if end in leaving]
     only_in = [end for end in entering if end not in leaving]
     only_out = [end for end in leaving if end not in entering]
     costs = sorted(
         (cost, one, two)
         for one in (only_in if len(only_in) * len(only_out) <= _MOST_PAIRS else ())
         for two in only_out
-        if (cost := _beside(entering[one][0], leaving[two][0], one[0] in graph.network.left_hand)) is not None
+        if (cost := _beside(entering[one][0], leaving[two][0], one[0] in left_hand)) is not None
     )
     for _, one, two in costs:
         if one in only_in and two in only_out:
             only_in.remove(one)
             only_out.remove(two)
-            arms.append(_arm((one, two), entering[one], leaving[two]))
-    arms += [_arm((end,), entering[end], []) for end in only_in]
-    arms += [_arm((end,), [], leaving[end]) for end in only_out]
+            arms.append(_arm((one, two), entering[one], leaving[two], left_hand))
+    arms += [_arm((end,), entering[end], [], left_hand) for end in only_in]
+    arms += [_arm((end,), [], leaving[end], left_hand) for end in only_out]
     return tuple(arms)
 
 
@@ -112,16 +113,19 @@ def turns_in_order(turning: Iterable[tuple[int, int, float]], ways: int) -> bool
     return all([d for _, d in sorted(rows)] == sorted(d for _, d in rows) for rows in table.values())
 
 
-def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[Edge]) -> RoadArm:
+def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[Edge], left_hand: Container[str]) -> RoadArm:
     points = [edge.points[-1] for edge in entering] + [edge.points[0] for edge in leaving]
     headings = [edge.end_heading + math.pi for edge in entering] + [edge.start_heading for edge in leaving]
+    outward = math.atan2(sum(map(math.sin, headings)), sum(map(math.cos, headings)))
+    # From the kerb beside the entrances to the one beside the exits.
+    across = (-math.sin(outward), math.cos(outward)) if ends[0][0] in left_hand else (math.sin(outward), -math.cos(outward))
     return RoadArm(
         ends,
-        tuple(edge.id for edge in entering),
-        tuple(edge.id for edge in leaving),
+        tuple(edge.id for edge in sorted(entering, key=lambda edge: float(edge.points[-1] @ across))),
+        tuple(edge.id for edge in sorted(leaving, key=lambda edge: float(-(edge.points[0] @ across)))),
         float(sum(p[0] for p in points) / len(points)),
         float(sum(p[1] for p in points) / len(points)),
-        math.atan2(sum(map(math.sin, headings)), sum(map(math.cos, headings))),
+        outward,
     )
 
 

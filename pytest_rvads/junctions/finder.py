@@ -20,7 +20,7 @@ from pytest_rvads.maps.control import JunctionControl
 __all__ = ["find", "load", "names", "nearest"]
 
 _TYPE = re.compile(
-    r"(?P<ways>\d+)-way\s+(?P<control>(all-way\s+)?stops?|(traffic\s+)?lights?|none|uncontrolled|partial)"
+    r"(?P<ways>\d+)-way\s+(?P<control>(all-way\s+)?stops?|(traffic\s+)?lights?|none|uncontrolled|yields?|partial)"
     r"(\s+with\s+(at\s+least\s+)?(?P<approach>\d+(\.\d+)?)\s*m(\s+of\s+approach)?)?",
     re.IGNORECASE,
 )
@@ -42,7 +42,7 @@ class _Wanted:
         """Tell whether a junction is usable, of this type, and its approaches are long enough."""
         if not report.usable or report.ways != self.ways or report.control is not self.control:
             return False
-        return all(length - back >= self.approach for length, back in zip(report.approach, report.setbacks, strict=True))
+        return report.usable_from >= self.approach
 
 
 def names() -> tuple[str, ...]:
@@ -155,8 +155,8 @@ def _parse(text: str) -> _Wanted | None:
     match = _TYPE.fullmatch(text.strip())
     if match is None:
         return None
-    words = {"stop": JunctionControl.STOP, "light": JunctionControl.LIGHTS, "partial": JunctionControl.PARTIAL}
-    control = next((kind for word, kind in words.items() if word in match["control"].lower()), JunctionControl.NONE)
+    said = match["control"].lower()
+    control = next((kind for kind in JunctionControl if kind.value.removesuffix("s") in said), JunctionControl.NONE)
     return _Wanted(int(match["ways"]), control, float(match["approach"] or 0.0))
 
 
@@ -184,6 +184,6 @@ def _offer(road_map: RoadMap) -> str:
         return f"none of its {len(road_map.junctions)} junctions is usable, `rvads map {road_map.path}` says why"
     parts = []
     for type, reports in table.items():
-        longest = max(min(a - b for a, b in zip(r.approach, r.setbacks, strict=True)) for r in reports)
+        longest = max(report.usable_from for report in reports)
         parts.append(f"{len(reports)} {type} with up to {longest:.0f} m of approach")
     return f"it offers {'; '.join(parts)}"

@@ -10,6 +10,7 @@ from __future__ import annotations
 import copyreg
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,6 +19,7 @@ from typing import Any, NamedTuple
 
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.conflicts import Key, Shared, stretches
+from pytest_rvads.junctions.yielding import Precedence, Reason
 from pytest_rvads.maps.control import JunctionControl, Sign, control_of
 from pytest_rvads.maps.segment import Segment, Turn
 
@@ -32,11 +34,6 @@ def _table(items: dict[Any, Any]) -> MappingProxyType[Any, Any]:
 copyreg.pickle(MappingProxyType, lambda table: (_table, (dict(table),)))
 
 
-_RANK = {Sign.STOP: 0, Sign.YIELD: 0, Sign.NONE: 1, Sign.LIGHTS: 1, Sign.PRIORITY: 2}
-"""Whoever comes past a sign of lower rank gives way (Vienna Convention on Road Signs and Signals 1968, signs B,1 to B,3). Stop
-and yield signs both say to give way to the road ahead; between two who come past them, sides decide."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Entrance:
     """A lane that leads into a junction."""
@@ -48,9 +45,11 @@ class Entrance:
     phase: int | None = None
     """Number of the phase group it has green with; None without a light."""
     setback: float = 0.0
-    """Distance of the stopping line before the entrance vertex [m]."""
+    """Distance of the stopping line before the entrance vertex [m]; 0 where no line is marked."""
     approach: Segment | None = None
     """The lane walked upstream to the previous junction or the end of the road; ends at the vertex."""
+    sign_setback: float | None = None
+    """Distance of its stop sign before the vertex, where that is not at the stopping line [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +120,8 @@ class Junction:
     """Width of the lanes [m]."""
     map: str | None = None
     """File it was read from; None for a built-in one, or one from no map. No part of what is compared."""
+    stated: frozenset[tuple[Key, Key]] = frozenset()
+    """Pairs of movements of which the map says that the first gives way to the second."""
 
     def __post_init__(self) -> None:
         arms = {entrance.arm for entrance in self.entrances} | {exit.arm for exit in self.exits}
@@ -155,6 +156,11 @@ class Junction:
             )
             for arm in sorted({e.arm for e in self.entrances} | {e.arm for e in self.exits})
         )
+
+    @cached_property
+    def lanes(self) -> tuple[int, ...]:
+        """Per arm, how many entrances it has."""
+        return tuple(len(arm.entrances) for arm in self.arms)
 
     @cached_property
     def ways(self) -> int:
@@ -195,30 +201,44 @@ class Junction:
         return None if self.stretches is None else frozenset(self.stretches)
 
     @cached_property
-    def yields(self) -> frozenset[tuple[Key, Key]] | None:
-        """Pairs (one, other) of conflicting movements: whoever makes the first gives way to whoever makes the second.
+    def yields(self) -> Mapping[tuple[Key, Key], Reason] | None:
+        """Pairs (one, other) of conflicting movements of which the first gives way to the second, and why.
 
-        Signs decide, else right before left, else a turn across oncoming traffic gives way to it; lights, while both have
-        green. At an all-way stop: in a tie. None without centre lines.
+        None without centre lines. See `pytest_rvads.junctions.yielding`.
         """
-        return None if self.conflicts is None else frozenset(pair for pair in self.conflicts if self._gives_way(*pair))
-
-    def _gives_way(self, one: Key, other: Key) -> bool:
-        mine, yours = self.entrances[one[0]], self.entrances[other[0]]
-        if _RANK[mine.sign] != _RANK[yours.sign]:
-            return _RANK[mine.sign] < _RANK[yours.sign]
-        if mine.sign is not Sign.LIGHTS and (one[0], other[0]) not in self.opposite:
-            return (other[0], one[0]) in self.right_of
-        across = self.movements[one].turn is self.far and self.movements[other].turn is not self.far
-        return across and (one[0], other[0]) in self.opposite
+        if self.conflicts is None:
+            return None
+        precedence = Precedence(
+            [entrance.sign for entrance in self.entrances],
+            [entrance.arm for entrance in self.entrances],
+            [
+                next(
+                    (math.pi + m.path.pose(0.0).heading for m in self.movements.values() if m.path and m.entrance == number), 0.0
+                )
+                for number in range(len(self.entrances))
+            ],
+            {key: movement.turn for key, movement in self.movements.items()},
+            self.right_of,
+            self.opposite,
+            self.stated,
+            self.left_hand,
+        )
+        found = ((pair, precedence.why(*pair)) for pair in sorted(self.conflicts))
+        return MappingProxyType({pair: reason for pair, reason in found if reason is not None})
 
     @cached_property
     def by_direction(self) -> Mapping[tuple[int, int], Movement]:
-        """Per entrance and symbolic direction the movement there; of several, that to the exit nearest to the kerb."""
+        """Per entrance and symbolic direction the movement there.
+
+        Direction ``n`` is the U-turn. Where several exits of one arm can be reached, ``j`` leads to the one nearest to the kerb,
+        ``j + n`` to the next, and so on.
+        """
         found: dict[tuple[int, int], Movement] = {}
         for (entrance, exit), movement in sorted(self.movements.items()):
-            direction = (self.exits[exit].arm - self.entrances[entrance].arm) % self.ways
-            found.setdefault((entrance, direction), movement)
+            direction = (self.exits[exit].arm - self.entrances[entrance].arm) % self.ways or self.ways
+            while (entrance, direction) in found:
+                direction += self.ways
+            found[entrance, direction] = movement
         return MappingProxyType(found)
 
     @cached_property
@@ -241,7 +261,10 @@ class Junction:
         exits = [(e.arm, e.lane) for e in self.exits]
         ways = sorted((m.entrance, m.exit, m.turn, m.length) for m in self.movements.values())
         relations = sorted(self.right_of), sorted(self.opposite)
-        found.update(json.dumps([entrances, exits, ways, relations, self.left_hand, self.drivable]).encode())
+        # What most junctions don't have comes in only where there is some, so that digests of the others stay as they were.
+        signs = [e.sign_setback for e in self.entrances] if any(e.sign_setback is not None for e in self.entrances) else None
+        rare = [item for item in (signs, sorted(self.stated)) if item]
+        found.update(json.dumps([entrances, exits, ways, relations, self.left_hand, self.drivable, *rare]).encode())
         if self.drivable:
             paths = (self.movements[key].path for key in sorted(self.movements))
             lines = [*(e.approach for e in self.entrances), *paths, *(e.road for e in self.exits)]
@@ -251,24 +274,49 @@ class Junction:
         return found.hexdigest()
 
     def leads(self, entrance: int, direction: int) -> Movement:
-        """Return the movement from `entrance` into symbolic direction `direction` (1..n-1).
+        """Return the movement from `entrance` into symbolic direction `direction`, see `by_direction`.
 
         Raises:
             ScenarioError: there is none.
         """
-        if not 1 <= direction < self.ways:
-            raise ScenarioError(
-                f"direction {direction} is not one of 1..{self.ways - 1} of the {self.ways}-way junction {self.name!r}"
-            )
         movement = self.by_direction.get((entrance, direction))
         if movement is None:
-            arm = (self.entrances[entrance].arm + direction) % self.ways
-            raise ScenarioError(f"no movement of junction {self.name!r} leads from entrance {entrance} to arm {arm}")
+            known = ", ".join(map(str, self.directions(entrance)))
+            raise ScenarioError(
+                f"direction {direction} is none of entrance {entrance} of junction {self.name!r}, its movements lead into "
+                f"{known or 'none'}"
+            )
         return movement
 
     def directions(self, entrance: int) -> tuple[int, ...]:
-        """Return the symbolic directions that movements from `entrance` lead into."""
-        return tuple(direction for direction in range(1, self.ways) if (entrance, direction) in self.by_direction)
+        """Return the symbolic directions that movements from `entrance` lead into, in ascending order."""
+        return tuple(sorted(direction for start, direction in self.by_direction if start == entrance))
+
+    @cached_property
+    def one_lane_each(self) -> bool:
+        """Whether no arm has more than one entrance or more than one exit."""
+        return all(len(arm.entrances) <= 1 and len(arm.exits) <= 1 for arm in self.arms)
+
+    @cached_property
+    def rotations(self) -> tuple[int, ...]:
+        """By how many arms the junction can be rotated so that lanes, movements and signs stay the same; 0 comes first.
+
+        Turns may change: rotating a T is a symmetry in the paper's sense (section 5.2).
+        """
+        found = []
+        for arms in range(self.ways):
+            images = self.image(arms)
+            if images is not None:
+                entrances, exits = images
+                same = all(lane.sign is self.entrances[entrances[k]].sign for k, lane in enumerate(self.entrances))
+                if same and {(entrances[a], exits[b]) for a, b in self.movements} == self.movements.keys():
+                    found.append(arms)
+        return tuple(found)
+
+    def image(self, arms: int) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
+        """Return which entrances and exits take the places of each when every arm moves on by `arms`; None if one has none."""
+        entrances, exits = (_image(lanes, arms, self.ways) for lanes in (self.entrances, self.exits))
+        return None if entrances is None or exits is None else (entrances, exits)
 
     def vehicle_at(self, entrance: int) -> str:
         """Return the name of the first vehicle at an entrance: ``a0``; ``a0.1`` on lane 1 of an arm that has several."""
@@ -310,6 +358,12 @@ class Junction:
     def far(self) -> Turn:
         """The turn across oncoming traffic: left where traffic keeps right."""
         return Turn.RIGHT if self.left_hand else Turn.LEFT
+
+
+def _image(lanes: Sequence[Entrance | Exit], arms: int, ways: int) -> tuple[int, ...] | None:
+    numbers = {(lane.arm, lane.lane): number for number, lane in enumerate(lanes)}
+    places = [((lane.arm + arms) % ways, lane.lane) for lane in lanes]
+    return tuple(numbers[place] for place in places) if numbers.keys() == set(places) else None
 
 
 def cross(

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.errors import MapError, suggest
-from pytest_rvads.junctions.analysis import JunctionReport, analyse
+from pytest_rvads.junctions.analysis import JunctionReport, analyse, lifted
 from pytest_rvads.junctions.formats import read_file
 from pytest_rvads.junctions.graph import MetricGraph
-from pytest_rvads.junctions.junction import Junction, Movement, cross
+from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
 from pytest_rvads.junctions.projection import Locator, Track
 from pytest_rvads.junctions.ways import walk
-from pytest_rvads.maps.control import MapObject
+from pytest_rvads.maps.control import MapObject, sign_of_arm
 from pytest_rvads.maps.doubts import MapWarning
 from pytest_rvads.maps.segment import Segment, join
 
@@ -67,7 +67,7 @@ class RoadMap:
             MapError: there is no such junction.
         """
         pairs = [(arm.entrances, arm.exits) for arm in self.report(id).arms]
-        return {self.graph.ends(one)[1]: self.graph.ends(two)[0] for ones, twos in pairs for one in ones[:1] for two in twos[:1]}
+        return {self.graph.ends(one)[1]: self.graph.ends(twos[0])[0] for ones, twos in pairs if twos for one in ones}
 
     def report(self, id: str) -> JunctionReport:
         """Return the report of junction `id`.
@@ -85,47 +85,45 @@ class RoadMap:
             f"map file {self.path} has no junction {id!r}; its {len(usable)} usable ones are {listed or 'none'}{suggest(id, ids)}"
         )
 
-    def junction(self, id: str, *, name: str | None = None, drop_uturns: bool = False) -> Junction:
+    def junction(self, id: str, *, name: str | None = None, uturns: bool = False) -> Junction:
         """Return junction `id` with its geometry.
 
         Args:
             id: of the ``<junction>``.
             name: name in test ids; ``stem.id`` when None.
-            drop_uturns: leave U-turns out instead of refusing the junction.
+            uturns: keep U-turns, which are left out otherwise; their direction is ``n``, the number of arms.
 
         Raises:
             MapError: there is no such junction, or it is unusable; the message says why.
         """
         report = self.report(id)
-        if drop_uturns and not report.usable:
-            report = analyse(self.graph, id, report.objects, [], drop_uturns=True)
+        if uturns:
+            report = analyse(self.graph, id, report.objects, [], uturns=True)
         if report.reason is not None:
             raise MapError(f"junction {id!r} of map file {self.path} cannot be used: {report.reason}")
-        # Every arm of a usable junction has one entrance and one exit, so their numbers are its own.
         movements: dict[tuple[int, int], Movement] = {}
-        for way in reversed(report.movements):  # of several from one arm to another the shortest comes first
+        for way in reversed(report.movements):  # of several from one lane to another the shortest comes first
             parts = [Segment(e, self.graph.edges[e].points, way.turn, id) for e in way.path.edges]
             path = self._joined(parts)
             movements[way.entrance, way.exit] = Movement(way.entrance, way.exit, way.turn, path.length, path.id, path)
-        edges = [self.graph.edges[arm.entrances[0]] for arm in report.arms]
-        entrances, exits = cross(
-            report.signs,
-            phase_groups=report.phase_groups,
-            setbacks=report.setbacks,
-            approaches=[self._road(edge.id, upstream=True) for edge in edges],
-            roads=[self._road(arm.exits[0], upstream=False) for arm in report.arms],
-        )
+        phases = {entrance: number for number, group in enumerate(report.phase_groups) for entrance in group}
+        edges = [self.graph.edges[end.edge] for end in report.entrances]
+        lanes = zip(report.entrances, report.signs, report.setbacks, report.sign_setbacks, strict=True)
         return Junction(
             name or f"{Path(self.path).stem}.{id}",
             id,
-            entrances,
-            exits,
+            tuple(
+                Entrance(end.arm, end.lane, sign, phases.get(k), back, self._road(end.edge, upstream=True), posted)
+                for k, (end, sign, back, posted) in enumerate(lanes)
+            ),
+            tuple(Exit(end.arm, end.lane, self._road(end.edge, upstream=False)) for end in report.exits),
             dict(sorted(movements.items())),
-            report.right_of,
-            report.opposite,
+            lifted(report.right_of, report.entrances),
+            lifted(report.opposite, report.entrances),
             report.left_hand,
             sum(edge.width for edge in edges) / len(edges),
             self.path,
+            report.stated,
         )
 
     def _road(self, start: str, *, upstream: bool) -> Segment:
@@ -171,25 +169,48 @@ def describe(road_map: RoadMap) -> dict[str, Any]:
     """Return the JSON object of ``rvads map FILE --json``, as builtins."""
     return {
         "file": road_map.path,
-        "junctions": [_describe(report) for report in road_map.junctions],
+        "junctions": [_describe(r, road_map.junction(r.id) if r.usable else None) for r in road_map.junctions],
         "warnings": [warning.record() for warning in road_map.warnings],
     }
 
 
-def _describe(report: JunctionReport) -> dict[str, Any]:
-    entrances = [i for i, arm in enumerate(report.arms) if arm.entrances]
+def _describe(report: JunctionReport, junction: Junction | None) -> dict[str, Any]:
+    """Return what is known of a junction; who gives way to whom only where it is usable."""
+    entering = [i for i, arm in enumerate(report.arms) if arm.entrances]
+    # Of several from one lane to another the shortest, which comes first, is driven.
+    numbers = {(way.entrance, way.exit): k for k, way in reversed([*enumerate(report.movements)])}
+    by_arm = {i: [k for k, end in enumerate(report.entrances) if end.arm == i] for i in range(report.ways)}
+    conflicts, yields = (junction.conflicts or (), junction.yields or ()) if junction else ((), ())
     return {
         "id": report.id,
         "ways": report.ways,
         "control": report.control.value,
         "usable": report.usable,
+        "usable_from": round(report.usable_from, 4) if report.usable else None,
         "reason": None if report.reason is None else f"{report.reason[0].upper()}{report.reason[1:]}.",
-        "entrances": [f"e{i}" for i in entrances],
+        "entrances": [f"e{i}" for i in entering],
+        "arms": [
+            {
+                "entrances": len(arm.entrances),
+                "exits": len(arm.exits),
+                "control": sign_of_arm([report.signs[k] for k in by_arm[i]]).value,
+            }
+            for i, arm in enumerate(report.arms)
+        ],
         "movements": [
-            {"entrance": way.entrance, "exit": way.exit, "turn": way.turn.value, "length": round(way.length, 4)}
+            {
+                "entrance": report.entrances[way.entrance].arm,
+                "lane": report.entrances[way.entrance].lane,
+                "exit": report.exits[way.exit].arm,
+                "exit_lane": report.exits[way.exit].lane,
+                "turn": way.turn.value,
+                "length": round(way.length, 4),
+            }
             for way in report.movements
         ],
-        "approach": [round(report.approach[i], 4) for i in entrances],
+        "conflicts": sorted([numbers[one], numbers[two]] for one, two in conflicts if numbers[one] < numbers[two]),
+        "yields": sorted([numbers[one], numbers[two]] for one, two in yields),
+        "approach": [round(min(report.approach[k] for k in by_arm[i]), 4) for i in entering],
         "right_of": sorted([list(pair) for pair in report.right_of]),
         "opposite": sorted([list(pair) for pair in report.opposite]),
     }

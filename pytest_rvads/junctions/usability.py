@@ -26,7 +26,7 @@ def unusable(
         graph: of the map.
         id: of the junction.
         arms: counter-clockwise.
-        ways: between the arms.
+        ways: through it, those that are left out not among them.
         pairs: (entrance edge, exit edge) of every way through the junction.
     """
     declared = graph.network.junctions[id]
@@ -43,32 +43,10 @@ def unusable(
         return f"it has {len(arms)} arms, and only junctions of {FEWEST} to {MOST} can be used"
     if len({road in graph.network.left_hand for arm in arms for road, _ in arm.ends}) > 1:
         return "traffic keeps right on some of its roads and left on others"
-    return _of_arms(arms) or _of_movements(ways, len(arms)) or _of_gaps(graph, ways)
-
-
-def _of_arms(arms: Sequence[RoadArm]) -> str | None:
-    for i, arm in enumerate(arms):
-        if not (arm.entrances and arm.exits):
-            roads = " and ".join(f"road {road!r}" for road, _ in arm.ends)
-            what = "exit" if arm.entrances else "entrance"
-            return f"arm {i} ({roads}) is one-way and has no {what} lane, expected one entrance and one exit lane per arm"
-    for i, arm in enumerate(arms):
-        if len(arm.entrances) > 1 or len(arm.exits) > 1:
-            lanes = f"{len(arm.entrances)} entrance and {len(arm.exits)} exit lanes"
-            return f"arm {i} (road {arm.ends[0][0]!r}) has {lanes}, expected one of each"
-    return None
-
-
-def _of_movements(ways: Sequence[Way], arms: int) -> str | None:
-    present = {(way.entrance, way.exit) for way in ways}
-    back = min((entrance for entrance, exit in present if entrance == exit), default=None)
-    if back is not None:
-        return f"it has a U-turn at entrance {back}, which the model has no room for; leave U-turns out with drop_uturns"
-    missing = [(i, k) for i in range(arms) for k in range(arms) if i != k and (i, k) not in present]
-    if not missing:
-        return None
-    listed = ", ".join(f"{i} to {k}" for i, k in missing[:6])
-    return f"it lacks {len(missing)} movements: from entrance to exit {listed}; every entrance needs one to each other arm"
+    entering = sum(bool(arm.entrances) for arm in arms)
+    if entering < 2:
+        return f"traffic enters it from {entering} of its {len(arms)} arms, and only junctions that two or more enter are usable"
+    return _of_gaps(graph, ways)
 
 
 def _of_gaps(graph: MetricGraph, ways: Sequence[Way]) -> str | None:

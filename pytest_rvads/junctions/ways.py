@@ -33,12 +33,12 @@ class Path(NamedTuple):
 
 
 class Way(NamedTuple):
-    """A way through a junction between two arms."""
+    """A way through a junction, from a lane to a lane."""
 
     entrance: int
-    """Number of the arm that it comes from."""
+    """Number of the entrance."""
     exit: int
-    """Number of the arm that it goes to."""
+    """Number of the exit."""
     turn: Turn
     length: float
     """Along the lane centre line [m]."""

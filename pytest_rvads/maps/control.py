@@ -1,21 +1,42 @@
-"""What regulates a junction: stop signs, lights and stop lines on lanes, the kind of control they make up, green phases."""
+"""What regulates a junction: signs, lights and stop lines on lanes, the kind of control they make up, green phases."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import combinations
 
-__all__ = ["JunctionControl", "MapObject", "ObjectKind", "Sign", "control_of", "phase_groups", "setback_of", "signs_of"]
+__all__ = [
+    "JunctionControl",
+    "MapObject",
+    "ObjectKind",
+    "Sign",
+    "control_of",
+    "phase_groups",
+    "setback_of",
+    "sign_of_arm",
+    "sign_setback_of",
+    "signs_of",
+]
+
+
+_AT_LINE = 0.01
 
 
 class JunctionControl(StrEnum):
-    """What regulates a junction: the same object at all entrances, at none, or only at some."""
+    """What regulates a junction as a whole."""
 
     STOP = "stop"
+    """Stop signs at all entrances."""
     LIGHTS = "lights"
+    """Lights at all entrances."""
     NONE = "none"
+    """Nothing: right before left."""
+    YIELD = "yield"
+    """Yield or priority signs at some entrances or all, and no stop sign or light at any."""
     PARTIAL = "partial"
+    """Anything else: stop signs or lights at some entrances only, or both."""
 
 
 class Sign(StrEnum):
@@ -32,13 +53,15 @@ class ObjectKind(StrEnum):
     """Kinds of objects that matter to the rules."""
 
     STOP = "stop"
+    YIELD = "yield"
+    PRIORITY = "priority"
     LIGHT = "light"
     LINE = "line"
 
 
 @dataclass(frozen=True, slots=True)
 class MapObject:
-    """A stop sign, light or stop line with its position on the metric graph."""
+    """A sign, light or stop line with its position on the metric graph."""
 
     id: str
     kind: ObjectKind
@@ -48,15 +71,25 @@ class MapObject:
     station: float
     """Along that edge; at its end where the object stands in or beyond the junction [m]."""
     setback: float | None
-    """Distance of a stop line or stop sign before the entrance vertex, None where it is too far away and for lights [m]."""
+    """Distance of a stop line or stop sign before the entrance vertex, None where it is too far away and for the others [m]."""
 
 
 def signs_of(controlled: Sequence[set[ObjectKind]]) -> tuple[Sign, ...]:
     """Return what regulates each entrance, from the kinds of objects there; what all have counts, else a light before a sign."""
-    regulating = {ObjectKind.LIGHT: Sign.LIGHTS, ObjectKind.STOP: Sign.STOP}
+    regulating = {
+        ObjectKind.LIGHT: Sign.LIGHTS,
+        ObjectKind.STOP: Sign.STOP,
+        ObjectKind.YIELD: Sign.YIELD,
+        ObjectKind.PRIORITY: Sign.PRIORITY,
+    }
     common = set(regulating).intersection(*controlled)
     kinds = ((here & common) or here for here in controlled)
     return tuple(next((sign for kind, sign in regulating.items() if kind in here), Sign.NONE) for here in kinds)
+
+
+def sign_of_arm(signs: Sequence[Sign]) -> Sign:
+    """Return what regulates an arm: what most of its entrances have, the one at the kerb where they differ; NONE without any."""
+    return max(signs, key=lambda sign: (signs.count(sign), -signs.index(sign)), default=Sign.NONE)
 
 
 def control_of(signs: Iterable[Sign]) -> JunctionControl:
@@ -65,32 +98,49 @@ def control_of(signs: Iterable[Sign]) -> JunctionControl:
     for sign, control in ((Sign.STOP, JunctionControl.STOP), (Sign.LIGHTS, JunctionControl.LIGHTS)):
         if found == {sign}:
             return control
-    return JunctionControl.PARTIAL if found & {Sign.STOP, Sign.LIGHTS} else JunctionControl.NONE
+    if found & {Sign.STOP, Sign.LIGHTS}:
+        return JunctionControl.PARTIAL
+    return JunctionControl.YIELD if found & {Sign.YIELD, Sign.PRIORITY} else JunctionControl.NONE
 
 
 def setback_of(objects: Iterable[MapObject]) -> float:
-    """Return the distance of the stopping line before the vertex [m]: the nearest stop line, else stop sign, else 0."""
-    back = [((item.kind is not ObjectKind.LINE), item.setback) for item in objects if item.setback is not None]
-    return min(back, default=(True, 0.0))[1]
+    """Return the distance of the stopping line before the vertex [m]: of the nearest marked line, 0 where there is none.
+
+    A sign is no line: where none is marked, vehicles stop before they enter (California Vehicle Code 22450(a), Uniform Vehicle
+    Code 11-403).
+    """
+    return min((item.setback for item in objects if item.kind is ObjectKind.LINE and item.setback is not None), default=0.0)
+
+
+def sign_setback_of(objects: Sequence[MapObject]) -> float | None:
+    """Return the distance of the nearest stop sign before the vertex, where it does not stand at the stopping line [m]."""
+    signs = [item.setback for item in objects if item.kind is ObjectKind.STOP and item.setback is not None]
+    return min(signs) if signs and abs(min(signs) - setback_of(objects)) > _AT_LINE else None
 
 
 def phase_groups(
-    ways: int, opposite: frozenset[tuple[int, int]], controllers: Iterable[frozenset[int]] = ()
+    arms: Sequence[int],
+    opposite: frozenset[tuple[int, int]],
+    controllers: Iterable[frozenset[int]] = (),
+    protected: Container[int] = (),
 ) -> tuple[frozenset[int], ...]:
-    """Return the entrances that have green together, the group of entrance 0 first.
+    """Return the entrances that have green together, the group with the lowest number first.
 
     Args:
-        ways: number of entrances.
+        arms: the arm of every entrance with a light.
         opposite: pairs of entrances facing each other.
-        controllers: entrances per controller; they count only where each one's are pairwise opposite, they cover
+        controllers: entrances per controller; they count only where each one's are pairwise opposite or of one arm, they cover
             every entrance once, and they say more than "one controller per signal".
+        protected: entrances with an arrow for a turn across oncoming traffic, which therefore don't have green with it.
     """
     given = [group for group in controllers if group]
-    fits = all((a, b) in opposite for group in given for a in group for b in group if a != b)
-    covers = sorted(e for group in given for e in group) == list(range(ways))
+    fits = all(arms[a] == arms[b] or (a, b) in opposite for group in given for a in group for b in group)
+    covers = sorted(e for group in given for e in group) == list(range(len(arms)))
     if not (fits and covers and any(len(group) > 1 for group in given)):
-        given = [frozenset([entrance]) for entrance in range(ways)]
-        for a, b in sorted(opposite):
+        given = [frozenset([entrance]) for entrance in range(len(arms))]
+        for a, b in (*sorted(opposite), *((a, b) for a, b in combinations(range(len(arms)), 2) if arms[a] == arms[b])):
             apart = [group for group in given if not group & {a, b}]
             given = [*apart, frozenset().union(*(group for group in given if group & {a, b}))]
+        arrows = frozenset(e for e in range(len(arms)) if e in protected)
+        given = [part for group in given for part in (group - arrows, group & arrows) if part]
     return tuple(sorted(given, key=min))

@@ -79,6 +79,8 @@ class DeclaredJunction:
     """Pairs of edges outside that it links to each other without lanes of its own."""
     lost: str | None = None
     """A road of the junction, or one that it connects, whose lanes have no place because it has no geometry or no length."""
+    priorities: tuple[tuple[str, str], ...] = ()
+    """Pairs of roads: traffic on the first has priority over traffic on the second."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

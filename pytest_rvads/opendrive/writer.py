@@ -103,7 +103,7 @@ def opendrive(layout: Layout, name: str = "junction") -> str:
     for entrance, exit in permutations(range(layout.ways), 2):
         _movement(root, junction, layout, entrance, exit)
     if layout.control is JunctionControl.LIGHTS:
-        for number, group in enumerate(phase_groups(layout.ways, layout.opposite)):
+        for number, group in enumerate(phase_groups(range(layout.ways), layout.opposite)):
             controller = _add(root, "controller", id=number, name=f"phase {number}", sequence=number)
             for arm in sorted(group):
                 _add(controller, "control", signalId=arm, type="vehicle")

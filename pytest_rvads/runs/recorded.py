@@ -176,7 +176,7 @@ class _Topology:
             junction = Junction(
                 graph.junction,
                 graph.junction,
-                *cross(signs, phase_groups=phase_groups(len(nodes), pairs) if set(signs) == {Sign.LIGHTS} else ()),
+                *cross(signs, phase_groups=phase_groups(range(len(nodes)), pairs) if set(signs) == {Sign.LIGHTS} else ()),
                 {m.key: m for m in movements.values()},
                 frozenset((numbers[a], numbers[b]) for a, b in file.right_of),
                 pairs,

@@ -12,6 +12,7 @@ from array import array
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from itertools import accumulate
 from math import gcd
 from operator import index
 from typing import TypeVar
@@ -37,38 +38,45 @@ __all__ = [
 
 T = TypeVar("T")
 Directions = tuple[int, ...]
+_DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
 WAYS = range(3, 9)
 """Arities the method is defined for here."""
 
 
 def parse(directions: str | Sequence[int]) -> Directions:
-    """Read directions from a string such as ``"1133"`` or a sequence of integers.
+    """Read directions from a string such as ``"1133"``, or ``"13_2_0_31"`` where arms have several lanes, or from integers.
 
     Raises:
-        ScenarioError: another number of entrances than 3..8, a digit out of range, or no vehicle at all.
+        ScenarioError: something else, or no vehicle at all.
     """
     digits: object = directions
     if isinstance(directions, str):
-        digits = [int(d) for d in directions] if directions.isascii() and directions.isdigit() else None
+        plain = directions.replace("_", "")
+        digits = [_DIGITS.index(d) for d in plain] if plain and set(plain) <= set(_DIGITS) else None
     try:
         code = tuple(map(index, digits))  # type: ignore[call-overload]
     except TypeError as refused:
         message = f"directions must be digits, one per entrance, such as '1133', got {directions!r}"
         raise ScenarioError(message) from refused
-    if len(code) not in WAYS:
-        raise ScenarioError(f"directions must name 3 to 8 entrances, got {len(code)}: {directions!r}")
-    if not all(0 <= d < len(code) for d in code):
-        raise ScenarioError(
-            f"a direction at {len(code)} entrances is one of 1..{len(code) - 1}, or 0 for nobody, got {directions!r}"
-        )
+    if not all(0 <= d < len(_DIGITS) for d in code):
+        raise ScenarioError(f"a direction is a number from 1 to {len(_DIGITS) - 1}, or 0 for nobody, got {directions!r}")
     if not any(code):
         raise ScenarioError(f"a scenario needs at least one vehicle, got {directions!r}")
     return code
 
 
-def label(code: Directions) -> str:
-    """Return the directions as a string of digits."""
-    return "".join(map(str, code))
+def label(code: Directions, lanes: Sequence[int] = ()) -> str:
+    """Return the directions as a string of digits.
+
+    Args:
+        code: the directions.
+        lanes: per arm, how many entrances it has; where one has several, arms are parted by ``_``.
+    """
+    digits = "".join(_DIGITS[d] for d in code)
+    if max(lanes, default=1) <= 1:
+        return digits
+    ends = accumulate(lanes)
+    return "_".join(digits[end - count : end] for end, count in zip(ends, lanes, strict=True) if count)
 
 
 def rotate(code: tuple[T, ...], rows: int) -> tuple[T, ...]:

@@ -21,6 +21,8 @@ __all__ = ["SPEED_LIMIT", "Scenario", "check_numbers"]
 
 SPEED_LIMIT = 11.176
 """City speed limit of the paper, 25 mph [m/s]."""
+MOST_FOLLOWERS = 9
+"""Most vehicles that queue behind each."""
 _IN_IDS = re.compile(r"[A-Za-z0-9_.-]+")
 
 
@@ -59,6 +61,8 @@ class Scenario:
     """Entrances before rotation, in the order in which their vehicles are created."""
     senses: Senses
     """How imperfectly the vehicle under test, or all of them, see and act."""
+    followers: int
+    """How many vehicles queue behind each, on the same way."""
 
     def __init__(  # noqa: PLR0913 - what a scenario consists of, by keyword
         self,
@@ -75,6 +79,7 @@ class Scenario:
         subject: int | None = None,
         order: Sequence[int] | None = None,
         senses: Senses = IDEAL,
+        followers: int = 0,
     ) -> None:
         """Describe a scenario; numbers may be given once for all entrances.
 
@@ -88,6 +93,8 @@ class Scenario:
             raise ScenarioError(
                 f"directions {label(code)!r} describe {count} entrances, junction {place.name!r} has {len(place.entrances)}"
             )
+        if not _within(followers, MOST_FOLLOWERS + 1):
+            raise ScenarioError(f"followers must be a whole number from 0 to {MOST_FOLLOWERS}, got {followers!r}")
         distances = per_entrance("distance", distance, count)
         speeds = per_entrance("speed", speed, count)
         _check_rotation(place, rotation)
@@ -102,7 +109,7 @@ class Scenario:
         require(senses, Senses, "senses must be rvads.Senses(...)", ScenarioError)
         values = (
             *(place, code, distances, speeds, rotation, configuration),
-            *(float(duration), aggression, float(wait), subject, made, senses),
+            *(float(duration), aggression, float(wait), subject, made, senses, followers),
         )
         for name, value in zip(self.__slots__, values, strict=True):
             object.__setattr__(self, name, value)
@@ -126,6 +133,11 @@ class Scenario:
         return rotate(self.directions, self.rotation)
 
     @property
+    def label(self) -> str:
+        """The directions as they stand on the map, as a string: arms parted by ``_`` where one has several entrances."""
+        return label(self.placed, self.place.lanes)
+
+    @property
     def number(self) -> int:
         """Number of the structural equivalence class, 0 for a partial scenario."""
         return class_number(self.directions)
@@ -143,13 +155,14 @@ class Scenario:
         if self.order != tuple(range(len(self.order))):
             turned += f".o{label(self.order)}"
         seat = "" if self.subject is None else f"-s{self.subject}"
-        scenario = f"{class_label(len(self.directions), self.number)}-as{label(self.placed)}{seat}"
+        scenario = f"{class_label(len(self.directions), self.number)}-as{self.label}{seat}"
         return f"{self.place.name}-{scenario}-cfg{self.point}{turned}"
 
     @property
     def point(self) -> str:
-        """Label of the point of the grid: the configuration, and what is not ideal in the senses."""
-        return ".".join(filter(None, (self.configuration, self.senses.label)))
+        """Label of the point of the grid: the configuration, how many follow, and what is not ideal in the senses."""
+        queue = f"f{self.followers}" if self.followers else ""
+        return ".".join(filter(None, (self.configuration, queue, self.senses.label)))
 
     @property
     def under_test(self) -> str | None:
@@ -177,9 +190,14 @@ class Scenario:
                 )
 
     def agents(self) -> tuple[Agent, ...]:
-        """Return the agents, by entrance."""
+        """Return the agents, by entrance; followers right behind the first one there."""
         place = self.place
-        return tuple(Agent(place.vehicle_at(e), place.leads(e, d)) for e, d in enumerate(self.placed) if d)
+        return tuple(
+            Agent(place.vehicle_at(e) + (f"+{k}" if k else ""), place.leads(e, d))
+            for e, d in enumerate(self.placed)
+            if d
+            for k in range(self.followers + 1)
+        )
 
     def itineraries(self) -> tuple[Itinerary, ...]:
         """Return the itineraries of `agents`, in the same order."""
@@ -202,6 +220,8 @@ class Scenario:
     def record(self) -> dict[str, Any]:
         """Return the fields as builtins, for records and run files; of the junction its name and the file it is from."""
         values = {item.name: getattr(self, item.name) for item in fields(self)[1:]}
+        if not self.followers:
+            del values["followers"]
         return {"junction": self.place.name, "map": self.place.map, **values, "senses": self.senses.record()}
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from pytest_rvads.junctions.junction import Entrance, Exit, Junction
+from pytest_rvads.junctions.junction import Junction
 
 __all__ = ["Symmetry", "broken_by", "rotations_of"]
 
@@ -31,8 +30,9 @@ def rotations_of(junction: Junction) -> tuple[Symmetry, ...]:
     """
     found = []
     for arms in range(junction.ways):
-        image = _image(junction.entrances, arms, junction.ways)
-        if image and not broken_by(junction, arms):
+        images = junction.image(arms)
+        if images and not broken_by(junction, arms):
+            image = images[0]
             swaps = any(image[e] not in group for group in junction.phase_groups[:1] for e in group)
             found.append(Symmetry(arms, image[0], swaps))
     return tuple(found)
@@ -40,9 +40,10 @@ def rotations_of(junction: Junction) -> tuple[Symmetry, ...]:
 
 def broken_by(junction: Junction, arms: int) -> tuple[str, ...]:
     """Return what a rotation by `arms` arms changes; empty for a symmetry."""
-    entrances, exits = (_image(lanes, arms, junction.ways) for lanes in (junction.entrances, junction.exits))
-    if entrances is None or exits is None:
+    images = junction.image(arms)
+    if images is None:
         return ("lanes",)
+    entrances, exits = images
 
     def pairs(relation: frozenset[tuple[int, int]]) -> frozenset[tuple[int, int]]:
         return frozenset((entrances[a], entrances[b]) for a, b in relation)
@@ -61,10 +62,3 @@ def broken_by(junction: Junction, arms: int) -> tuple[str, ...]:
     if frozenset(frozenset(entrances[e] for e in group) for group in groups) != groups:
         changed.append("light groups")
     return tuple(changed)
-
-
-def _image(lanes: Sequence[Entrance | Exit], arms: int, ways: int) -> list[int] | None:
-    """Return, per lane, the number of the one in its place when every arm moves on; None where a lane has none."""
-    numbers = {(lane.arm, lane.lane): number for number, lane in enumerate(lanes)}
-    places = [((lane.arm + arms) % ways, lane.lane) for lane in lanes]
-    return [numbers[place] for place in places] if numbers.keys() == set(places) else None

@@ -34,7 +34,6 @@ class Bullet:
 
     def __call__(self, case: Case) -> Run:
         """Simulate a case, see `pytest_rvads.simulators.simulator.simulate`."""
-        case.scenario.fit()
         loop = _Loop(case)
         try:
             loop.run()
@@ -67,13 +66,13 @@ class _Loop:
         self._vehicles = [case.fleet.of(agent.name) for agent in self._agents]
         self._bodies: list[Body] = []
         starts = []
-        for agent, itinerary, vehicle in zip(self._agents, scenario.itineraries(), self._vehicles, strict=True):
-            distance, speed = scenario.start(agent.entrance)
+        rows = zip(self._agents, scenario.itineraries(), self._vehicles, case.starts(), strict=True)
+        for agent, itinerary, vehicle, (distance, speed) in rows:
             station = itinerary.start(distance)
             self._bodies.append(Body(agent, itinerary, station, vehicle, scenario.aggression))
             starts.append(start(itinerary, station, speed, vehicle))
         self.recorder = Recorder(self._agents)
-        created = scenario.creation.index
+        created = scenario.creation.index  # sorting keeps followers behind the first one of their entrance
         self._active = sorted(range(len(self._agents)), key=lambda column: created(self._agents[column].entrance))
         """Vehicles still in the run, in creation order."""
         self._lights: tuple[Colour, ...] = ()

@@ -123,7 +123,7 @@ def build_junction(name: str, control: JunctionControl, lengths: Lengths, ways: 
     opposite = opposite_pairs(turns)
     entrances, exits = cross(
         (Sign(control.value),) * ways,
-        phase_groups=phase_groups(ways, opposite) if control is JunctionControl.LIGHTS else (),
+        phase_groups=phase_groups(range(ways), opposite) if control is JunctionControl.LIGHTS else (),
         approaches=[_road(f"in{arm}", shape, arm, True) for arm in range(ways)],
         roads=[_road(f"out{arm}", shape, arm, False) for arm in range(ways)],
     )

@@ -110,6 +110,6 @@ def test_uturns_can_be_left_out(shared: Path) -> None:
     road_map = load(shared / "maps" / "Issue295a.xodr")
     report = road_map.report("1")
     assert "U-turn" in (report.reason or "")
-    junction = road_map.junction("1", drop_uturns=True)
+    junction = road_map.junction("1", uturns=True)
     assert junction.control is JunctionControl.NONE
     assert all(entrance != exit for entrance, exit in junction.movements)

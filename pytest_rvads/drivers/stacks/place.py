@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import lru_cache
 from typing import Any
 
@@ -62,7 +63,7 @@ def _map(junction: Junction) -> dict[str, Any]:
     """Return a junction as builtins: its arms and lanes, what regulates them, who gives way to whom, where the lanes are."""
     index = {key: number for number, key in enumerate(junction.movements)}
 
-    def pairs(relation: frozenset[tuple[Key, Key]] | None) -> list[tuple[int, int]]:
+    def pairs(relation: Collection[tuple[Key, Key]] | None) -> list[tuple[int, int]]:
         return sorted((index[one], index[other]) for one, other in relation or ())
 
     return {
