@@ -11,7 +11,7 @@ import networkx as nx
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.maps.network import Edge
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.maps.segment import GAP_LIMIT, Turn
 
 __all__ = ["Path", "Way", "paths_of", "walk"]
 
@@ -108,7 +108,9 @@ def walk(graph: MetricGraph, start: str, *, upstream: bool, joints: Container[st
         if any(choice.junction is not None and choice.junction not in joints for choice in choices):
             return way
         bends = [
-            (_bend(*((choice, here) if upstream else (here, choice))), choice.id) for choice in choices if choice.id not in seen
+            (bend, choice.id)
+            for choice in choices
+            if choice.id not in seen and (bend := _bend(*((choice, here) if upstream else (here, choice)))).gap <= GAP_LIMIT
         ]
         if not bends:
             return way
@@ -116,8 +118,19 @@ def walk(graph: MetricGraph, start: str, *, upstream: bool, joints: Container[st
         seen.add(way[-1])
 
 
-def _bend(one: Edge, two: Edge) -> tuple[float, float, float, str, str]:
+class _Bend(NamedTuple):
+    """How a lane goes on from another one, the smoothest first."""
+
+    turn: float
+    """Change of heading between them [rad]."""
+    gap: float
+    """[m]."""
+    inside: float
+    """Length inside a joint [m]: lanes that part there begin alike, and the one that keeps its line is the shortest."""
+    ids: tuple[str, str]
+
+
+def _bend(one: Edge, two: Edge) -> _Bend:
     turn = abs(math.remainder(two.start_heading - one.end_heading, math.tau))
-    # Lanes that part in a joint begin alike; the one that keeps its line is the shortest.
     inside = sum(edge.length for edge in (one, two) if edge.junction is not None)
-    return round(turn, 3), math.dist(one.points[-1], two.points[0]), inside, one.id, two.id
+    return _Bend(round(turn, 3), math.dist(one.points[-1], two.points[0]), inside, (one.id, two.id))
