@@ -152,8 +152,12 @@ class RoadMap:
         return segment
 
 
-def read_map(path: str | os.PathLike[str]) -> RoadMap:
+def read_map(path: str | os.PathLike[str], *, uturns: bool = False) -> RoadMap:
     """Read a map file, by its suffix.
+
+    Args:
+        path: of the file.
+        uturns: keep U-turns at all junctions, which are left out otherwise.
 
     Raises:
         MapError: the file cannot be used at all; the message is one sentence.
@@ -167,7 +171,7 @@ def read_map(path: str | os.PathLike[str]) -> RoadMap:
     try:
         cuts = {id: cut(graph, id) for id in objects}
         joints = joints_of(cuts.values())
-        reports = tuple(analyse(graph, cuts[id], items, warnings, joints=joints) for id, items in objects.items())
+        reports = tuple(analyse(graph, cuts[id], items, warnings, joints=joints, uturns=uturns) for id, items in objects.items())
     except MapError as error:
         raise MapError(f"map file {path}: {error}") from None
     return RoadMap(str(path), graph, reports, tuple(warnings), joints)

@@ -1,10 +1,12 @@
 """The JSON object of ``rvads map FILE --json``."""
 
 import json
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
+from pytest_rvads.cli import main
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.junctions.road_map import describe, read_map
 from pytest_rvads.opendrive.writer import Layout, opendrive
@@ -172,3 +174,22 @@ def test_types_of_junctions(read: Read, change: str, words: str | None) -> None:
     assert found.ways == 4
     assert (found.reason or "").count(words or "x" * 99) == (words is not None)
     assert found.usable == (words is None)
+
+
+def test_the_text_shows_lanes_control_and_who_gives_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a cross whose southern arm has a yield sign and whose western one has no entrance."""
+    root = ElementTree.fromstring(opendrive(Layout()))
+    for arm, road in enumerate(root.findall("road")[:4]):
+        if arm == 0:
+            road.find("signals/signal").set("type", "205")
+        else:
+            road.remove(road.find("signals"))
+    root.findall("road")[3].find("lanes/laneSection/left/lane").set("type", "sidewalk")
+    path = tmp_path / "cross.xodr"
+    path.write_bytes(ElementTree.tostring(root))
+    assert main(["map", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].split() == ["1", "4-way", "yield", "usable,", "from", "120", "m", "on"]
+    assert lines[2].strip() == "arm 0: 1 in, 1 out, yield; arms 1 to 2: 1 in, 1 out, none; arm 3: 0 in, 1 out"
+    # From the south to both others by the sign; the eastern arm to the northern one, which lies on its right.
+    assert lines[3].strip() == "gives way: arm 0 to 1, 2; arm 1 to 2"

@@ -11,6 +11,7 @@ import pytest
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.junctions.finder import find, load, nearest
+from pytest_rvads.junctions.road_map import read_map
 from pytest_rvads.opendrive.writer import Layout, opendrive
 
 
@@ -136,6 +137,7 @@ def test_uturns_are_left_out_and_told_unless_asked_for(tmp_path: Path) -> None:
     assert any(warning.message == "1 U-turns of junction '1' are left out" for warning in road_map.warnings)
     plain, whole = road_map.junction("1"), road_map.junction("1", uturns=True)
     assert set(whole.movements) - set(plain.movements) == {(0, 0)}
+    assert set(read_map(path, uturns=True).junction("1").movements) == set(whole.movements)
     assert whole.leads(0, 4).turn == "left"
     assert whole.leads(0, 4).length == pytest.approx(math.pi * radius, abs=0.01)
     with pytest.raises(ScenarioError, match="direction 4 is none of entrance 0"):
