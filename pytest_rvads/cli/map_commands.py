@@ -6,8 +6,11 @@ import argparse
 import json
 import os
 import sys
-from itertools import islice
+from collections.abc import Iterator
+from itertools import groupby, islice
+from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 from pytest_rvads.cli.common import Subparsers, say, warn
 from pytest_rvads.storage import write_file
@@ -29,6 +32,7 @@ def declare(commands: Subparsers) -> None:
     map_.add_argument("file", metavar="FILE")
     map_.add_argument("--json", action="store_true", help="print one JSON object")
     map_.add_argument("--svg", metavar="OUT", help="also draw the junctions into this file")
+    map_.add_argument("--uturns", action="store_true", help="keep U-turns, which are left out otherwise")
     map_.set_defaults(command=_map)
 
 
@@ -57,7 +61,7 @@ def _map(options: argparse.Namespace) -> int:
     from pytest_rvads.draw.map_picture import draw_map
     from pytest_rvads.junctions.road_map import describe, read_map
 
-    road_map = read_map(options.file)
+    road_map = read_map(options.file, uturns=options.uturns)
     found = describe(road_map)
     if options.svg:
         write_file(Path(options.svg), draw_map(road_map).encode())
@@ -67,9 +71,32 @@ def _map(options: argparse.Namespace) -> int:
     count = len(found["junctions"])
     say(f"{os.path.basename(options.file)}: {count} junction{'s' if count > 1 else ''}")
     for junction in found["junctions"]:
-        approach = f"approach {min(junction['approach'], default=0.0):4.0f} m"
-        state = "usable" if junction["usable"] else f"not usable: {junction['reason']}"
-        say(f"  {junction['id']:>6}  {junction['ways']}-way {junction['control']:<7} {approach}  {state}")
+        state = f"usable, from {junction['usable_from']:.0f} m on" if junction["usable"] else f"not usable: {junction['reason']}"
+        say(f"  {junction['id']:>6}  {junction['ways']}-way {junction['control']:<7} {state}")
+        for line in _details(junction) if junction["usable"] else ():
+            say(f"  {'':>6}  {line}")
     for warning in found["warnings"]:
         warn(f"warning: {warning['message']}")
     return 0
+
+
+def _details(junction: dict[str, Any]) -> Iterator[str]:
+    """Yield what is known of a usable junction: the lanes and control of its arms, and which arms give way to which."""
+    arms = [
+        f"{arm['entrances']} in, {arm['exits']} out" + (f", {arm['control']}" if arm["entrances"] else "")
+        for arm in junction["arms"]
+    ]
+    alike = groupby(range(len(arms)), key=arms.__getitem__)
+    yield "; ".join(f"{_named([*numbers])}: {arm}" for arm, numbers in alike)
+    ways = [movement["entrance"] for movement in junction["movements"]]
+    owed = sorted({(ways[one], ways[two]) for one, two in junction["yields"]})
+    parts = [f"arm {one} to {_listed([two for _, two in pairs])}" for one, pairs in groupby(owed, key=itemgetter(0))]
+    yield f"gives way: {'; '.join(parts) or 'nobody'}"
+
+
+def _named(arms: list[int]) -> str:
+    return f"arm {arms[0]}" if len(arms) == 1 else f"arms {arms[0]} to {arms[-1]}"
+
+
+def _listed(arms: list[int]) -> str:
+    return ", ".join(map(str, arms))

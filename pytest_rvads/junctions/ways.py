@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Container
 from typing import NamedTuple
 
 import networkx as nx
@@ -10,7 +11,7 @@ import networkx as nx
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.maps.network import Edge
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.maps.segment import GAP_LIMIT, Turn
 
 __all__ = ["Path", "Way", "paths_of", "walk"]
 
@@ -84,10 +85,16 @@ def paths_of(graph: MetricGraph, junction: str) -> list[Path]:
     return found
 
 
-def walk(graph: MetricGraph, start: str, *, upstream: bool) -> list[str]:
+def walk(graph: MetricGraph, start: str, *, upstream: bool, joints: Container[str] = ()) -> list[str]:
     """Walk from an edge over road links to the next junction or the end of the road.
 
     Where lanes merge or fork, the walk keeps to the one that goes on straightest.
+
+    Args:
+        graph: of the map.
+        start: edge where the walk begins.
+        upstream: walk against traffic.
+        joints: junctions of two arms, which the walk goes on through.
 
     Returns:
         The edges in the order of the walk.
@@ -98,10 +105,12 @@ def walk(graph: MetricGraph, start: str, *, upstream: bool) -> list[str]:
     while True:
         here = graph.edges[way[-1]]
         choices = [graph.edges[id] for id in onward[here.id]]
-        if any(choice.junction is not None for choice in choices):
+        if any(choice.junction is not None and choice.junction not in joints for choice in choices):
             return way
         bends = [
-            (_bend(*((choice, here) if upstream else (here, choice))), choice.id) for choice in choices if choice.id not in seen
+            (bend, choice.id)
+            for choice in choices
+            if choice.id not in seen and (bend := _bend(*((choice, here) if upstream else (here, choice)))).gap <= GAP_LIMIT
         ]
         if not bends:
             return way
@@ -109,6 +118,19 @@ def walk(graph: MetricGraph, start: str, *, upstream: bool) -> list[str]:
         seen.add(way[-1])
 
 
-def _bend(one: Edge, two: Edge) -> tuple[float, float, str, str]:
+class _Bend(NamedTuple):
+    """How a lane goes on from another one, the smoothest first."""
+
+    turn: float
+    """Change of heading between them [rad]."""
+    gap: float
+    """[m]."""
+    inside: float
+    """Length inside a joint [m]: lanes that part there begin alike, and the one that keeps its line is the shortest."""
+    ids: tuple[str, str]
+
+
+def _bend(one: Edge, two: Edge) -> _Bend:
     turn = abs(math.remainder(two.start_heading - one.end_heading, math.tau))
-    return round(turn, 3), math.dist(one.points[-1], two.points[0]), one.id, two.id
+    inside = sum(edge.length for edge in (one, two) if edge.junction is not None)
+    return _Bend(round(turn, 3), math.dist(one.points[-1], two.points[0]), inside, (one.id, two.id))

@@ -52,7 +52,7 @@ def test_lanes_are_numbered_arm_by_arm_from_the_kerb() -> None:
     junction = two_lanes()
     assert [(arm.entrances, arm.exits) for arm in junction.arms] == [((0, 1), ()), ((2,), (0,)), ((3,), (1,))]
     assert [junction.vehicle_at(k) for k in range(4)] == ["a0.0", "a0.1", "a1", "a2"]
-    assert (junction.ways, junction.control, junction.drivable) == (3, "none", True)
+    assert (junction.ways, junction.control, junction.drivable) == (3, "yield", True)
     assert junction.leads(0, 1).turn is Turn.RIGHT
     assert junction.leads(1, 2).turn is Turn.LEFT
     assert junction.approach(1) == 39.0
@@ -60,7 +60,7 @@ def test_lanes_are_numbered_arm_by_arm_from_the_kerb() -> None:
 
 
 def test_a_table_of_movements_may_be_partial() -> None:
-    with pytest.raises(ScenarioError, match="no movement of junction 't' leads from entrance 0 to arm 2"):
+    with pytest.raises(ScenarioError, match="direction 2 is none of entrance 0 of junction 't', its movements lead into 1"):
         two_lanes().leads(0, 2)
 
 
@@ -96,7 +96,7 @@ def test_where_lights_rule_only_a_turn_across_oncoming_traffic_gives_way() -> No
         ([Sign.STOP] * 4, "stop"),
         ([Sign.LIGHTS] * 4, "lights"),
         ([Sign.NONE] * 4, "none"),
-        ([Sign.YIELD, Sign.PRIORITY] * 2, "none"),
+        ([Sign.YIELD, Sign.PRIORITY] * 2, "yield"),
         ([Sign.STOP, Sign.NONE] * 2, "partial"),
         ([Sign.STOP, Sign.LIGHTS] * 2, "partial"),
     ],

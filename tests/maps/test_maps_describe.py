@@ -1,10 +1,12 @@
 """The JSON object of ``rvads map FILE --json``."""
 
 import json
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
+from pytest_rvads.cli import main
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.junctions.road_map import describe, read_map
 from pytest_rvads.opendrive.writer import Layout, opendrive
@@ -17,7 +19,9 @@ def test_all_fields() -> None:
     record = json.loads(json.dumps(describe(read_map(path))))
     (junction,) = record.pop("junctions")
     assert record == {"file": str(path), "warnings": []}
-    movements = {(m["entrance"], m["exit"]): (m["turn"], m["length"]) for m in junction.pop("movements")}
+    rows = junction.pop("movements")
+    assert {(m["lane"], m["exit_lane"]) for m in rows} == {(0, 0)}
+    movements = {(m["entrance"], m["exit"]): (m["turn"], m["length"]) for m in rows}
     assert {key: turn for key, (turn, _) in movements.items()} == {
         (0, 1): "right",
         (0, 2): "left",
@@ -32,8 +36,15 @@ def test_all_fields() -> None:
         "ways": 3,
         "control": "lights",
         "usable": True,
+        "usable_from": 120.0,
         "reason": None,
         "entrances": ["e0", "e1", "e2"],
+        "arms": [{"entrances": 1, "exits": 1, "control": "lights"}] * 3,
+        # In the order of movements 0-1, 0-2, 1-0, 1-2, 2-0, 2-1: those that merge, and the two left turns across each other
+        # and across the straight one they meet. Right turns meet only whoever goes to the same exit.
+        "conflicts": [[0, 5], [1, 2], [1, 3], [1, 5], [2, 4], [2, 5]],
+        # On the same green the left turn from arm 1 lets oncoming traffic from arm 2 go.
+        "yields": [[2, 4], [2, 5]],
         "approach": [120.0, 120.0, 120.0],
         "right_of": [[0, 2], [1, 0]],
         "opposite": [[1, 2], [2, 1]],
@@ -50,14 +61,12 @@ def test_warnings_are_records(read: Read, tree: Tree) -> None:
     assert record["junctions"][0]["control"] == "stop"
 
 
-def test_unusable_junctions_keep_ways_and_control(read: Read) -> None:
+def test_an_arm_without_exit_is_one_way(read: Read) -> None:
     # The first arm loses its way out: exits lead to a sidewalk there.
     road_map = read(opendrive(Layout()).replace('id="-1" type="driving"', 'id="-1" type="sidewalk"', 1))
     (junction,) = describe(road_map)["junctions"]
-    assert (junction["ways"], junction["control"], junction["usable"]) == (4, "stop", False)
-    assert (
-        junction["reason"] == "Arm 0 (road '0') is one-way and has no exit lane, expected one entrance and one exit lane per arm."
-    )
+    assert (junction["ways"], junction["control"], junction["usable"]) == (4, "stop", True)
+    assert [(arm["entrances"], arm["exits"]) for arm in junction["arms"]] == [(1, 0), (1, 1), (1, 1), (1, 1)]
     assert {(m["entrance"], m["exit"]) for m in junction["movements"]} == {(i, k) for i in range(4) for k in (1, 2, 3) if i != k}
 
 
@@ -78,13 +87,25 @@ def test_connecting_roads_that_do_not_name_their_junction(read: Read) -> None:
 
 
 def test_reversed_lanes(read: Read, tree: Tree) -> None:
-    """A one-way road whose two lanes both lead away: the arm has no entrance left."""
+    """A one-way road whose two lanes both lead away: the arm has no entrance left, and nothing leads into its second lane."""
     root = tree()
     lane = root.find("road/lanes/laneSection/left/lane")
     lane.set("direction", "reversed")
     (found,) = read(root).junctions
-    assert found.reason is not None
-    assert "arm 0 (road '0') is one-way and has no entrance lane" in found.reason
+    assert found.usable
+    assert [(len(arm.entrances), len(arm.exits)) for arm in found.arms] == [(0, 1), (1, 1), (1, 1), (1, 1)]
+
+
+def test_unusable_junctions_keep_ways_and_control(read: Read, tree: Tree) -> None:
+    root = tree()
+    for road in root.findall("road")[1:4]:
+        lane = road.find("lanes/laneSection/left/lane")
+        lane.set("type", "sidewalk")
+    (junction,) = describe(read(root))["junctions"]
+    assert (junction["ways"], junction["control"], junction["usable"]) == (4, "stop", False)
+    assert junction["usable_from"] is None
+    assert junction["reason"] == ("Traffic enters it from 1 of its 4 arms, and only junctions that two or more enter are usable.")
+    assert {(m["entrance"], m["exit"]) for m in junction["movements"]} == {(0, 1), (0, 2), (0, 3)}
 
 
 def test_dual_carriageways_are_one_arm(read: Read, tree: Tree) -> None:
@@ -153,3 +174,22 @@ def test_types_of_junctions(read: Read, change: str, words: str | None) -> None:
     assert found.ways == 4
     assert (found.reason or "").count(words or "x" * 99) == (words is not None)
     assert found.usable == (words is None)
+
+
+def test_the_text_shows_lanes_control_and_who_gives_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a cross whose southern arm has a yield sign and whose western one has no entrance."""
+    root = ElementTree.fromstring(opendrive(Layout()))
+    for arm, road in enumerate(root.findall("road")[:4]):
+        if arm == 0:
+            road.find("signals/signal").set("type", "205")
+        else:
+            road.remove(road.find("signals"))
+    root.findall("road")[3].find("lanes/laneSection/left/lane").set("type", "sidewalk")
+    path = tmp_path / "cross.xodr"
+    path.write_bytes(ElementTree.tostring(root))
+    assert main(["map", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].split() == ["1", "4-way", "yield", "usable,", "from", "120", "m", "on"]
+    assert lines[2].strip() == "arm 0: 1 in, 1 out, yield; arms 1 to 2: 1 in, 1 out, none; arm 3: 0 in, 1 out"
+    # From the south to both others by the sign; the eastern arm to the northern one, which lies on its right.
+    assert lines[3].strip() == "gives way: arm 0 to 1, 2; arm 1 to 2"

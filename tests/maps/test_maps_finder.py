@@ -1,15 +1,17 @@
 """The Junction Finder: by name, by map and id, by type, by nearest point."""
 
+import math
 import os
 import shutil
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
-from pytest_rvads.errors import MapError
+from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.junctions.finder import find, load, nearest
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.junctions.road_map import read_map
 from pytest_rvads.opendrive.writer import Layout, opendrive
 
 
@@ -77,11 +79,12 @@ def test_types_in_a_town(shared: Path) -> None:
     assert find("3-way stop with 40 m of approach", town).id == "260"
     with pytest.raises(
         MapError,
-        match=r"no usable junction that fits '4-way lights with 40 m of approach'; it offers .*1 4-way lights with up to 34 m",
+        match=r"no usable junction that fits '4-way lights with 40 m of approach'; it offers .*2 4-way lights with up to 34 m",
     ):
         find("4-way lights with 40 m of approach", town)
-    with pytest.raises(MapError, match=r"junction '725' .* cannot be used: .*entrance and"):
-        find("725", town)
+    assert sum(find("725", town).lanes) == 5  # two lanes lead in on one of four arms
+    with pytest.raises(MapError, match=r"junction '453' .* cannot be used: it has 2 arms"):
+        find("453", town)
     with pytest.raises(MapError, match=r"did you mean '169'\?"):
         find("1690", town)
 
@@ -103,13 +106,39 @@ def test_nearest_point(shared: Path) -> None:
 
 def test_nearest_in_a_map_without_usable_junction(shared: Path) -> None:
     with pytest.raises(MapError, match="none of its 1 junctions is usable"):
-        nearest(shared / "maps" / "lane_offset_intersection.xodr", 0.0, 0.0)
+        nearest(shared / "maps" / "direct_junction_simple.xodr", 0.0, 0.0)
 
 
-def test_uturns_can_be_left_out(shared: Path) -> None:
-    road_map = load(shared / "maps" / "Issue295a.xodr")
-    report = road_map.report("1")
-    assert "U-turn" in (report.reason or "")
-    junction = road_map.junction("1", uturns=True)
-    assert junction.control is JunctionControl.NONE
-    assert all(entrance != exit for entrance, exit in junction.movements)
+def test_uturns_are_left_out_and_told_unless_asked_for(tmp_path: Path) -> None:
+    """The first arm of a junction gets a way back: a connecting road from its entrance lane to its exit lane."""
+    root = ElementTree.fromstring(opendrive(Layout(lane_offset=4.6)))
+    *_, last = root.findall("road")
+    back = ElementTree.fromstring(ElementTree.tostring(last))
+    back.set("id", "900")
+    for name in ("predecessor", "successor"):
+        back.find(f"link/{name}").attrib.update(elementId="0", contactPoint="start")
+        back.find(f"lanes/laneSection/right/lane/link/{name}").set("id", "1" if name == "predecessor" else "-1")
+    plan = back.find("planView")
+    for shape in list(plan):
+        plan.remove(shape)
+    x, y, radius = -4.6, -15.0, 4.6
+    shape = ElementTree.SubElement(
+        plan, "geometry", s="0", x=str(-x), y=str(y), hdg=str(math.pi / 2), length=str(math.pi * radius)
+    )
+    ElementTree.SubElement(shape, "arc", curvature=str(1 / radius))
+    back.set("length", str(math.pi * radius))
+    root.insert(list(root).index(last) + 1, back)
+    row = ElementTree.SubElement(root.find("junction"), "connection", id="900", incomingRoad="0", connectingRoad="900")
+    row.set("contactPoint", "start")
+    ElementTree.SubElement(row, "laneLink", {"from": "1", "to": "-1"})
+    path = tmp_path / "uturn.xodr"
+    path.write_bytes(ElementTree.tostring(root))
+    road_map = load(path)
+    assert any(warning.message == "1 U-turns of junction '1' are left out" for warning in road_map.warnings)
+    plain, whole = road_map.junction("1"), road_map.junction("1", uturns=True)
+    assert set(whole.movements) - set(plain.movements) == {(0, 0)}
+    assert set(read_map(path, uturns=True).junction("1").movements) == set(whole.movements)
+    assert whole.leads(0, 4).turn == "left"
+    assert whole.leads(0, 4).length == pytest.approx(math.pi * radius, abs=0.01)
+    with pytest.raises(ScenarioError, match="direction 4 is none of entrance 0"):
+        plain.leads(0, 4)

@@ -67,8 +67,9 @@ def test_a_reader_for_another_suffix_gives_a_usable_junction(star: Path) -> None
     assert [junction.movements[0, k].turn.value for k in (1, 2, 3)] == ["right", "straight", "left"]
     assert junction.opposite == {(0, 2), (2, 0), (1, 3), (3, 1)}
     assert junction.right_of == {(1, 0), (2, 1), (3, 2), (0, 3)}
-    assert junction.setbacks == (2.0,) * 4
-    assert junction.approach(0) == pytest.approx(46.0)
+    assert junction.setbacks == (0.0,) * 4, "a sign is no line"
+    assert [entrance.sign_setback for entrance in junction.entrances] == [2.0] * 4
+    assert junction.approach(0) == pytest.approx(48.0)
     assert junction.movements[0, 2].length == pytest.approx(24.0)
 
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.junctions.analysis import JunctionReport
+from pytest_rvads.junctions.analysis import JunctionReport, LaneEnd
 from pytest_rvads.junctions.road_map import RoadMap, read_map
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.opendrive.writer import Layout, opendrive
@@ -43,16 +43,20 @@ def shape(report: JunctionReport, first: int = 0) -> tuple[object, ...]:
     def turned(arm: int) -> int:
         return (arm - first) % n
 
+    def place(end: LaneEnd) -> tuple[int, int]:
+        return turned(end.arm), end.lane
+
+    ins, outs = [place(end) for end in report.entrances], [place(end) for end in report.exits]
+    lengths = zip(ins, report.approach, report.setbacks, strict=True)
     return (
         n,
         report.control,
         report.usable,
-        sorted((turned(w.entrance), turned(w.exit), w.turn, round(w.length, 2), round(w.turning, 3)) for w in report.movements),
-        [round(report.approach[(i + first) % n], 2) for i in range(n)],
-        [round(report.setbacks[(i + first) % n], 2) for i in range(n)],
+        sorted((ins[w.entrance], outs[w.exit], w.turn, round(w.length, 2), round(w.turning, 3)) for w in report.movements),
+        sorted((end, round(approach, 2), round(back, 2)) for end, approach, back in lengths),
         sorted((turned(a), turned(b)) for a, b in report.right_of),
         sorted((turned(a), turned(b)) for a, b in report.opposite),
-        {frozenset(map(turned, group)) for group in report.phase_groups},
+        {frozenset(ins[entrance] for entrance in group) for group in report.phase_groups},
         report.left_hand,
     )
 

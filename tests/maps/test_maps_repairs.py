@@ -176,7 +176,18 @@ def typed(root: Element, **attributes: str) -> None:
         ("stop", {"type": "B2", "country": "SE"}, "stop"),
         ("stop", {"type": "B2", "country": "PL"}, "none"),
         ("stop", {"type": "B-20", "country": "PL"}, "stop"),
-        ("stop", {"type": "205"}, "none"),
+        ("stop", {"type": "205"}, "yield"),
+        ("stop", {"type": "R1", "subtype": "2", "country": "US"}, "yield"),
+        ("stop", {"type": "R-1", "country": "ES"}, "yield"),  # what R1 means in Spain
+        ("stop", {"type": "602", "country": "GB"}, "yield"),
+        ("stop", {"type": "give_way"}, "yield"),
+        ("stop", {"type": "-1", "name": "Sign_Yield"}, "yield"),
+        ("stop", {"type": "306"}, "yield"),  # priority signs at all entrances: no stop sign, no light
+        ("stop", {"type": "206", "country": "NO"}, "yield"),  # forkjorsvei, a priority road
+        ("stop", {"type": "stop"}, "stop"),
+        ("lights", {"type": "traffic_light", "dynamic": "no"}, "lights"),
+        ("lights", {"type": "traffic_signals"}, "lights"),
+        ("lights", {"type": "traffic_signals", "name": "pedestrian crossing"}, "none"),
     ],
 )
 def test_types_of_signals(read: Read, tree: Tree, control: str, attributes: dict[str, str], found: str) -> None:

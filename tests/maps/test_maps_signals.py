@@ -1,9 +1,12 @@
 """From signals to entrances: the policy for signs, lights and stop lines, on one junction with one thing changed."""
 
+from collections.abc import Callable
 from xml.etree.ElementTree import Element, SubElement
 
 import pytest
 
+from pytest_rvads.errors import MapError
+from pytest_rvads.junctions.road_map import RoadMap
 from pytest_rvads.maps.control import JunctionControl, ObjectKind
 from pytest_rvads.opendrive.records import Signal
 from pytest_rvads.opendrive.signals import kind_of
@@ -22,8 +25,12 @@ def signal(type: str, subtype: str = "-1", *, dynamic: bool = False) -> Signal:
         ("r1", "", False, ObjectKind.STOP),
         ("r1-1", "", False, ObjectKind.STOP),
         ("stop", "", False, ObjectKind.STOP),
-        ("r1", "2", False, None),  # R1-2 is the yield sign
-        ("205", "-1", False, None),
+        ("r1", "2", False, ObjectKind.YIELD),
+        ("r1-2", "", False, ObjectKind.YIELD),
+        ("205", "-1", False, ObjectKind.YIELD),
+        ("301", "-1", False, ObjectKind.PRIORITY),
+        ("306", "-1", False, ObjectKind.PRIORITY),
+        ("274", "50", False, None),
         ("1000001", "-1", True, ObjectKind.LIGHT),
         ("1000001", "-1", False, None),
         ("1000011", "10", True, ObjectKind.LIGHT),
@@ -72,7 +79,7 @@ def test_all_entrances_must_agree(read: Read, tree: Tree) -> None:
     road_map = read(root)
     assert road_map.report("1").control is JunctionControl.PARTIAL
     (warning,) = road_map.warnings
-    assert "entrances e2 of junction '1' have no stop sign or light" in warning.message
+    assert "entrances e2 of junction '1' have no sign or light" in warning.message
 
 
 def test_no_signs_no_control(read: Read, tree: Tree) -> None:
@@ -159,15 +166,18 @@ def lines(root: Element, s: str | None) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "sign_at", "setback"), [("4", "2", 4.0), (None, "2", 2.0), ("11", "2", 2.0), ("11", "12", 0.0), (None, "0", 0.0)]
+    ("line", "sign_at", "setback", "posted"),
+    [("4", "2", 4.0, 2.0), (None, "2", 0.0, 2.0), ("11", "2", 0.0, 2.0), ("11", "12", 0.0, None), ("2", "2", 2.0, None)],
 )
-def test_the_stopping_line(read: Read, tree: Tree, line: str | None, sign_at: str, setback: float) -> None:
-    """The stop line within 10 m, else the stop sign within 10 m, else the vertex."""
+def test_the_stopping_line(read: Read, tree: Tree, line: str | None, sign_at: str, setback: float, posted: float | None) -> None:
+    """The marked line within 10 m, else the vertex; a sign is none, and is kept where it does not stand at the line."""
     root = tree()
     lines(root, line)
     for arm in range(4):
         sign(root, arm).set("s", sign_at)
-    assert read(root).report("1").setbacks == pytest.approx((setback,) * 4, abs=1e-6)
+    report = read(root).report("1")
+    assert report.setbacks == pytest.approx((setback,) * 4, abs=1e-6)
+    assert report.sign_setbacks == (pytest.approx((posted,) * 4, abs=1e-6) if posted is not None else (None,) * 4)
 
 
 def test_lights_set_no_stopping_line_and_lines_set_no_control(read: Read, tree: Tree) -> None:
@@ -241,3 +251,78 @@ def test_other_units_are_a_doubt(read: Read, tree: Tree) -> None:
     root = tree()
     SubElement(root.find("header"), "geoReference").text = "+proj=tmerc +units=us-ft"
     assert [warning.kind for warning in read(root).warnings] == ["units"]
+
+
+def lost(road_map: RoadMap) -> list[str]:
+    return [warning.message for warning in road_map.warnings if "for no entrance" in warning.message]
+
+
+def test_signs_for_no_entrance_are_counted(read: Read, tree: Tree) -> None:
+    root = tree()
+    assert lost(read(root)) == []
+    sign(root, 0).set("s", "119")
+    sign(root, 1).set("s", "60.1")
+    set_validity(sign(root, 2), (0, 0))
+    assert lost(read(root)) == [
+        "3 of 4 signs and lights are for no entrance: 2 of them stand near no end of a road where lanes lead into a junction"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda element: element.attrib.pop("s"), "has no attribute 's'"),
+        (lambda element: element.set("t", "left"), "t='left' of <signal> is not a number"),
+        (lambda element: SubElement(element, "validity", {"fromLane": "x", "toLane": "1"}), "fromLane='x'"),
+    ],
+)
+def test_a_broken_signal_costs_that_one_only(read: Read, tree: Tree, change: Callable[[Element], object], words: str) -> None:
+    root = tree()
+    change(sign(root, 2))
+    road_map = read(root)
+    assert [one.value for one in road_map.report("1").signs] == ["stop", "stop", "none", "stop"]
+    (message,) = [warning.message for warning in road_map.warnings if "was left out" in warning.message]
+    assert message.startswith("the signal '2' of road '2' was left out: ")
+    assert words in message
+
+
+def test_a_light_on_the_far_side_is_for_who_comes_straight_on(read: Read, tree: Tree) -> None:
+    """Road 2, opposite of road 0, gets a light for its exit lane, and nothing refers to it."""
+    root = tree(control=JunctionControl.LIGHTS)
+    element = remove_sign(root, 0)
+    element.set("s", "0")
+    set_validity(element, (-1, -1))
+    road(root, "2").find("signals").append(element)
+    road_map = read(root)
+    assert road_map.report("1").control is JunctionControl.LIGHTS
+    assert lost(road_map) == []
+    assert [item.edge for item in road_map.report("1").objects if item.id == "0" and item.kind == "light"] == ["0.0.1"]
+
+
+def test_priorities_that_the_file_states(read: Read, tree: Tree) -> None:
+    """Road 3 gets priority over road 0, which lies to its right: counter-clockwise roads lie in the south, east, north, west."""
+    root = tree()
+    plain = read(root).junction("1")
+    SubElement(root.find("junction"), "priority", {"high": "3", "low": "0"})
+    stated = read(root, "stated.xodr").junction("1")
+    # Straight from arm 0 and straight from arm 3.
+    assert ((3, 1), (0, 2)) in plain.yields
+    assert ((0, 2), (3, 1)) in stated.yields
+    assert ((3, 1), (0, 2)) not in stated.yields
+    SubElement(root.find("junction"), "priority", {"high": "77", "low": "0"})
+    assert any("states a priority of road '77', which does not exist" in w.message for w in read(root, "wrong.xodr").warnings)
+
+
+def test_a_second_lane_of_one_id_costs_that_lane_only(read: Read, tree: Tree) -> None:
+    root = tree()
+    side = road(root, "0").find("lanes/laneSection/left")
+    twin = SubElement(side, "lane", {"id": "1", "type": "sidewalk"})
+    SubElement(twin, "width", {"sOffset": "0", "a": "2", "b": "0", "c": "0", "d": "0"})
+    road_map = read(root)
+    assert road_map.report("1").usable
+    assert [w.message for w in road_map.warnings] == [
+        "road '0' has two lanes with id 1 in one section; the sidewalk lane was left out"
+    ]
+    twin.set("type", "driving")
+    with pytest.raises(MapError, match="two lanes with id 1 that are driven on"):
+        read(root)
