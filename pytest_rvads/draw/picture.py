@@ -17,7 +17,7 @@ STYLE = """
 .lane{fill:none;stroke:#d9d9d9}.way{fill:none;stroke:#bdbdbd;stroke-width:.12;stroke-dasharray:.6 .6}
 .mark,.arrow{fill:none;stroke:#fff;stroke-width:.16}.mark.broken{stroke-dasharray:3 3}.arrow{stroke-width:.25}
 .stop{stroke:#fff;stroke-width:.5}.number{font-size:2.6px;text-anchor:middle;fill:#666}
-.letter,.name{text-anchor:middle;fill:#fff;font-weight:bold}.letter,.name:not(.along){font-size:1.8px}
+.letter,.name{text-anchor:middle;fill:#fff;font-weight:bold}.letter{font-size:1.8px}
 .trail{fill:none;stroke-width:.35;opacity:.75}.front{fill:none;stroke:#fff;stroke-width:.22}
 rect.broken{stroke:#d11f1f;stroke-width:.5;stroke-dasharray:.9 .45}.title{font-size:2.4px;fill:#222}svg{font-family:sans-serif}
 """
