@@ -146,6 +146,7 @@ def body(pose: NDArray[np.float64], agent: Agent, size: tuple[float, float], col
     along = len(agent.name) > _ROOM
     turned = (180.0 if cos(heading) < 0 else 0.0) if along else degrees(heading)
     # Letters of a bold face are about 0.6 of its height wide; the arrow at the front takes a part of the room.
+    middle = length * (0.58 if along else 0.5)
     high = min(_NAME, 0.75 * length / (0.6 * len(agent.name))) if along else _NAME
     return (
         f'<g class="vehicle" data-agent="{name}" transform="translate({x:.3f} {-y:.3f}) rotate({-degrees(heading):.2f})">{kind}'
@@ -153,7 +154,7 @@ def body(pose: NDArray[np.float64], agent: Agent, size: tuple[float, float], col
         f'rx="{_CORNERS.get(agent.kind, width / 2):g}" fill="{colour}"/>'
         f'<path class="front" d="M-1.3 {-width / 2 + 0.25:g}L-0.3 0L-1.3 {width / 2 - 0.25:g}"/>'
         f'<text class="{"name along" if along else "name"}" font-size="{high:.2f}" '
-        f'transform="translate({-length * (0.58 if along else 0.5):g} 0) rotate({turned:.2f})" y="{high / 3:.2f}">{name}</text></g>'
+        f'transform="translate({-middle:g} 0) rotate({turned:.2f})" y="{high / 3:.2f}">{name}</text></g>'
     )
 
 
