@@ -12,14 +12,16 @@ int main(void) {
         const rvads_vehicle *me = &seen.me;
         uint32_t sign = scenario->entrances[me->entrance].sign;
         double line = scenario->line - 0.5 - me->station, gap = rvads_gap_ahead(&seen) - 2.0, speed = scenario->speed_limit;
-        int may = sign != RVADS_SIGN_LIGHTS || seen.lights[me->entrance] == RVADS_GREEN;
+        int patient, may = sign != RVADS_SIGN_LIGHTS || seen.lights[me->entrance] == RVADS_GREEN;
         if (link.fresh) stood = -1.0;
         if (me->zone == RVADS_ENTRANCE && me->speed < 0.05 && stood < 0) stood = seen.time;
+        patient = sign != RVADS_SIGN_LIGHTS && stood >= 0 && seen.time - stood > 5; /* all stand and wait for each other */
         may = may && (sign != RVADS_SIGN_STOP || (stood >= 0 && seen.time - stood > 0.5));
         for (uint32_t k = 0; k < seen.others_count; ++k) {
             const rvads_vehicle *other = &seen.others[k];
             int due = other->zone <= RVADS_ENTRANCE && -other->station < 10 + 5 * other->speed &&
-                      seen.lights[other->entrance] != RVADS_RED && scenario->control != RVADS_STOP_SIGNS;
+                      seen.lights[other->entrance] != RVADS_RED && scenario->control != RVADS_STOP_SIGNS &&
+                      (other->speed > 0.05 || !patient);
             may = may && !(other->zone == RVADS_JUNCTION && rvads_conflicts_with(&link, other));
             may = may && !(due && rvads_gives_way_to(&link, other));
         }
