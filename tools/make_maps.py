@@ -1,6 +1,7 @@
 """Write the built-in maps anew: ``python tools/make_maps.py``."""
 
 from pytest_rvads.junctions.builtin import LAYOUTS, path_of
+from pytest_rvads.opendrive.roundabout import Roundabout, roundabout
 from pytest_rvads.opendrive.writer import opendrive
 
 
@@ -9,7 +10,8 @@ def main() -> None:
     for name, layout in LAYOUTS.items():
         path = path_of(name)
         path.parent.mkdir(exist_ok=True)
-        path.write_text(opendrive(layout, name), encoding="utf-8")
+        text = roundabout(layout, name) if isinstance(layout, Roundabout) else opendrive(layout, name)
+        path.write_text(text, encoding="utf-8")
         print(path)
 
 

@@ -1,4 +1,4 @@
-/* Stops at the line, waits until the junction is free, and goes. */
+/* Keeps its distance, stops at stop signs and red lights, gives way, waits while somebody is in its way, and goes. */
 #include "rvads.h" /* gcc -std=c99 -O2 -o stack example.c */
 
 int main(void) {
@@ -10,14 +10,24 @@ int main(void) {
     while (rvads_next(&link, &seen)) {
         const rvads_scenario *scenario = &link.scenario;
         const rvads_vehicle *me = &seen.me;
-        double line = scenario->line - 0.5 - me->station;
-        int may;
+        uint32_t sign = scenario->entrances[me->entrance].sign;
+        double line = scenario->line - 0.5 - me->station, gap = rvads_gap_ahead(&seen) - 2.0, speed = scenario->speed_limit;
+        int patient, may = sign != RVADS_SIGN_LIGHTS || seen.lights[me->entrance] == RVADS_GREEN;
         if (link.fresh) stood = -1.0;
         if (me->zone == RVADS_ENTRANCE && me->speed < 0.05 && stood < 0) stood = seen.time;
-        may = scenario->control == RVADS_LIGHTS ? seen.lights[me->entrance] == RVADS_GREEN : stood >= 0 && seen.time - stood > 0.5;
-        for (uint32_t k = 0; k < seen.others_count; ++k) may = may && seen.others[k].zone != RVADS_JUNCTION;
-        may = may || me->zone > RVADS_ENTRANCE;
-        rvads_target_speed(&command, may ? scenario->speed_limit : rvads_stopping_speed(line, 2.0));
+        patient = sign != RVADS_SIGN_LIGHTS && stood >= 0 && seen.time - stood > 5; /* all stand and wait for each other */
+        may = may && (sign != RVADS_SIGN_STOP || (stood >= 0 && seen.time - stood > 0.5));
+        for (uint32_t k = 0; k < seen.others_count; ++k) {
+            const rvads_vehicle *other = &seen.others[k];
+            int due = other->zone <= RVADS_ENTRANCE && -other->station < 10 + 5 * other->speed &&
+                      seen.lights[other->entrance] != RVADS_RED && scenario->control != RVADS_STOP_SIGNS &&
+                      (other->speed > 0.05 || !patient);
+            may = may && !(other->zone == RVADS_JUNCTION && rvads_conflicts_with(&link, other));
+            may = may && !(due && rvads_gives_way_to(&link, other));
+        }
+        if (me->zone <= RVADS_ENTRANCE && !may && line < gap) gap = line;
+        if (rvads_stopping_speed(gap, 2.0) < speed) speed = rvads_stopping_speed(gap, 2.0);
+        rvads_target_speed(&command, speed);
         rvads_answer(&link, &command);
     }
     return 0;

@@ -1,37 +1,40 @@
-// Stops at the line, lets those go first who came first or from the right, waits until the junction is free, and goes.
+// Keeps its distance, stops at stop signs and red lights, gives way, lets those go first who came first or from the right.
 #include "rvads.h"    // g++ -O2 -o stack example.cpp
+#include <algorithm>
 #include <set>
-
 int main() {
     rvads link;
     rvads_observation seen;
     rvads_command command;
     double since = -1.0, stood = -1.0;
-    std::set<uint32_t> first;
+    std::set<uint32_t> first, ahead;
     if (!rvads_open(&link, "example", 20.0)) return 1;
     while (rvads_next(&link, &seen)) {
         const rvads_vehicle &me = seen.me;
         const rvads_scenario &scenario = link.scenario;
+        const uint32_t sign = scenario.entrances[me.entrance].sign;
         if (link.fresh) since = stood = -1.0, first.clear();
         if (me.zone != RVADS_APPROACH && since < 0) since = seen.time;
+        if (me.zone == RVADS_ENTRANCE && me.speed < 0.05 && stood < 0) stood = seen.time;
+        bool patient = sign != RVADS_SIGN_LIGHTS && stood >= 0 && seen.time - stood > 5;  // all stand and wait for each other
         bool clear = true, due = false, tie = since >= 0 && seen.time - since <= 0.5;  // at about the same time
-        std::set<uint32_t> ahead;
         for (uint32_t k = 0; k < seen.others_count; ++k) {
             const rvads_vehicle &other = seen.others[k];
-            clear = clear && other.zone != RVADS_JUNCTION;
-            due |= other.zone <= RVADS_ENTRANCE && scenario.opposite[other.entrance][me.entrance] &&
-                   other.turn != RVADS_LEFT && -other.station < 10 + 5 * other.speed;
-            bool right = tie && scenario.right_of[other.entrance][me.entrance];
-            if (other.zone == RVADS_ENTRANCE && (me.zone == RVADS_APPROACH || right || first.count(other.id))) ahead.insert(other.id);
+            if (other.zone > RVADS_JUNCTION || other.entrance == me.entrance) continue;
+            bool yields = rvads_gives_way_to(&link, &other), red = seen.lights[other.entrance] == RVADS_RED;
+            clear = clear && !(other.zone == RVADS_JUNCTION && rvads_conflicts_with(&link, &other));
+            bool comes = other.zone <= RVADS_ENTRANCE && -other.station < 10 + 5 * other.speed;
+            due |= comes && yields && !red && (other.speed > 0.05 || !patient);
+            bool earlier = me.zone == RVADS_APPROACH || (tie && scenario.right_of[other.entrance][me.entrance]) || first.count(other.id);
+            if (other.zone == RVADS_ENTRANCE && earlier) ahead.insert(other.id);
         }
-        first = ahead;
-        if (me.zone == RVADS_ENTRANCE && me.speed < 0.05 && stood < 0) stood = seen.time;
-        bool green = seen.lights[me.entrance] == RVADS_GREEN, turns = me.turn == RVADS_LEFT;
-        bool may = clear && (scenario.control == RVADS_LIGHTS ? green && !(turns && due)
-                                                              : stood >= 0 && seen.time - stood > 0.5 && first.empty());
-        double line = scenario.line - 0.5 - me.station;
-        bool waits = me.zone <= RVADS_ENTRANCE && !may;
-        rvads_target_speed(&command, waits ? rvads_stopping_speed(line, 2.0) : scenario.speed_limit);
+        first.swap(ahead), ahead.clear();
+        bool may = clear && (scenario.control == RVADS_STOP_SIGNS ? patient || first.empty() : !due);
+        may = may && (sign != RVADS_SIGN_STOP || (stood >= 0 && seen.time - stood > 0.5));
+        may = may && (sign != RVADS_SIGN_LIGHTS || seen.lights[me.entrance] == RVADS_GREEN);
+        double line = scenario.line - 0.5 - me.station, gap = rvads_gap_ahead(&seen) - 2.0;
+        if (me.zone <= RVADS_ENTRANCE && !may) gap = std::min(gap, line);
+        rvads_target_speed(&command, std::min(rvads_stopping_speed(gap, 2.0), scenario.speed_limit));
         rvads_answer(&link, &command);
     }
 }

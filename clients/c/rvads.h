@@ -38,12 +38,15 @@ extern "C" {
 #define RVADS_ENTRANCES 32 /* room for entrances, and for exits */
 #define RVADS_OTHERS 63
 #define RVADS_POINTS 64
+#define RVADS_NAME 24 /* bytes of a name, the last of them 0 */
+#define RVADS_NOWHERE 0xffffffffu
 
 enum { RVADS_RIGHT, RVADS_STRAIGHT, RVADS_LEFT };                                  /* turn */
 enum { RVADS_APPROACH, RVADS_ENTRANCE, RVADS_JUNCTION, RVADS_EXIT, RVADS_GONE };   /* zone */
 enum { RVADS_NONE, RVADS_GREEN, RVADS_YELLOW, RVADS_RED };                         /* light */
-enum { RVADS_STOP_SIGNS, RVADS_LIGHTS, RVADS_UNREGULATED, RVADS_PARTIAL };         /* control of the whole junction */
+enum { RVADS_STOP_SIGNS, RVADS_LIGHTS, RVADS_UNREGULATED, RVADS_PARTIAL, RVADS_YIELD_SIGNS }; /* control of the whole junction */
 enum { RVADS_SIGN_NONE, RVADS_SIGN_STOP, RVADS_SIGN_YIELD, RVADS_SIGN_PRIORITY, RVADS_SIGN_LIGHTS }; /* of an entrance */
+enum { RVADS_BY_MAP, RVADS_BY_SIGN, RVADS_BY_TURN, RVADS_BY_SIDE };                /* why one gives way: right before left, ... */
 enum { RVADS_CAR, RVADS_TRUCK, RVADS_CYCLIST, RVADS_PEDESTRIAN };                  /* kind */
 
 /* A vehicle as seen from outside; its position is that of the centre of its front bumper. */
@@ -55,6 +58,7 @@ typedef struct {
     uint32_t zone;
     double station; /* along its way, 0 where the junction begins, negative before [m] */
     double x, y, heading, speed, acceleration, length, width;
+    char name[RVADS_NAME]; /* as in reports: a0; a0.1 on lane 1 of an arm that has several; a0.1+1 the next behind; cut where longer */
 } rvads_vehicle;
 
 typedef struct {
@@ -66,8 +70,10 @@ typedef struct {
 } rvads_observation;
 
 typedef struct {
-    uint32_t arm, lane, sign, unused;
-    double setback; /* stopping line before the junction [m] */
+    uint32_t arm, lane, sign;
+    int32_t phase;       /* those of one phase get green together; -1 without a light */
+    double setback;      /* stopping line before the junction [m] */
+    double sign_setback; /* stop sign before the junction [m] */
 } rvads_entrance;
 
 typedef struct {
@@ -94,9 +100,13 @@ typedef struct {
     double length; /* [m] */
 } rvads_movement;
 
-typedef struct { /* two movements, by their place in the list: they can't be made at once; or the one gives way to the other */
+typedef struct { /* two movements, by their place in the list, that can't be made at once */
     uint32_t one, other;
 } rvads_pair;
+
+typedef struct { /* two movements: the one gives way to the other */
+    uint32_t one, other, reason, unused;
+} rvads_yield;
 
 typedef struct {
     double station, x, y, heading;
@@ -111,7 +121,8 @@ typedef struct {
     int fresh;               /* true with the first observation of a scenario */
     rvads_scenario scenario;
     rvads_movement *movements; /* as many as the scenario counts, and so on */
-    rvads_pair *conflicts, *yields;
+    rvads_pair *conflicts;
+    rvads_yield *yields;
     rvads_point *path;       /* the own way by the metre */
     char *text;              /* the whole reset message as JSON, with the map; ends with a 0 */
     int output;
@@ -202,7 +213,7 @@ static inline int rvads_reset_(rvads *link, uint32_t size) {
     size -= (uint32_t)sizeof *now;
     link->movements = (rvads_movement *)rvads_list_(link->movements, now->movements_count, sizeof(rvads_movement), &size);
     link->conflicts = (rvads_pair *)rvads_list_(link->conflicts, now->conflicts_count, sizeof(rvads_pair), &size);
-    link->yields = (rvads_pair *)rvads_list_(link->yields, now->yields_count, sizeof(rvads_pair), &size);
+    link->yields = (rvads_yield *)rvads_list_(link->yields, now->yields_count, sizeof(rvads_yield), &size);
     link->path = (rvads_point *)rvads_list_(link->path, now->path_count, sizeof(rvads_point), &size);
     link->text = (char *)rvads_list_(link->text, now->text_size, 1, &size);
     if (size || !rvads_whole_(link)) return rvads_fail_("the reset is not what it says, or there is no memory for it");
@@ -212,12 +223,17 @@ static inline int rvads_reset_(rvads *link, uint32_t size) {
 
 /* Read an observation; false where it is not what it says. */
 static inline int rvads_observe_(const rvads *link, rvads_observation *seen, uint32_t size) {
+    const size_t last = RVADS_NAME - 1;
     const size_t fixed = offsetof(rvads_observation, others);
     uint32_t k, entrances = link->scenario.entrances_count;
     int whole = size >= fixed && size <= sizeof *seen && rvads_read_(seen, size);
     whole = whole && seen->others_count == (size - fixed) / sizeof seen->me && (size - fixed) % sizeof seen->me == 0 &&
             seen->entrances_count == entrances && seen->me.entrance < entrances;
-    for (k = 0; whole && k < seen->others_count; ++k) whole = seen->others[k].entrance < entrances;
+    for (k = 0; whole && k < seen->others_count; ++k) {
+        whole = seen->others[k].entrance < entrances;
+        seen->others[k].name[last] = 0;
+    }
+    seen->me.name[last] = 0;
     return whole || rvads_fail_("an observation is not what it says");
 }
 
@@ -293,6 +309,48 @@ static inline int rvads_answer(rvads *link, rvads_command *command) {
 #endif
     frame.command.step = link->step;
     return rvads_write_(link->output, &frame, sizeof frame);
+}
+
+/* The own movement, by its place in the list; RVADS_NOWHERE where it is not in it. */
+static inline uint32_t rvads_own_movement(const rvads *link) {
+    uint32_t k;
+    for (k = 0; k < link->scenario.movements_count; ++k)
+        if (link->movements[k].entrance == link->scenario.entrance && link->movements[k].exit == link->scenario.exit) return k;
+    return RVADS_NOWHERE;
+}
+
+/* May a vehicle be about to make a movement, or make it? It goes by where it comes from and what it indicates. */
+static inline int rvads_may_make(const rvads *link, const rvads_vehicle *vehicle, uint32_t movement) {
+    const rvads_movement *way = &link->movements[movement];
+    return way->entrance == vehicle->entrance && way->turn == vehicle->turn;
+}
+
+/* Can the own movement not be made together with one that this vehicle may make? */
+static inline int rvads_conflicts_with(const rvads *link, const rvads_vehicle *other) {
+    uint32_t k, own = rvads_own_movement(link);
+    for (k = 0; k < link->scenario.conflicts_count; ++k)
+        if (link->conflicts[k].one == own && rvads_may_make(link, other, link->conflicts[k].other)) return 1;
+    return 0;
+}
+
+/* Does the own movement give way to one that this vehicle may make? */
+static inline int rvads_gives_way_to(const rvads *link, const rvads_vehicle *other) {
+    uint32_t k, own = rvads_own_movement(link);
+    for (k = 0; k < link->scenario.yields_count; ++k)
+        if (link->yields[k].one == own && rvads_may_make(link, other, link->yields[k].other)) return 1;
+    return 0;
+}
+
+/* The free road to whoever drives ahead in the own lane before the junction [m]; 1000 where nobody does. */
+static inline double rvads_gap_ahead(const rvads_observation *seen) {
+    double gap = 1000.0;
+    for (uint32_t k = 0; k < seen->others_count; ++k) {
+        const rvads_vehicle *other = &seen->others[k];
+        double free = other->station - other->length - seen->me.station;
+        int ahead = other->entrance == seen->me.entrance && other->station > seen->me.station && other->zone <= RVADS_JUNCTION;
+        if (ahead && free < gap) gap = free;
+    }
+    return gap;
 }
 
 /* The speed from which braking at `deceleration` [m/s^2] ends after `distance` [m]; 0 from there on. */

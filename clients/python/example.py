@@ -1,4 +1,4 @@
-"""Stops at the line, lets those go first who came first or from the right, waits until the junction is free, and goes."""
+"""Keeps its distance, stops at stop signs and red lights, gives way, goes when nobody is in its way."""
 
 import rvads_client
 
@@ -6,7 +6,7 @@ for seen in rvads_client.connect("example", rate=20):
     me, scenario = seen.me, seen.scenario
     if seen.fresh:
         since, stood, first = None, None, set()
-    near = [other for other in seen.others if other["zone"] in ("approach", "entrance")]
+    near = [o for o in seen.others if o["zone"] in ("approach", "entrance") and o["entrance"] != me["entrance"]]
     standing = {other["id"]: other["entrance"] for other in near if other["zone"] == "entrance"}
     if me["zone"] == "approach":
         first = set(standing)
@@ -17,13 +17,14 @@ for seen in rvads_client.connect("example", rate=20):
     first &= set(standing)
     if me["zone"] == "entrance" and me["speed"] < 0.05 and stood is None:
         stood = seen.time
-    if scenario["map"]["control"] == "lights":
-        oncoming = [other for other in near if [other["entrance"], me["entrance"]] in scenario["map"]["opposite"]]
-        due = any(other["turn"] != "left" and -other["station"] < 10 + 5 * other["speed"] for other in oncoming)
-        may = seen.lights[me["entrance"]] == "green" and not (me["turn"] == "left" and due)
-    else:
-        may = stood is not None and seen.time - stood > 0.5 and not first
-    may = may and all(other["zone"] != "junction" for other in seen.others)
-    line = scenario["itinerary"]["line"] - 0.5 - me["station"]
+    sign, stops = scenario["map"]["entrances"][me["entrance"]]["sign"], scenario["map"]["control"] == "stop"
+    patient = sign != "lights" and stood is not None and seen.time - stood > 5  # all stand and wait for each other
+    free = [other for other in near if seen.lights[other["entrance"]] != "red" and not (patient and other["speed"] < 0.05)]
+    come = [other for other in free if -other["station"] < 10 + 5 * other["speed"]]
+    may = patient or not first if stops else not any(map(seen.gives_way_to, come))
+    may = may and (sign != "stop" or (stood is not None and seen.time - stood > 0.5))
+    may = may and (sign != "lights" or seen.lights[me["entrance"]] == "green")
+    may = may and not any(other["zone"] == "junction" and seen.conflicts_with(other) for other in seen.others)
     waits = me["zone"] in ("approach", "entrance") and not may
-    seen.answer(target_speed=rvads_client.stopping_speed(line) if waits else scenario["speed_limit"])
+    gap = min(seen.gap_ahead() - 2.0, scenario["itinerary"]["line"] - 0.5 - me["station"] if waits else float("inf"))
+    seen.answer(target_speed=min(scenario["speed_limit"], rvads_client.stopping_speed(gap)))

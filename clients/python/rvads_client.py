@@ -6,8 +6,9 @@
         seen.answer(target_speed=8.0)
 
 The loop ends when the session does. With the first observation of a new scenario ``seen.fresh`` is true: forget what you
-know of the last one. ``seen.scenario`` is the reset message: map, itinerary, vehicle. Whatever you print goes to standard
-error; the protocol has a descriptor of its own. SI units throughout, angles in radians counter-clockwise.
+know of the last one. ``seen.scenario`` is the reset message: map with arms, lanes, signs and movements, itinerary, vehicle.
+Whatever you print goes to standard error; the protocol has a descriptor of its own. SI units throughout, angles in radians
+counter-clockwise.
 
 Only the standard library is needed, Python 3.8 or later. Licence: Apache-2.0.
 """
@@ -42,6 +43,26 @@ class Observation:
         self._step = content["step"]
         self._output = output
         self._since = time.perf_counter()
+
+    def conflicts_with(self, other: dict[str, Any]) -> bool:
+        """Tell whether the own movement can't be made together with one that the vehicle `other` may make."""
+        return self._meets(other, "conflicts")
+
+    def gives_way_to(self, other: dict[str, Any]) -> bool:
+        """Tell whether the own movement gives way to one that the vehicle `other` may make."""
+        return self._meets(other, "yields")
+
+    def gap_ahead(self) -> float:
+        """Return the free road to whoever drives ahead in the own lane, up to the end of the junction [m]; inf for nobody."""
+        mine = [other for other in self.others if other["entrance"] == self.me["entrance"] and other["zone"] != "exit"]
+        ahead = [other for other in mine if other["station"] > self.me["station"]]
+        return min((other["station"] - other["length"] - self.me["station"] for other in ahead), default=float("inf"))
+
+    def _meets(self, other: dict[str, Any], relation: str) -> bool:
+        ways, itinerary = self.scenario["map"]["movements"], self.scenario["itinerary"]
+        own = [k for k, way in enumerate(ways) if all(way[end] == itinerary[end] for end in ("entrance", "exit"))]
+        pairs = (pair for pair in self.scenario["map"][relation] if pair[0] in own)
+        return any(all(ways[two][what] == other[what] for what in ("entrance", "turn")) for _, two in pairs)
 
     def answer(self, **command: Any) -> None:
         """Answer with ``throttle, brake, steering``; ``target_speed``; ``acceleration`` (and ``steering``); or ``trajectory``.

@@ -1,24 +1,31 @@
-"""Pictures of the junctions of a map: lanes, directions, entrances with numbers, signs, lights, stopping lines."""
+"""Pictures of the junctions of a map: lanes with their arrows and marks, signs, lights, stopping lines, who gives way to whom."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pytest_rvads.draw.svg import document, polyline, text, wrap
+from pytest_rvads.draw.symbols import arrow, marks, sign
 from pytest_rvads.junctions.analysis import JunctionReport
+from pytest_rvads.junctions.conflicts import Key
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.road_map import RoadMap
 from pytest_rvads.junctions.ways import walk
-from pytest_rvads.maps.control import ObjectKind
+from pytest_rvads.junctions.yielding import Reason
+from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.network import Edge
 from pytest_rvads.maps.segment import Turn
 
 __all__ = ["draw_map"]
 
-_PANEL, _CAPTION, _COLUMNS, _HEAD = 360.0, 64.0, 3, 62.0
+_PANEL, _COLUMNS, _HEAD, _LEGEND = 360.0, 3, 78.0, 900.0
+_LINE, _LETTERS, _LINES = 12.0, 66, 12
+"""Of the text above a panel: height of a line [px], letters on it, lines at most."""
 _GAP = 6.0
 """Between a panel and the edge of its tile; neighbours must not look linked [px]."""
 _MARGIN = 18.0
@@ -28,6 +35,13 @@ _ARROWS = 12.0
 _TURNS = {Turn.LEFT: "#d55e00", Turn.STRAIGHT: "#0072b2", Turn.RIGHT: "#009e73"}
 """Okabe and Ito's palette, distinguishable by colour-blind people."""
 _NO_TURN = "#777"
+_DASHES = "5 3"
+_REASONS = {
+    Reason.STATED: "as the map says",
+    Reason.SIGN: "by signs",
+    Reason.TURN: "turning {1}",
+    Reason.RIGHT: "{0} before {1}",
+}
 
 Project = Callable[[float, float], tuple[float, float]]
 
@@ -43,31 +57,45 @@ def draw_map(road_map: RoadMap) -> str:
         text(12, 24, f"{road_map.path}: {count}, {usable} usable", font_size=15, font_weight="bold"),
         _legend(12, 44),
     ]
-    for i, report in enumerate(reports):
-        x, y = i % columns * _PANEL, _HEAD + i // columns * (_PANEL + _CAPTION)
-        body.append(
-            f'<svg x="{x + _GAP:g}" y="{y + _CAPTION:g}" width="{_PANEL - 2 * _GAP:g}" height="{_PANEL - 2 * _GAP:g}" '
-            f'viewBox="0 0 {_PANEL:g} {_PANEL:g}">{_panel(road_map, report)}</svg>'
-        )
-        body.append(_caption(report, x, y))
+    junctions = [road_map.junction(report.id) if report.usable else None for report in reports]
+    captions = [_caption(road_map, *pair) for pair in zip(reports, junctions, strict=True)]
+    y = _HEAD
+    for row in range(rows):
+        here = range(row * columns, min((row + 1) * columns, len(reports)))
+        above = 12 + _LINE * max(len(captions[i]) for i in here)
+        for i in here:
+            x = i % columns * _PANEL
+            body.append(
+                f'<svg x="{x + _GAP:g}" y="{y + above:g}" width="{_PANEL - 2 * _GAP:g}" height="{_PANEL - 2 * _GAP:g}" '
+                f'viewBox="0 0 {_PANEL:g} {_PANEL:g}">{_panel(road_map, reports[i], junctions[i])}</svg>'
+            )
+            for k, line in enumerate(captions[i]):
+                head = {"font_weight": "bold", "fill": "#000" if reports[i].usable else "#a00"} if k == 0 else {"font_size": 10}
+                body.append(text(x + 12, y + 12 + _LINE * k, line, **head))
+        y += above + _PANEL
     defs = "".join(
         f'<marker id="{name}" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="5" markerHeight="5" orient="auto">'
         f'<path d="M0 0L6 3L0 6z" fill="{colour}"/></marker>'
         for name, colour in [*((turn.value, colour) for turn, colour in _TURNS.items()), ("way", _NO_TURN)]
     )
-    return document(max(columns * _PANEL, 720), _HEAD + rows * (_PANEL + _CAPTION), body, defs)
+    return document(max(columns * _PANEL, _LEGEND), y, body, defs)
 
 
 def _legend(x: float, y: float) -> str:
-    parts = []
+    parts, left = [], x
     for turn, colour in _TURNS.items():
         parts.append(f'<path d="M{x:g} {y - 4:g}h24" stroke="{colour}" stroke-width="2" marker-end="url(#{turn.value})"/>')
         parts.append(text(x + 30, y, turn.value))
         x += 95
+    dashed = f'<path d="M{x:g} {y - 4:g}h24" stroke="#333" stroke-width="2" stroke-dasharray="{_DASHES}"/>'
+    parts.append(dashed + text(x + 30, y, "gives way to somebody"))
+    x, y = left, y + 20
     for mark, label, width in (
         (_number(x + 8, y - 4, "0"), "entrance", 95),
-        (_sign(x + 105, y - 4), "stop sign", 95),
-        (_light(x + 200, y - 4), "light", 75),
+        (sign(Sign.STOP, x + 103, y - 4, 7), "stop", 65),
+        (sign(Sign.YIELD, x + 168, y - 4, 7), "yield", 65),
+        (sign(Sign.PRIORITY, x + 233, y - 4, 7), "priority", 85),
+        (_light(x + 318, y - 4), "light", 70),
     ):
         parts.append(mark)
         parts.append(text(x + 22, y, label))
@@ -76,20 +104,54 @@ def _legend(x: float, y: float) -> str:
     return "".join(parts)
 
 
-def _caption(report: JunctionReport, x: float, y: float) -> str:
+def _caption(road_map: RoadMap, report: JunctionReport, junction: Junction | None) -> list[str]:
+    """Return the lines above a panel, the first one the heading."""
     state = "usable" if report.usable else "not usable"
     side = ", traffic keeps left" if report.left_hand else ""
-    head = f"junction {report.id}: {report.ways}-way, {report.control.value}, {state}{side}"
-    lines = [text(x + 12, y + 20, head, font_weight="bold", fill="#000" if report.usable else "#a00")]
+    lines = [f"junction {report.id}: {report.ways}-way, {report.control.value}, {state}{side}"]
     if report.reason is not None:
-        lines += [text(x + 12, y + 35 + 12 * i, line, font_size=10) for i, line in enumerate(wrap(report.reason, 66)[:3])]
-    elif report.arms:
-        lengths = ", ".join(f"e{i} {length:.0f} m" for i, length in enumerate(report.approach))
-        lines.append(text(x + 12, y + 35, f"approach: {lengths}", font_size=10))
-    return "".join(lines)
+        lines += wrap(report.reason, _LETTERS)
+    elif junction is not None:
+        shown = [f"{length:.0f} m" for length in report.approach]
+        each = ", ".join(f"{_label(report, k)} {length}" for k, length in enumerate(shown))
+        lines += wrap(f"approach: {each if len(set(shown)) > 1 else shown[0]}", _LETTERS)
+        lines += [line for told in _giving_way(report, junction) for line in wrap(told, _LETTERS)]
+        doubts = (warning.message for warning in road_map.warnings if warning.junction == report.id)
+        lines += [line for doubt in doubts for line in wrap(doubt, _LETTERS)]
+    return lines if len(lines) <= _LINES else [*lines[: _LINES - 1], "..."]
 
 
-def _panel(road_map: RoadMap, report: JunctionReport) -> str:
+def _giving_way(report: JunctionReport, junction: Junction) -> Iterator[str]:
+    """Yield per reason who gives way to whom, entrance by entrance."""
+    sides = ("left", "right") if report.left_hand else ("right", "left")
+    table: dict[Reason, dict[int, set[int]]] = {}
+    for (one, other), reason in _yields(junction).items():
+        table.setdefault(reason, {}).setdefault(one[0], set()).add(other[0])
+    when = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}.get(report.control, "")
+    for reason in Reason:
+        if reason in table:
+            pairs = (f"{_label(report, k)} to {_labels(report, others)}" for k, others in sorted(table[reason].items()))
+            yield f"gives way{when}, {_REASONS[reason].format(*sides)}: {', '.join(pairs)}"
+
+
+def _yields(junction: Junction) -> dict[tuple[Key, Key], Reason]:
+    """Return who gives way to whom, without those whose lights are never green together."""
+    phases = [entrance.phase for entrance in junction.entrances]
+    pairs = (junction.yields or {}).items()
+    return {(a, b): why for (a, b), why in pairs if len({phases[a[0]], phases[b[0]]} - {None}) < 2}
+
+
+def _label(report: JunctionReport, entrance: int) -> str:
+    """Return the number of an entrance's arm, and of its lane where the arm has several."""
+    end = report.entrances[entrance]
+    return f"{end.arm}.{end.lane}" if len(report.arms[end.arm].entrances) > 1 else f"{end.arm}"
+
+
+def _labels(report: JunctionReport, entrances: Iterable[int]) -> str:
+    return " ".join(_label(report, entrance) for entrance in sorted(entrances))
+
+
+def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None) -> str:
     if not report.arms:
         return text(_PANEL / 2, _PANEL / 2, "nothing to draw", text_anchor="middle", fill="#777")
     edges = road_map.graph.edges
@@ -105,16 +167,23 @@ def _panel(road_map: RoadMap, report: JunctionReport) -> str:
 
     roads = _roads(road_map, report, reach)
     parts = ['<rect width="100%" height="100%" fill="#f4f4ee"/>']
-    for extra, colour in ((0.5, "#999"), (0.0, "#d8d8d8")):
+    for extra, colour in ((0.5, "#999"), (0.0, "#cfcfcf")):
         for edge in (*inside, *roads):
             width = max((max(edge.width, 1.0) + extra) * scale, 1.0)
-            parts.append(polyline((place(*p) for p in _near(edge, x, y, reach)), stroke=colour, stroke_width=f"{width:.1f}"))
+            parts.append(
+                polyline((place(*p) for p in _near(edge.points, x, y, reach)), stroke=colour, stroke_width=f"{width:.1f}")
+            )
+    parts += _painted(road_map, report, place, reach)
     for edge in roads:
         parts += _directions(edge, place, x, y, reach)
+    yielding = {one for one, _ in _yields(junction)} if junction else set()
     for way in report.movements:
         line = [place(*p) for id in way.path.edges for p in edges[id].points]
-        parts.append(polyline(line, stroke=_TURNS[way.turn], stroke_width=1.5, marker_end=f"url(#{way.turn.value})"))
-    parts += _marks(road_map, report, place, scale)
+        style: dict[str, str | float] = {"stroke": _TURNS[way.turn], "stroke_width": 1.5, "marker_end": f"url(#{way.turn.value})"}
+        dashed: dict[str, str | float] = {"stroke_dasharray": _DASHES} if (way.entrance, way.exit) in yielding else {}
+        parts.append(polyline(line, **style, **dashed))
+    for entrance in range(len(report.entrances)):
+        parts += _posted(road_map, report, entrance, place, scale)
     parts.append(f'<path d="M10 {_PANEL - 10:g}h{10 * scale:.1f}m0 -3v6m-{10 * scale:.1f} 0v-6" stroke="#333" fill="none"/>')
     parts.append(text(10, _PANEL - 16, "10 m", font_size=10))
     return "".join(parts)
@@ -137,15 +206,14 @@ def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[Edge
     return list(found.values())
 
 
-def _near(edge: Edge, x: float, y: float, reach: float) -> Iterable[tuple[float, float]]:
-    """Return the points of a lane near the picture, whose frame clips the rest."""
-    distance = np.maximum(np.abs(edge.points[:, 0] - x), np.abs(edge.points[:, 1] - y))
+def _near(points: NDArray[np.float64], x: float, y: float, reach: float) -> Iterable[tuple[float, float]]:
+    """Return the points of a line near the picture, whose frame clips the rest."""
+    distance = np.maximum(np.abs(points[:, 0] - x), np.abs(points[:, 1] - y))
     close = distance <= 1.5 * reach
     keep = close.copy()
     keep[1:] |= close[:-1]
     keep[:-1] |= close[1:]
-    points = edge.points[keep] if keep.sum() >= 2 else edge.points
-    return [(float(a), float(b)) for a, b in points]
+    return [(float(a), float(b)) for a, b in (points[keep] if keep.sum() >= 2 else points)]
 
 
 def _directions(edge: Edge, place: Project, x: float, y: float, reach: float) -> list[str]:
@@ -168,42 +236,55 @@ def _directions(edge: Edge, place: Project, x: float, y: float, reach: float) ->
     return parts
 
 
-def _marks(road_map: RoadMap, report: JunctionReport, place: Project, scale: float) -> list[str]:
-    """Return stopping lines, entrance numbers, signs and lights."""
-    parts = []
-    kinds: dict[str, set[ObjectKind]] = {}
-    for item in report.objects:
-        kinds.setdefault(item.edge, set()).add(item.kind)
-    for number, arm in enumerate(report.arms):
-        for id in arm.entrances:
-            edge = road_map.graph.edges[id]
-            (ex, ey), heading = edge.points[-1].tolist(), edge.end_heading
-            ux, uy = math.cos(heading), math.sin(heading)
-            half, back = max(edge.width, 2.0) / 2, report.setbacks[number]
-            bar = [place(ex - back * ux + side * half * uy, ey - back * uy - side * half * ux) for side in (-1, 1)]
-            parts.append(polyline(bar, stroke="#c00", stroke_width=3))
-            parts.append(_number(*place(ex - (back + 16 / scale) * ux, ey - (back + 16 / scale) * uy), str(number)))
-            kerb = half + 9 / scale if not report.left_hand else -half - 9 / scale
-            here = place(ex - back * ux + kerb * uy, ey - back * uy - kerb * ux)
-            if ObjectKind.LIGHT in kinds.get(id, ()):
-                parts.append(_light(*here))
-            elif ObjectKind.STOP in kinds.get(id, ()):
-                parts.append(_sign(*here))
+def _painted(road_map: RoadMap, report: JunctionReport, place: Project, reach: float) -> list[str]:
+    """Return the marks between the lanes of the arms."""
+    parts, edges = [], road_map.graph.edges
+    for arm in report.arms:
+        for upstream, ids in ((True, arm.entrances), (False, arm.exits)):
+            lanes = [edges[id] for id in ids]
+            width = sum(lane.width for lane in lanes) / max(len(lanes), 1)
+            for line, broken in marks(
+                [lane.points for lane in lanes], width, left_hand=report.left_hand, centre=upstream or not arm.entrances
+            ):
+                near = [place(*p) for p in _near(line, arm.x, arm.y, 2 * reach)]
+                dashed: dict[str, str | float] = {"stroke_dasharray": "8 8"} if broken else {}
+                parts.append(polyline(near, stroke="#fff", stroke_width=1.2, **dashed))
+    return parts
+
+
+def _posted(road_map: RoadMap, report: JunctionReport, entrance: int, place: Project, scale: float) -> list[str]:
+    """Return stopping line, number and arrow of an entrance; its light; the sign of the arm beside its lane at the kerb."""
+    end = report.entrances[entrance]
+    edge, many = road_map.graph.edges[end.edge], len(report.arms[end.arm].entrances) > 1
+    (ex, ey), heading = edge.points[-1].tolist(), edge.end_heading
+    ux, uy = math.cos(heading), math.sin(heading)
+    half, back = max(edge.width, 2.0) / 2, report.setbacks[entrance]
+    bar = [place(ex - back * ux + side * half * uy, ey - back * uy - side * half * ux) for side in (-1, 1)]
+    parts = [polyline(bar, stroke="#c00", stroke_width=3)]
+    parts.append(_number(*place(ex - (back + 16 / scale) * ux, ey - (back + 16 / scale) * uy), _label(report, entrance)))
+    turns = {way.turn for way in report.movements if way.entrance == entrance}
+    if many or len({way.exit for way in report.movements if way.entrance == entrance}) < report.ways - 1:
+        behind = back + 44 / scale
+        px, py = place(ex - behind * ux, ey - behind * uy)
+        turned = f"translate({px:.1f} {py:.1f}) rotate({-math.degrees(heading):.1f}) scale(4.5)"
+        parts.append(
+            f'<path class="arrow" transform="{turned}" d="{arrow(turns)}" fill="none" stroke="#222" stroke-width=".35"/>'
+        )
+    kerb = half + 9 / scale if not report.left_hand else -half - 9 / scale
+    kind = report.signs[entrance]
+    if kind is Sign.LIGHTS and many:
+        parts.append(_light(*place(ex + 11 / scale * ux, ey + 11 / scale * uy)))
+    elif kind is Sign.LIGHTS or end.lane == 0:
+        here = place(ex - back * ux + kerb * uy, ey - back * uy - kerb * ux)
+        parts.append(_light(*here) if kind is Sign.LIGHTS else sign(kind, *here, 7))
     return parts
 
 
 def _number(x: float, y: float, label: str) -> str:
+    size = 11 if len(label) < 3 else 9
     return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="8" fill="#000"/>' + text(
-        x, y + 4, label, fill="#fff", text_anchor="middle", font_size=11
+        x, y + 4, label, fill="#fff", text_anchor="middle", font_size=size
     )
-
-
-def _sign(x: float, y: float) -> str:
-    corners = " ".join(
-        f"{x + 7 * math.cos(math.pi / 8 + k * math.pi / 4):.1f},{y + 7 * math.sin(math.pi / 8 + k * math.pi / 4):.1f}"
-        for k in range(8)
-    )
-    return f'<polygon points="{corners}" fill="#c00" stroke="#fff"/>'
 
 
 def _light(x: float, y: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from pytest_rvads.draw.scene import Scene, body, ink, path
+from pytest_rvads.draw.scene import Scene, body, inks, path
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
@@ -15,10 +15,11 @@ __all__ = ["STYLE", "picture", "size"]
 
 STYLE = """
 .lane{fill:none;stroke:#d9d9d9}.way{fill:none;stroke:#bdbdbd;stroke-width:.12;stroke-dasharray:.6 .6}
+.mark,.arrow{fill:none;stroke:#fff;stroke-width:.16}.mark.broken{stroke-dasharray:3 3}.arrow{stroke-width:.25}
 .stop{stroke:#fff;stroke-width:.5}.number{font-size:2.6px;text-anchor:middle;fill:#666}
-.sign{fill:#c1272d;stroke:#fff;stroke-width:.2}.letter,.name{font-size:1.8px;text-anchor:middle;fill:#fff;font-weight:bold}
+.letter,.name{text-anchor:middle;fill:#fff;font-weight:bold}.letter{font-size:1.8px}
 .trail{fill:none;stroke-width:.35;opacity:.75}.front{fill:none;stroke:#fff;stroke-width:.22}
-.broken{stroke:#d11f1f;stroke-width:.5;stroke-dasharray:.9 .45}.title{font-size:2.4px;fill:#222}svg{font-family:sans-serif}
+rect.broken{stroke:#d11f1f;stroke-width:.5;stroke-dasharray:.9 .45}.title{font-size:2.4px;fill:#222}svg{font-family:sans-serif}
 """
 
 
@@ -40,11 +41,12 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
     scene = Scene(run.junction)
     left, top, wide, high = scene.view
     parts = [scene.road(), scene.lights(run.lights[tick])]
-    for column, agent in enumerate(run.agents):
-        parts.append(f'<polyline class="trail" stroke="{ink(agent)}" points="{path(run.pose[: tick + 1 : 5, column, :2])}"/>')
+    colours = inks(run.agents)
+    for column, colour in enumerate(colours):
+        parts.append(f'<polyline class="trail" stroke="{colour}" points="{path(run.pose[: tick + 1 : 5, column, :2])}"/>')
     for column, agent in enumerate(run.agents):
         if run.zone[tick, column] != Zone.GONE:
-            parts.append(body(run.pose[tick, column], agent, size(run, column), agent.name in broken))
+            parts.append(body(run.pose[tick, column], agent, size(run, column), colours[column], agent.name in broken))
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide * 10:.0f}" height="{(high + 5) * 10:.0f}" '
         f'viewBox="{left:.2f} {top - 5:.2f} {wide:.2f} {high + 5:.2f}"><style>{STYLE}</style>'

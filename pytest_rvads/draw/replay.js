@@ -5,7 +5,7 @@ const get = id => document.getElementById(id);
 const bodies = document.querySelectorAll(".vehicle"), trails = document.querySelectorAll(".trail");
 const rows = [
   ...run.agents.map((name, i) => [name, run.zones[i].map(([tick, zone]) => [tick, places[zone]])]),
-  ...run.lights.map((changes, e) => ["light " + e, changes.map(([tick, colour]) => [tick, colours[colour]])])
+  ...run.lights.map((changes, e) => ["light " + run.entrances[e], changes.map(([tick, colour]) => [tick, colours[colour]])])
     .filter(([, changes]) => changes.some(([, word]) => word !== "none")),
   ...run.tracks];
 let now = 0, timer = null, cursors = [], told = [];
@@ -24,7 +24,9 @@ function show(index) {
     trails[i].setAttribute("points", zone === 4 ? "" : driven.join(" ") + ` ${x},${-y}`);
     bodies[i].setAttribute("transform", `translate(${x} ${-y}) rotate(${-heading * 180 / Math.PI})`);
     bodies[i].style.display = zone === 4 ? "none" : "";
-    bodies[i].querySelector("text").setAttribute("transform", `translate(${-run.lengths[i] / 2} 0) rotate(${heading * 180 / Math.PI})`);
+    const written = bodies[i].querySelector("text"), along = written.classList.contains("along");
+    const turned = !along ? heading * 180 / Math.PI : Math.cos(heading) < 0 ? 180 : 0;
+    written.setAttribute("transform", `translate(${-run.lengths[i] * (along ? 0.58 : 0.5)} 0) rotate(${turned})`);
     const cells = get("states").tBodies[0].rows[i].cells;
     cells[1].textContent = places[zone];
     cells[2].textContent = `${station < 0 ? "" : "+"}${station.toFixed(2)} m`;

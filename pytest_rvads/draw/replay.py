@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.draw.picture import STYLE, size
-from pytest_rvads.draw.scene import Scene, body, ink
+from pytest_rvads.draw.scene import Scene, body, inks, label
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
@@ -59,8 +59,9 @@ def replay(
         raise RunError(f"run {run.label!r} has no states, so there is nothing to replay")
     scene = Scene(run.junction)
     left, top, wide, high = scene.view
-    trails = "".join(f'<polyline class="trail" stroke="{ink(a)}"/>' for a in run.agents)
-    bodies = "".join(body(run.pose[0, i], a, size(run, i), a.name in responsible) for i, a in enumerate(run.agents))
+    colours = inks(run.agents)
+    trails = "".join(f'<polyline class="trail" stroke="{colour}"/>' for colour in colours)
+    bodies = "".join(body(run.pose[0, i], a, size(run, i), colours[i], a.name in responsible) for i, a in enumerate(run.agents))
     told = sorted(marked)
     motion = np.concatenate((run.pose, run.station[..., None], run.speed[..., None]), axis=2)
     motion[..., 2] = np.unwrap(motion[..., 2], axis=0)
@@ -73,6 +74,7 @@ def replay(
         "kinds": [a.kind for a in run.agents],
         "motion": np.nan_to_num(motion[::_EVERY].round(3)).tolist(),  # who is gone may have no place
         "zones": [_changes(run.zone[:, i]) for i in range(len(run.agents))],
+        "entrances": [label(run.junction, e) for e in range(run.lights.shape[1])],
         "lights": [_changes(run.lights[:, e]) for e in range(run.lights.shape[1])],
         "tracks": [(track.label, track.changes) for track in tracks],
         "responsible": [a.name for a in run.agents if a.name in responsible],
@@ -95,16 +97,21 @@ def replay(
 def events(run: Run) -> list[tuple[float, str]]:
     """Return what happens in a run: zones entered, lights that change, collisions, a fault; time [s] and text."""
     found: list[tuple[float, str]] = []
+    junction = run.junction
+    out = [f"{lane.arm}.{lane.lane}" if len(junction.arms[lane.arm].exits) > 1 else f"{lane.arm}" for lane in junction.exits]
     words = {Zone.ENTRANCE: "at entrance {0}", Zone.JUNCTION: "enters the junction", Zone.EXIT: "leaves by exit {1}"}
     for column, agent in enumerate(run.agents):
         found += [
-            (round(tick * run.dt, 6), f"{agent.name} {words[Zone(zone)].format(agent.entrance, agent.exit)}")
+            (
+                round(tick * run.dt, 6),
+                f"{agent.name} {words[Zone(zone)].format(label(junction, agent.entrance), out[agent.exit])}",
+            )
             for tick, zone in _changes(run.zone[:, column])
             if zone in words
         ]
     for entrance in range(run.lights.shape[1]):
         found += [
-            (round(tick * run.dt, 6), f"light {entrance} turns {Colour(colour).name.lower()}")
+            (round(tick * run.dt, 6), f"light {label(junction, entrance)} turns {Colour(colour).name.lower()}")
             for tick, colour in _changes(run.lights[:, entrance])[1:]
         ]
     found += [(c.time, f"{c.agents[0]} and {c.agents[1]} collide at {c.speed:.1f} m/s") for c in run.collisions or ()]

@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import cos, degrees, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.draw.symbols import arrow, marks, sign
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.control import Sign
 from pytest_rvads.runs.states import Agent, Colour, Kind
 from pytest_rvads.wording import markup
 
-__all__ = ["Scene", "body", "ink", "path"]
+__all__ = ["Scene", "body", "inks", "label", "path"]
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00", "#555555")
-"""Okabe and Ito's palette, distinguishable by colour-blind people; one per entrance."""
+"""Okabe and Ito's palette, distinguishable by colour-blind people."""
+_DARKER = 0.62
+"""Of a colour, where it comes round again."""
 
 _LIGHTS = {Colour.GREEN: "#1fa34a", Colour.YELLOW: "#e0a800", Colour.RED: "#d11f1f", Colour.NONE: "#888"}
 _CORNERS = {Kind.CAR: 0.4, Kind.TRUCK: 0.0}
 """Radius of the corners of a body [m]; whoever is on two wheels or feet is round at both ends."""
 _MARGIN = 28.0
 """How far the picture reaches beyond the junction [m]."""
+_ARROW = 9.0
+"""Tail of the arrow on a lane before its stopping line [m]."""
+_LAMP = 1.8
+"""Lights of several lanes hang over each, beyond its stopping line [m]."""
+_NAME, _ROOM = 1.8, 3
+"""Height of a name [m], and how many letters fit across a vehicle; a longer one is written along it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,34 +60,58 @@ class Scene:
         return float(low[0]), float(-high[1]), float(high[0] - low[0]), float(high[1] - low[1])
 
     def road(self) -> str:
-        """Return lanes, movements, stopping lines, entrance numbers and signs."""
+        """Return lanes with their marks and arrows, movements, stopping lines, numbers of arms and signs."""
         junction, width = self.junction, self.junction.lane_width
         ways = [junction.way_through(*key) for key in junction.movements]
         lanes = [*map(junction.way_in, range(len(junction.entrances))), *map(junction.way_out, range(len(junction.exits))), *ways]
         parts = [f'<polyline class="lane" stroke-width="{width:g}" points="{path(s.points)}"/>' for s in lanes]
+        for arm in junction.arms:
+            sides = [junction.way_in(e).points for e in arm.entrances], [junction.way_out(e).points for e in arm.exits]
+            for side, centre in zip(sides, (True, not arm.entrances), strict=True):
+                for line, broken in marks(side, width, left_hand=junction.left_hand, centre=centre):
+                    parts.append(f'<polyline class="{"mark broken" if broken else "mark"}" points="{path(line)}"/>')
         parts += [f'<polyline class="way" points="{path(s.points)}"/>' for s in ways]
-        for entrance, lane in enumerate(junction.entrances):
-            x, y, heading = junction.way_in(entrance).pose(junction.approach(entrance))
-            ax, ay = -sin(heading) * width / 2, cos(heading) * width / 2
-            parts.append(f'<line class="stop" x1="{x - ax:.2f}" y1="{-(y - ay):.2f}" x2="{x + ax:.2f}" y2="{-(y + ay):.2f}"/>')
-            side = 1 if self.junction.left_hand else -1
-            px, py = x - sin(heading) * width * side, y + cos(heading) * width * side
-            parts.append(f'<text class="number" x="{px:.2f}" y="{-py + 0.9:.2f}">{entrance}</text>')
-            if lane.sign is Sign.STOP:
-                qx, qy = px - 3.2 * cos(heading), py - 3.2 * sin(heading)
-                parts.append(f'<path class="sign" transform="translate({qx:.2f} {-qy:.2f})" d="{_octagon(1.0)}"/>')
+        parts += map(self._entrance, range(len(junction.entrances)))
         return "".join(parts)
 
+    def _entrance(self, entrance: int) -> str:
+        """Return stopping line and arrow of a lane, at the kerb also number and sign of its arm."""
+        junction, lane = self.junction, self.junction.entrances[entrance]
+        x, y, heading = junction.way_in(entrance).pose(junction.approach(entrance))
+        ax, ay = -sin(heading) * junction.lane_width / 2, cos(heading) * junction.lane_width / 2
+        parts = [f'<line class="stop" x1="{x - ax:.2f}" y1="{-(y - ay):.2f}" x2="{x + ax:.2f}" y2="{-(y + ay):.2f}"/>']
+        turns = {m.turn for m in junction.movements.values() if m.entrance == entrance}
+        if len(junction.arms[lane.arm].entrances) > 1 or len(junction.directions(entrance)) < junction.ways - 1:
+            tx, ty, along = junction.way_in(entrance).pose(max(junction.approach(entrance) - _ARROW, 0.0))
+            place = f"translate({tx:.2f} {-ty:.2f}) rotate({-degrees(along):.2f})"
+            parts.append(f'<path class="arrow" transform="{place}" d="{arrow(turns)}"/>')
+        if lane.lane == 0:
+            px, py = self._kerb(entrance)
+            parts.append(f'<text class="number" x="{px:.2f}" y="{-py + 0.9:.2f}">{lane.arm}</text>')
+            parts.append(sign(lane.sign, px - 3.2 * cos(heading), -(py - 3.2 * sin(heading)), 1.0))
+        return "".join(parts)
+
+    def _kerb(self, entrance: int) -> tuple[float, float]:
+        """Return a point beside the road at a stopping line."""
+        x, y, heading = self.junction.way_in(entrance).pose(self.junction.approach(entrance))
+        aside = self.junction.lane_width * (1 if self.junction.left_hand else -1)
+        return x - sin(heading) * aside, y + cos(heading) * aside
+
     def lights(self, colours: Iterable[int]) -> str:
-        """Return a lamp per controlled entrance; its letter tells the colour to those who can't see it."""
+        """Return a lamp per entrance with a light; its letter tells the colour to those who can't see it.
+
+        It stands at the kerb, or hangs over the lane where the arm has several.
+        """
         parts = []
         for entrance, colour in enumerate(map(Colour, colours)):
             if colour is Colour.NONE:
                 continue
             x, y, heading = self.junction.way_in(entrance).pose(self.junction.approach(entrance))
-            side = 1 if self.junction.left_hand else -1
-            qx = x - sin(heading) * self.junction.lane_width * side - 3.2 * cos(heading)
-            qy = y + cos(heading) * self.junction.lane_width * side - 3.2 * sin(heading)
+            if len(self.junction.arms[self.junction.entrances[entrance].arm].entrances) > 1:
+                qx, qy = x + _LAMP * cos(heading), y + _LAMP * sin(heading)
+            else:
+                px, py = self._kerb(entrance)
+                qx, qy = px - 3.2 * cos(heading), py - 3.2 * sin(heading)
             parts.append(
                 f'<g class="lamp" data-entrance="{entrance}" transform="translate({qx:.2f} {-qy:.2f})">'
                 f'<circle r="1.3" fill="{_LIGHTS[colour]}"/><text class="letter" y="0.65">{colour.name[0]}</text></g>'
@@ -86,30 +119,45 @@ class Scene:
         return "".join(parts)
 
 
-def ink(agent: Agent) -> str:
-    """Return the colour that a vehicle is drawn in."""
-    return PALETTE[agent.entrance % len(PALETTE)]
+def label(junction: Junction, entrance: int) -> str:
+    """Return what an entrance is called: by the number of its arm, and of its lane where the arm has several."""
+    return junction.vehicle_at(entrance).removeprefix("a")
 
 
-def body(pose: NDArray[np.float64], agent: Agent, size: tuple[float, float], broken: bool = False) -> str:
+def inks(agents: Sequence[Agent]) -> list[str]:
+    """Return the colours that vehicles are drawn in: by entrance, one by one where several come from one."""
+    several = max(Counter(agent.entrance for agent in agents).values(), default=0) > 1
+    numbers = range(len(agents)) if several else [agent.entrance for agent in agents]
+    return [_shade(number) for number in numbers]
+
+
+def _shade(number: int) -> str:
+    colour = PALETTE[number % len(PALETTE)]
+    if number // len(PALETTE) % 2 == 0:
+        return colour
+    return "#" + "".join(f"{int(_DARKER * int(colour[k : k + 2], 16)):02x}" for k in (1, 3, 5))
+
+
+def body(pose: NDArray[np.float64], agent: Agent, size: tuple[float, float], colour: str, broken: bool = False) -> str:
     """Return a vehicle to scale; `pose` is that of the centre of its front bumper, `size` its length and width [m]."""
     (x, y, heading), (length, width), name = map(float, pose), size, markup(agent.name)
     outline = ' class="broken"' if broken else ""
     kind = "" if agent.kind is Kind.CAR else f"<title>{agent.kind} {name}</title>"
+    along = len(agent.name) > _ROOM
+    turned = (180.0 if cos(heading) < 0 else 0.0) if along else degrees(heading)
+    # Letters of a bold face are about 0.6 of its height wide; the arrow at the front takes a part of the room.
+    middle = length * (0.58 if along else 0.5)
+    high = min(_NAME, 0.75 * length / (0.6 * len(agent.name))) if along else _NAME
     return (
         f'<g class="vehicle" data-agent="{name}" transform="translate({x:.3f} {-y:.3f}) rotate({-degrees(heading):.2f})">{kind}'
         f'<rect{outline} x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" '
-        f'rx="{_CORNERS.get(agent.kind, width / 2):g}" fill="{ink(agent)}"/>'
+        f'rx="{_CORNERS.get(agent.kind, width / 2):g}" fill="{colour}"/>'
         f'<path class="front" d="M-1.3 {-width / 2 + 0.25:g}L-0.3 0L-1.3 {width / 2 - 0.25:g}"/>'
-        f'<text class="name" transform="translate({-length / 2:g} 0) rotate({degrees(heading):.2f})" y="0.6">{name}</text></g>'
+        f'<text class="{"name along" if along else "name"}" font-size="{high:.2f}" '
+        f'transform="translate({-middle:g} 0) rotate({turned:.2f})" y="{high / 3:.2f}">{name}</text></g>'
     )
 
 
 def path(points: NDArray[np.float64]) -> str:
     """Return points of shape ``(k, 2)`` [m] as SVG coordinates, y down."""
     return " ".join(f"{x:.2f},{-y:.2f}" for x, y in points)
-
-
-def _octagon(radius: float) -> str:
-    corners = [(radius * cos(0.3927 + k * 0.7854), radius * sin(0.3927 + k * 0.7854)) for k in range(8)]
-    return "M" + "L".join(f"{x:.2f} {y:.2f}" for x, y in corners) + "z"

@@ -1,26 +1,33 @@
-"""The maps that ship with the package: X and T junctions with stop signs or lights, and the recorded Xs of the paper."""
+"""The maps that ship with the package: Xs and Ts with every kind of control, turn lanes, a roundabout, the Xs of the paper."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.maps.control import JunctionControl, Sign
+from pytest_rvads.opendrive.roundabout import Roundabout
 from pytest_rvads.opendrive.writer import Layout
 
-__all__ = ["LAYOUTS", "path_of"]
+__all__ = ["CROSSINGS", "LAYOUTS", "path_of"]
 
 _STOP, _LIGHTS = JunctionControl.STOP, JunctionControl.LIGHTS
 
-LAYOUTS = {
+CROSSINGS = {
     "stop4": Layout(4, _STOP),
     "stop3": Layout(3, _STOP),
     "light4": Layout(4, _LIGHTS),
     "light3": Layout(3, _LIGHTS),
     "paper_stop4": Layout(4, _STOP, stop=14.5, lane_offset=4.6),
     "paper_light4": Layout(4, _LIGHTS, stop=14.5, lane_offset=4.6),
+    "yield4": Layout(4, JunctionControl.YIELD, signs=(Sign.YIELD, Sign.PRIORITY) * 2),
+    "right4": Layout(4, JunctionControl.NONE),
+    "lanes4": Layout(4, _LIGHTS, lanes=(((1, 2), (3,)),) * 4, shift=1.75),
 }
-"""Per name the layout that the file was written from. The last two have about the lengths of the paper's recorded
-junctions: 15.6 m to the right, 29 m straight on, 30 m to the left."""
+"""Maps of one junction. Those of the paper have about the lengths of its recorded junctions: 15.6 m to the right, 29 m straight
+on, 30 m to the left. The major road of ``yield4`` runs from west to east; in ``lanes4`` the left-turn lanes face each other."""
+
+LAYOUTS: dict[str, Layout | Roundabout] = {**CROSSINGS, "roundabout4": Roundabout(4)}
+"""Per name the layout that the file was written from."""
 
 
 def path_of(name: str) -> Path:

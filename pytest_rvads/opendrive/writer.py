@@ -1,24 +1,41 @@
 """Writing junctions as OpenDRIVE 1.7: the built-in maps, and variants of them for tests and experiments.
 
-The arms are straight and meet in one centre. By symmetry every turning movement is a single arc that is tangent
-to the lanes it joins, so headings are continuous and there are no gaps.
+The arms are straight and meet in one centre. Every turning movement is a single arc that is tangent to the lanes it joins,
+with a straight piece before or after it where those lie at different distances from the centre, so headings are continuous and
+there are no gaps.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import permutations
-from xml.etree.ElementTree import Element, SubElement, indent, tostring
+from xml.etree.ElementTree import Element
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.maps.control import JunctionControl, phase_groups
-from pytest_rvads.maps.segment import Pose
+from pytest_rvads.maps.control import JunctionControl, Sign, control_of, phase_groups
+from pytest_rvads.maps.segment import Pose, Turn
+from pytest_rvads.opendrive.elements import (
+    Lane,
+    Piece,
+    Post,
+    add,
+    add_lanes,
+    add_plan,
+    add_regulation,
+    add_road,
+    document,
+    finished,
+    joined,
+)
 
 __all__ = ["Layout", "opendrive"]
 
 _JUNCTION = "1"
 _FACING = math.radians(10.0)
+_ARROWS = {Turn.LEFT: 10, Turn.RIGHT: 20}
+_BESIDE = 0.8
+"""From the kerb to a sign [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +49,12 @@ class Layout:
     ways: int = 4
     """Number of arms, 3 to 8; 3 is a T whose stem lies in the south, others are evenly spaced from the south on."""
     control: JunctionControl = JunctionControl.STOP
-    """STOP, LIGHTS or NONE."""
+    """What regulates all arms, STOP, LIGHTS or NONE; with `signs`, what these make up."""
     stop: float = 15.0
     """Centre of the junction to the entrance and exit vertices [m]."""
     lane_offset: float = 1.75
-    """Centre of the road to the centre of a lane [m]; more than half the lane width leaves a median."""
+    """Line between the directions of a road to the centre of the first lane beside it [m]; more than half the lane width leaves
+    a median."""
     lane_width: float = 3.5
     """[m]."""
     approach: float = 120.0
@@ -47,21 +65,53 @@ class Layout:
     """Whether traffic keeps left."""
     angles: tuple[float, ...] = ()
     """Directions of the arms, counter-clockwise from east, in ascending order [rad]; empty for the usual ones."""
+    signs: tuple[Sign, ...] = ()
+    """What regulates each arm; empty where `control` says it of all."""
+    lanes: tuple[tuple[tuple[int, ...], ...], ...] = ()
+    """Per arm the lanes that lead in, from the kerb, each with the directions ``j`` that it allows, to the arm ``j`` further on;
+    empty for one lane on every arm that allows all. What several lanes of an arm allow leads into as many lanes: those at the
+    kerb, for a turn across oncoming traffic those at the centre. Beside other lanes, one for that turn alone has a light with an
+    arrow, green on its own."""
+    exits: tuple[int, ...] = ()
+    """Per arm how many lanes lead out; empty for one on every arm."""
+    shift: float = 0.0
+    """The line between the directions lies this far to the side of the lanes that lead out [m]; opposite lanes face each other
+    where it is half a lane and arms have one lane more in than out."""
 
     def __post_init__(self) -> None:
         if not 3 <= self.ways <= 8:
             raise MapError(f"a junction has 3 to 8 ways, got {self.ways!r}")
-        if self.control is JunctionControl.PARTIAL:
-            raise MapError("a junction is written with control stop, lights or none, got partial")
         numbers = (self.stop, self.lane_offset, self.lane_width, self.approach, self.setback)
-        if not all(math.isfinite(value) for value in numbers) or min(numbers[:4]) <= 0 or not 0 <= self.setback < self.approach:
+        if not all(map(math.isfinite, (*numbers, self.shift))) or min(numbers[:4]) <= 0 or not 0 <= self.setback < self.approach:
             raise MapError(f"lengths of a junction must be positive and the setback shorter than the approach, got {numbers}")
         if self.lane_offset < self.lane_width / 2:
             raise MapError(
                 f"lanes of {self.lane_width:g} m at an offset of {self.lane_offset:g} m overlap, expected half the width or more"
             )
-        if self.angles and len(self.angles) != self.ways:
-            raise MapError(f"a junction of {self.ways} ways needs {self.ways} angles, got {len(self.angles)}")
+        for name in ("angles", "signs", "lanes", "exits"):
+            given = getattr(self, name)
+            if given and len(given) != self.ways:
+                raise MapError(f"a junction of {self.ways} ways needs {self.ways} {name}, got {len(given)}")
+        self._check_signs()
+        self._check_lanes()
+
+    def _check_signs(self) -> None:
+        found = control_of(sign for sign, lanes in zip(self.regulation, self.entrances, strict=True) if lanes)
+        if found is not self.control:
+            how = f"they make up {found}" if self.signs else "that needs signs, one per arm"
+            raise MapError(f"a junction was to be written with control {self.control}, but {how}")
+
+    def _check_lanes(self) -> None:
+        for arm, lanes in enumerate(self.entrances):
+            for lane, directions in enumerate(lanes):
+                for j in directions:
+                    if not 1 <= j < self.ways or self.leaving[(arm + j) % self.ways] < 1:
+                        raise MapError(
+                            f"lane {lane} of arm {arm} allows direction {j}, expected 1 to {self.ways - 1} "
+                            "and a lane that leads out there"
+                        )
+        if not list(self.ways_through()):
+            raise MapError("a junction needs a lane that leads in and allows a direction")
 
     @property
     def directions(self) -> tuple[float, ...]:
@@ -73,6 +123,25 @@ class Layout:
         return tuple(-math.pi / 2 + math.tau * i / self.ways for i in range(self.ways))
 
     @property
+    def regulation(self) -> tuple[Sign, ...]:
+        """What regulates each arm."""
+        usual = {JunctionControl.STOP: Sign.STOP, JunctionControl.LIGHTS: Sign.LIGHTS}
+        return self.signs or (usual.get(self.control, Sign.NONE),) * self.ways
+
+    @property
+    def leaving(self) -> tuple[int, ...]:
+        """Per arm how many lanes lead out."""
+        return self.exits or (1,) * self.ways
+
+    @property
+    def entrances(self) -> tuple[tuple[tuple[int, ...], ...], ...]:
+        """Per arm the lanes that lead in, from the kerb, with the directions that they allow."""
+        if self.lanes:
+            return self.lanes
+        found = range(self.ways)
+        return tuple((tuple(j for j in range(1, self.ways) if self.leaving[(arm + j) % self.ways]),) for arm in found)
+
+    @property
     def opposite(self) -> frozenset[tuple[int, int]]:
         """Pairs of arms that face each other."""
         turned = [
@@ -81,6 +150,40 @@ class Layout:
             for k, b in enumerate(self.directions)
         ]
         return frozenset((i, k) for i, k, off in turned if abs(off) < _FACING)
+
+    @property
+    def across(self) -> Turn:
+        """The turn across oncoming traffic."""
+        return Turn.RIGHT if self.left_hand else Turn.LEFT
+
+    def turn(self, arm: int, direction: int) -> Turn:
+        """Return the turn from an arm into a direction."""
+        one, two = self.directions[arm], self.directions[(arm + direction) % self.ways]
+        return Turn.of(math.remainder(two - one - math.pi, math.tau))
+
+    def protected(self, arm: int, lane: int) -> bool:
+        """Return whether a lane has a light of its own for the turn across oncoming traffic."""
+        lanes = self.entrances[arm]
+        return len(lanes) > 1 and bool(lanes[lane]) and {self.turn(arm, j) for j in lanes[lane]} == {self.across}
+
+    def ways_through(self) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+        """Yield the movements: arm and lane that they lead from, arm and lane that they lead to.
+
+        Raises:
+            MapError: more lanes allow a direction than lead out there.
+        """
+        for arm, lanes in enumerate(self.entrances):
+            for direction in range(1, self.ways):
+                allowing = [lane for lane, directions in enumerate(lanes) if direction in directions]
+                out = (arm + direction) % self.ways
+                if len(allowing) > self.leaving[out]:
+                    raise MapError(
+                        f"{len(allowing)} lanes of arm {arm} lead to arm {out}, expected no more than the {self.leaving[out]} "
+                        "that lead out there"
+                    )
+                skipped = self.leaving[out] - len(allowing) if self.turn(arm, direction) is self.across else 0
+                for number, lane in enumerate(allowing):
+                    yield (arm, lane), (out, number + skipped)
 
 
 def opendrive(layout: Layout, name: str = "junction") -> str:
@@ -93,154 +196,127 @@ def opendrive(layout: Layout, name: str = "junction") -> str:
     Raises:
         MapError: arms too close together for a turn between them.
     """
-    root = Element("OpenDRIVE")
-    reach = layout.stop + layout.approach
-    bounds = {"north": reach, "south": -reach, "east": reach, "west": -reach}
-    _add(root, "header", revMajor=1, revMinor=7, name=name, version="1.00", **bounds, vendor="pytest-rvads")
+    root = document(name, layout.stop + layout.approach)
     for arm in range(layout.ways):
         _arm(root, layout, arm)
     junction = Element("junction", {"id": _JUNCTION, "name": name})
-    for entrance, exit in permutations(range(layout.ways), 2):
+    for entrance, exit in sorted(layout.ways_through(), key=lambda way: (way[0][0], way[1][0], way)):
         _movement(root, junction, layout, entrance, exit)
-    if layout.control is JunctionControl.LIGHTS:
-        for number, group in enumerate(phase_groups(range(layout.ways), layout.opposite)):
-            controller = _add(root, "controller", id=number, name=f"phase {number}", sequence=number)
-            for arm in sorted(group):
-                _add(controller, "control", signalId=arm, type="vehicle")
-            _add(junction, "controller", id=number, type="vehicle", sequence=number)
+    _controllers(root, junction, layout)
     root.append(junction)
-    indent(root, "  ")
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="unicode") + "\n"
+    return finished(root)
 
 
-def _add(parent: Element, tag: str, **values: str | float) -> Element:
-    """Add an element with these attributes; numbers have up to 12 digits."""
-    return SubElement(parent, tag, {name: v if isinstance(v, str) else f"{v + 0.0:.12g}" for name, v in values.items()})
+def _controllers(root: Element, junction: Element, layout: Layout) -> None:
+    """Write a controller for every group of lights that are green together."""
+    lit = [
+        (arm, lane)
+        for arm, lanes in enumerate(layout.entrances)
+        for lane in range(len(lanes))
+        if layout.regulation[arm] is Sign.LIGHTS
+    ]
+    facing = ((i, k) for i, (a, _) in enumerate(lit) for k, (b, _) in enumerate(lit) if (a, b) in layout.opposite)
+    protected = [number for number, (arm, lane) in enumerate(lit) if layout.protected(arm, lane)]
+    groups = phase_groups([arm for arm, _ in lit], frozenset(facing), protected=protected)
+    for number, group in enumerate(groups):
+        controller = add(root, "controller", id=number, name=f"phase {number}", sequence=number)
+        for place in sorted(group):
+            add(controller, "control", signalId=_signal(layout, *lit[place]), type="vehicle")
+        add(junction, "controller", id=number, type="vehicle", sequence=number)
 
 
-def _lane(layout: Layout) -> int:
-    """Return the number of the driving lanes, counted from the centre: behind the median where there is one."""
+def _signal(layout: Layout, arm: int, lane: int) -> int:
+    return arm + layout.ways * lane
+
+
+def _first(layout: Layout) -> int:
+    """Return the number of the innermost driving lanes, counted from the centre: behind the median where there is one."""
     return 2 if layout.lane_offset > layout.lane_width / 2 + 1e-9 else 1
 
 
-def _inbound(layout: Layout) -> int:
-    return -_lane(layout) if layout.left_hand else _lane(layout)
+def _inbound(layout: Layout, arm: int, lane: int) -> int:
+    """Return the id of a lane that leads in, by its number from the kerb."""
+    number = _first(layout) + len(layout.entrances[arm]) - 1 - lane
+    return -number if layout.left_hand else number
 
 
-def _road(root: Element, layout: Layout, id: int, length: float, junction: str) -> Element:
-    road = _add(root, "road", id=id, length=length, junction=junction, rule="LHT" if layout.left_hand else "RHT")
-    _add(road, "link")
-    return road
+def _outbound(layout: Layout, arm: int, lane: int) -> int:
+    """Return the id of a lane that leads out, by its number from the kerb."""
+    number = _first(layout) + layout.leaving[arm] - 1 - lane
+    return number if layout.left_hand else -number
 
 
-def _plan(road: Element, start: Pose, length: float, curvature: float = 0.0) -> None:
-    geometry = _add(_add(road, "planView"), "geometry", s=0, x=start.x, y=start.y, hdg=start.heading, length=length)
-    _add(geometry, "arc", curvature=curvature) if curvature else _add(geometry, "line")
-
-
-def _add_lane(side: Element, id: int, type: str, width: float, links: tuple[int, int] | None = None) -> None:
-    """Write a lane; `links` are the ids of the lanes before and after it."""
-    lane = _add(side, "lane", id=id, type=type, level="false")
-    if links:
-        link = _add(lane, "link")
-        _add(link, "predecessor", id=links[0])
-        _add(link, "successor", id=links[1])
-    if id:
-        _add(lane, "width", sOffset=0, a=width, b=0, c=0, d=0)
+def _aside(layout: Layout, lane: int) -> float:
+    """Return how far the centre of a lane lies to the left of the axis of its arm, seen outward, by its id [m]."""
+    across = layout.lane_offset + layout.lane_width * (abs(lane) - _first(layout))
+    return math.copysign(across, lane) - (-layout.shift if layout.left_hand else layout.shift)
 
 
 def _arm(root: Element, layout: Layout, arm: int) -> None:
     """Write one arm: its reference line runs outward from the entrance vertex."""
     angle = layout.directions[arm]
-    road = _road(root, layout, arm, layout.approach, "-1")
-    _add(road[0], "predecessor", elementType="junction", elementId=_JUNCTION)
-    _plan(road, Pose(layout.stop * math.cos(angle), layout.stop * math.sin(angle), angle), layout.approach)
-    section = _add(_add(road, "lanes"), "laneSection", s=0)
-    outer, median = _lane(layout), layout.lane_offset - layout.lane_width / 2
-    for side, ids in (("left", range(outer, 0, -1)), ("center", (0,)), ("right", range(-1, -outer - 1, -1))):
-        group = _add(section, side)
-        for id in ids:
-            driving = abs(id) == outer
-            _add_lane(group, id, "driving" if driving else "median" if id else "none", layout.lane_width if driving else median)
-    if layout.control is not JunctionControl.NONE:
+    road = add_road(root, arm, layout.approach, left_hand=layout.left_hand)
+    add(road[0], "predecessor", elementType="junction", elementId=_JUNCTION)
+    add_plan(road, [Piece(Pose(*_at(layout, angle, 0.0), angle), layout.approach)])
+    median, counts = layout.lane_offset - layout.lane_width / 2, (len(layout.entrances[arm]), layout.leaving[arm])
+    lanes = [Lane(0, mark="none" if _first(layout) > 1 else "centre" if all(counts) else "solid")]
+    for side, count in zip((-1, 1) if layout.left_hand else (1, -1), counts, strict=True):
+        if _first(layout) > 1:
+            lanes.append(Lane(side, "median", median, "solid"))
+        for number in range(count):
+            mark = "broken" if number < count - 1 else "solid"
+            lanes.append(Lane(side * (_first(layout) + number), "driving", layout.lane_width, mark))
+    add_lanes(road, lanes, layout.shift if layout.left_hand else -layout.shift)
+    if layout.regulation[arm] is not Sign.NONE and layout.entrances[arm]:
         _regulate(road, layout, arm)
 
 
 def _regulate(road: Element, layout: Layout, arm: int) -> None:
-    """Write the stop line and the stop sign or light of an entrance; traffic enters against the reference line."""
-    inbound = _inbound(layout)
-    side = math.copysign(1.0, inbound)
-    flat: dict[str, float] = dict.fromkeys(("height", "hdg", "pitch", "roll"), 0)
-    line = _add(
-        _add(road, "objects"),
-        "object",
-        id=f"line{arm}",
-        name="StopLine",
-        type="roadMark",
-        s=layout.setback,
-        t=side * layout.lane_offset,
-        zOffset=0,
-        orientation="-",
-        length=0.3,
-        width=layout.lane_width,
-        **flat,
-    )
-    light = layout.control is JunctionControl.LIGHTS
-    sign = _add(
-        _add(road, "signals"),
-        "signal",
-        id=arm,
-        name="light" if light else "stop sign",
-        s=layout.setback,
-        t=side * (layout.lane_offset + layout.lane_width / 2 + 0.8),
-        zOffset=2.5,
-        orientation="-",
-        dynamic="yes" if light else "no",
-        country="OpenDRIVE",
-        type="1000001" if light else "206",
-        subtype="-1",
-        height=0.9,
-        width=0.9,
-    )
-    for element in (line, sign):
-        _add(element, "validity", fromLane=inbound, toLane=inbound)
+    """Write the line, the sign or the lights of an arm; traffic enters against the reference line."""
+    sign, count = layout.regulation[arm], len(layout.entrances[arm])
+    ids = [_inbound(layout, arm, lane) for lane in range(count)]
+    kerb, inner = _aside(layout, ids[0]), _aside(layout, ids[-1])
+    beside = kerb + math.copysign(layout.lane_width / 2 + _BESIDE, ids[0])
+    everywhere = Post(arm, sign, (ids[0], ids[-1]), layout.setback, beside)
+    posts = [everywhere]
+    if sign is Sign.LIGHTS:
+        arrows = [_ARROWS[layout.across] if layout.protected(arm, lane) else None for lane in range(count)]
+        posts = [
+            Post(_signal(layout, arm, k), sign, (id, id), layout.setback, _aside(layout, id) if k else beside, arrows[k])
+            for k, id in enumerate(ids)
+        ]
+    add_regulation(road, posts, [(everywhere, (kerb + inner) / 2, layout.lane_width * count)])
 
 
-def _movement(root: Element, junction: Element, layout: Layout, entrance: int, exit: int) -> None:
+def _movement(root: Element, junction: Element, layout: Layout, entrance: tuple[int, int], exit: tuple[int, int]) -> None:
     """Write the connecting road of one movement; its reference line is the centre of its lane."""
     side = -1.0 if layout.left_hand else 1.0
-    angle, out = layout.directions[entrance], layout.directions[exit]
-    x, y = _at(layout, angle, side)
-    u, v = _at(layout, out, -side)
-    heading = angle + math.pi
-    turn = math.remainder(out - heading, math.tau)
-    if abs(abs(turn) - math.pi) < 1e-6:
-        raise MapError(f"arms {entrance} and {exit} of the junction point in the same direction")
-    chord = math.hypot(u - x, v - y)
-    ahead = (u - x) * math.cos(heading + turn / 2) + (v - y) * math.sin(heading + turn / 2)
-    if ahead < chord - 1e-6:
-        raise MapError(
-            f"arms {entrance} and {exit} are too close together for a turn; move the stop lines out from {layout.stop:g} m"
+    (arm, lane), (out, onto) = entrance, exit
+    inbound, outbound = _inbound(layout, arm, lane), _outbound(layout, out, onto)
+    angle, away = layout.directions[arm], layout.directions[out]
+    if abs(abs(math.remainder(away - angle - math.pi, math.tau)) - math.pi) < 1e-6:
+        raise MapError(f"arms {arm} and {out} of the junction point in the same direction")
+    try:
+        pieces = joined(
+            Pose(*_at(layout, angle, _aside(layout, inbound)), angle + math.pi),
+            Pose(*_at(layout, away, _aside(layout, outbound)), away),
         )
-    curvature = 0.0 if abs(turn) < 1e-9 else 2 * math.sin(turn / 2) / chord
-    length = chord if curvature == 0.0 else turn / curvature
-    id = 100 + entrance * layout.ways + exit
-    road = _road(root, layout, id, length, _JUNCTION)
-    for tag, arm in (("predecessor", entrance), ("successor", exit)):
-        _add(road[0], tag, elementType="road", elementId=arm, contactPoint="start")
-    _plan(road, Pose(x, y, heading), length, curvature)
-    lanes = _add(road, "lanes")
-    _add(lanes, "laneOffset", s=0, a=side * layout.lane_width / 2, b=0, c=0, d=0)
-    section = _add(lanes, "laneSection", s=0)
-    inbound, lane = _inbound(layout), 1 if layout.left_hand else -1
-    for name, number in (("left", 1), ("center", 0)) if layout.left_hand else (("center", 0), ("right", -1)):
-        links = (inbound, -inbound) if number else None
-        _add_lane(_add(section, name), number, "driving" if number else "none", layout.lane_width, links)
-    row = _add(junction, "connection", id=id, incomingRoad=entrance, connectingRoad=id, contactPoint="start")
-    _add(row, "laneLink", **{"from": inbound}, to=lane)
+    except MapError:
+        raise MapError(
+            f"arms {arm} and {out} are too close together for a turn; move the stop lines out from {layout.stop:g} m"
+        ) from None
+    id = 100 + (lane * max(layout.leaving) + onto) * layout.ways**2 + arm * layout.ways + out
+    road = add_road(root, id, sum(piece.length for piece in pieces), junction=_JUNCTION, left_hand=layout.left_hand)
+    for tag, number in (("predecessor", arm), ("successor", out)):
+        add(road[0], tag, elementType="road", elementId=number, contactPoint="start")
+    add_plan(road, pieces)
+    only = 1 if layout.left_hand else -1
+    add_lanes(road, [Lane(0), Lane(only, "driving", layout.lane_width, links=(inbound, outbound))], side * layout.lane_width / 2)
+    row = add(junction, "connection", id=id, incomingRoad=arm, connectingRoad=id, contactPoint="start")
+    add(row, "laneLink", **{"from": inbound}, to=only)
 
 
-def _at(layout: Layout, angle: float, side: float) -> tuple[float, float]:
-    """Return the lane centre at the vertex of the arm in direction `angle`; side +1 is left of the outward direction."""
-    x, y = layout.stop, side * layout.lane_offset
+def _at(layout: Layout, angle: float, aside: float) -> tuple[float, float]:
+    """Return the point `aside` to the left of the axis at the vertex of the arm in direction `angle`, seen outward."""
+    x, y = layout.stop, aside
     return x * math.cos(angle) - y * math.sin(angle), x * math.sin(angle) + y * math.cos(angle)

@@ -9,7 +9,7 @@ import pytest
 from pytest_rvads.drivers.at_light import Light
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.stop_sign import StopSign
-from pytest_rvads.junctions.builtin import LAYOUTS
+from pytest_rvads.junctions.builtin import CROSSINGS
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import Turn
@@ -172,7 +172,7 @@ def test_who_does_not_go_on_its_green_is_not_waited_for_on_the_own_one(story: li
 def narrow(tmp_path: Path) -> Junction:
     """A junction in which two left turns from opposite sides cross each other."""
     path = tmp_path / "wide.xodr"
-    path.write_text(opendrive(replace(LAYOUTS["light4"], stop=8.0, lane_offset=3.6)))
+    path.write_text(opendrive(replace(CROSSINGS["light4"], stop=8.0, lane_offset=3.6)))
     return find("1", str(path))
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import AutopilotError
-from pytest_rvads.junctions.builtin import LAYOUTS
+from pytest_rvads.junctions.builtin import CROSSINGS
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.opendrive.writer import opendrive
@@ -30,7 +30,7 @@ from pytest_rvads.simulators.simulator import simulate
 
 from .conftest import Complain, Judge
 
-BUILT_IN = tuple(LAYOUTS)
+BUILT_IN = tuple(name for name, layout in CROSSINGS.items() if layout.control in PAPER and not layout.lanes)
 
 
 def scenario(junction: str, code: tuple[int, ...], letter: str, map: str | None = None, **more: Any) -> Scenario:
@@ -40,7 +40,7 @@ def scenario(junction: str, code: tuple[int, ...], letter: str, map: str | None 
 
 def spread(junction: str) -> list[Scenario]:
     """Every class once, the configurations and, with lights, the phases taking turns."""
-    layout = LAYOUTS[junction]
+    layout = CROSSINGS[junction]
     letters = PAPER[layout.control]
     return [
         scenario(junction, code, letters[k % 5], rotation=(k // 5 + k) % 2 if "light" in junction else 0)
@@ -68,7 +68,7 @@ def test_stop_lines_before_the_vertex_change_no_verdict(
     junction: str, setback: float, tmp_path: Path, wrongs: Complain, verdicts: Judge
 ) -> None:
     path = tmp_path / "back.xodr"
-    path.write_text(opendrive(replace(LAYOUTS[junction], setback=setback)))
+    path.write_text(opendrive(replace(CROSSINGS[junction], setback=setback)))
     for case in spread(junction)[5:6]:
         moved = replace_junction(case, str(path))
         assert moved.place.setbacks == pytest.approx((setback,) * 4)
@@ -108,7 +108,7 @@ def test_with_fewer_vehicles_nobody_is_excused(code: str, verdicts: Judge) -> No
 def test_left_turns_that_cross_take_turns(tmp_path: Path) -> None:
     # Far stop lines and near lanes would let them pass each other; here they meet in the middle.
     path = tmp_path / "wide.xodr"
-    path.write_text(opendrive(replace(LAYOUTS["light4"], stop=8.0, lane_offset=3.6)))
+    path.write_text(opendrive(replace(CROSSINGS["light4"], stop=8.0, lane_offset=3.6)))
     run = simulate(Case(Scenario(find("1", str(path)), "3030", distance=20, speed=10), Reference))
     inside = run.zone == Zone.JUNCTION
     assert run.provenance["end"] == "left"
@@ -211,7 +211,7 @@ def test_the_monitors_agree_with_the_definition(case: Scenario, verdicts: Judge)
 @pytest.mark.slow
 @pytest.mark.parametrize("junction", BUILT_IN)
 def test_all_scenarios_and_configurations(junction: str, wrongs: Complain) -> None:
-    layout = LAYOUTS[junction]
+    layout = CROSSINGS[junction]
     phases = (0, 1) if "light" in junction else (0,)
     bad = {}
     for code in product(range(1, layout.ways), repeat=layout.ways):
@@ -227,7 +227,7 @@ def test_all_scenarios_and_configurations(junction: str, wrongs: Complain) -> No
 @settings(derandomize=True, deadline=None, max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_start_inside_the_envelope(data: st.DataObject, verdicts: Judge) -> None:
     junction = data.draw(st.sampled_from(BUILT_IN))
-    ways = LAYOUTS[junction].ways
+    ways = CROSSINGS[junction].ways
     code = data.draw(st.lists(st.integers(0, ways - 1), min_size=ways, max_size=ways).filter(any))
     distances = data.draw(st.lists(st.floats(0.0, 60.0) | st.floats(0.0, 2.0), min_size=ways, max_size=ways))
     shares = data.draw(st.lists(st.sampled_from((0.0, 0.3, 0.6, 0.9)), min_size=ways, max_size=ways))

@@ -97,6 +97,16 @@ def test_a_deep_link_shows_its_instant(open_page: Open, replayed: str) -> None:
     wait(browser, lambda: clock(browser) == "0.50 s")
 
 
+def test_lights_and_queues_of_several_lanes(open_page: Open) -> None:
+    scenario = Scenario(find("lanes4"), (1, 3, 0, 0, 0, 0, 0, 0), distance=2, followers=1, duration=1.0)
+    browser = open_page(replay(simulate(Case(scenario, LgsvlLike)), "lanes"), "#t=0.5")
+    labels = [row.find_element("tag name", "span").text for row in browser.find_elements("css selector", "#strips .row")]
+    assert [label.partition(":")[0] for label in labels][:6] == ["a0.0", "a0.0+1", "a0.1", "a0.1+1", "light 0.0", "light 0.1"]
+    for name in ("a0.0+1", "a0.1+1"):
+        text, body = (browser.find_element("css selector", f'[data-agent="{name}"] {tag}').rect for tag in ("text", "rect"))
+        assert body["y"] - 1 <= text["y"] <= text["y"] + text["height"] <= body["y"] + body["height"] + 1, "written along it"
+
+
 def test_play_runs_to_the_end_and_pauses(open_page: Open, replayed: str) -> None:
     browser = open_page(replayed, "")
     before = browser.find_element("css selector", '[data-agent="a0"]').get_attribute("transform")

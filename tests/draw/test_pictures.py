@@ -4,6 +4,7 @@ import json
 import re
 import xml.etree.ElementTree as ET
 from base64 import b64encode
+from collections import Counter
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
@@ -14,6 +15,7 @@ import pytest
 from pytest_rvads.draw.class_table import draw_classes
 from pytest_rvads.draw.picture import picture
 from pytest_rvads.draw.replay import events, replay
+from pytest_rvads.draw.scene import Scene
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import Collision, Run
@@ -67,6 +69,68 @@ def test_who_is_no_car_is_drawn_and_named_as_what_it_is(run: Run) -> None:
         assert [g.findtext(f"{SVG}title") for g in drawn.values()] == [None, "truck a1", "cyclist a2", "pedestrian a3"]
         assert [g.find(f"{SVG}rect").attrib["rx"] for g in drawn.values()] == ["0.4", "0", "0.5", "0.5"]
     assert data(page)["kinds"] == ["car", "truck", "cyclist", "pedestrian"]
+
+
+@pytest.fixture(scope="module")
+def queues() -> Run:
+    """One state of vehicles that queue on the two lanes of each arm of lanes4."""
+    scenario = Scenario(find("lanes4"), (1, 3, 2, 3, 1, 3, 2, 3), distance=5, followers=1)
+    itineraries, plan, agents = scenario.itineraries(), scenario.signals(), scenario.agents()
+    station = np.array([[-5.0 - 8.0 * ("+" in agent.name) for agent in agents]])
+    return Run(
+        scenario.name,
+        scenario.place,
+        agents,
+        np.zeros((1, len(agents)), dtype=np.int8),
+        np.array([plan.colours(0.0, 8)], dtype=np.int8),
+        station=station,
+        speed=np.zeros((1, len(agents))),
+        pose=np.array([[i.pose(s) for i, s in zip(itineraries, station[0], strict=True)]]),
+    )
+
+
+def test_lanes_are_shown_with_marks_arrows_and_a_light_each(queues: Run) -> None:
+    page = replay(queues, "title")
+    for document in (picture(queues, 0, "title"), page[page.index("<svg") : page.index("</svg>") + 6]):
+        root = ET.fromstring(document)
+        classes = [element.attrib.get("class") for element in root.iter()]
+        # Per arm: the kerb on either side, the line between the directions, a broken one between two lanes.
+        assert (classes.count("mark"), classes.count("mark broken"), classes.count("arrow")) == (12, 4, 8)
+        assert classes.count("number") == 4
+        lamps = {g.attrib["data-entrance"]: g.findtext(f"{SVG}text") for g in root.iter(f"{SVG}g") if "data-entrance" in g.attrib}
+        # The phase of the lanes for right and straight from the south and the north comes first.
+        assert lamps == {str(e): "G" if e in (0, 4) else "R" for e in range(8)}
+    assert data(page)["entrances"] == ["0.0", "0.1", "1.0", "1.1", "2.0", "2.1", "3.0", "3.1"]
+
+
+def test_vehicles_in_a_queue_can_be_told_apart(queues: Run) -> None:
+    drawn = vehicles(picture(queues, 0, "title"))
+    assert set(drawn) == {f"a{arm}.{lane}{more}" for arm in range(4) for lane in range(2) for more in ("", "+1")}
+    assert len({g.find(f"{SVG}rect").attrib["fill"] for g in drawn.values()}) == 16, "a colour each"
+    for g in drawn.values():
+        rect, name = g.find(f"{SVG}rect"), g.find(f"{SVG}text")
+        # Letters of a bold face are about 0.6 of its height wide; the name lies along the vehicle, within it.
+        wide = 0.6 * float(name.attrib["font-size"]) * len(name.text)
+        assert wide <= float(rect.attrib["width"])
+        assert "rotate(0.00)" in name.attrib["transform"] or "rotate(180.00)" in name.attrib["transform"]
+
+
+def test_one_vehicle_per_entrance_has_the_colour_of_its_entrance(run: Run) -> None:
+    first, *others = (g.find(f"{SVG}rect").attrib["fill"] for g in vehicles(picture(run, 0, "")).values())
+    fewer = replace(
+        run,
+        agents=run.agents[1:],
+        collisions=None,
+        **{name: getattr(run, name)[:, 1:] for name in ("zone", "station", "speed", "pose")},
+    )
+    assert [g.find(f"{SVG}rect").attrib["fill"] for g in vehicles(picture(fewer, 0, "")).values()] == others
+    assert first not in others
+
+
+@pytest.mark.parametrize(("name", "signs"), [("stop4", {"sign stop": 4}), ("right4", {})])
+def test_signs_stand_beside_the_arms(name: str, signs: dict[str, int]) -> None:
+    drawn = [e.attrib.get("class", "") for e in ET.fromstring(f"<g>{Scene(find(name)).road()}</g>").iter()]
+    assert Counter(kind for kind in drawn if kind.startswith("sign")) == signs
 
 
 def test_vehicles_that_left_are_not_drawn(run: Run) -> None:

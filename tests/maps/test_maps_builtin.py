@@ -12,6 +12,7 @@ from pytest_rvads.junctions.finder import find, names
 from pytest_rvads.junctions.road_map import read_map
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
+from pytest_rvads.opendrive.roundabout import Roundabout, roundabout
 from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.runs.itineraries import Itinerary
 
@@ -21,7 +22,20 @@ CYCLE = {(0, 3), (1, 0), (2, 1), (3, 2)}
 """Entrance i + 1 is to the right of entrance i, counter-clockwise, in an X (the paper's figure)."""
 
 
-@pytest.mark.parametrize("name", names())
+PLAIN = ("stop4", "stop3", "light4", "light3", "paper_stop4", "paper_light4")
+"""One lane per arm, stop signs or lights everywhere."""
+DIGESTS = {
+    "stop4": "64487f83106f56e66ab0b94e1194d313aadb32d3261a4c84208e4c5238ebfb2b",
+    "stop3": "509933c4def138231a7b94bc05a7bc2a06cd3b05c87e724f5ec73c66f7618113",
+    "light4": "ce7e3d8380262966f6cbfee57548df26d0a7efd6e636b6ab1da1d1f83c79592e",
+    "light3": "c39178baea7685ece5ef93b87bad3ec67d69d7fab368d15cb6087e22055f9192",
+    "paper_stop4": "9eee0e30581b46fd94b921688f12cf5d229a1681d75d26a94634e813cdce2a87",
+    "paper_light4": "f871d67de52db8b3e32eb1998b7ae942cd14ae67e27f2cca551963d18d943bee",
+}
+"""Of these junctions since 0.1: run hashes and caches hang on them."""
+
+
+@pytest.mark.parametrize("name", PLAIN)
 def test_is_what_its_name_says(name: str) -> None:
     junction = find(name)
     assert junction.name == name
@@ -34,9 +48,10 @@ def test_is_what_its_name_says(name: str) -> None:
     )
     assert read_map(path_of(name)).warnings == ()
     assert find(name) is junction
+    assert junction.digest == DIGESTS[name]
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", PLAIN)
 def test_priorities(name: str) -> None:
     junction = find(name)
     if junction.ways == 4:
@@ -74,19 +89,23 @@ def test_recorded_junctions_have_about_the_recorded_lengths(name: str) -> None:
 @pytest.mark.parametrize("name", names())
 def test_itineraries_are_smooth_and_without_gaps(name: str) -> None:
     junction = find(name)
+    # 0.5 m of the tightest circle: radius 9.9 m; in the roundabout, where lanes 2.75 m from the axis turn by 70 degrees onto the
+    # ring, 25 m from the centre and 20 degrees further on, (25 sin 20 - 2.75) / cos 20 / tan 35 m.
+    tightest = 8.81 if name == "roundabout4" else 9.9
     for entrance, exit in junction.movements:
         itinerary = Itinerary.through(junction, entrance, exit)
         points = itinerary.path.points
         headings = [itinerary.path.pose(s + 1e-9).heading for s in itinerary.path.stations[:-1]]
         assert max(math.dist(a, b) for a, b in pairwise(junction.way_through(*(entrance, exit)).points)) <= 30
-        # 0.5 m of the tightest circle, radius 9.9 m, turn by 0.05 rad.
-        assert max(abs(math.remainder(b - a, math.tau)) for a, b in pairwise(headings)) <= 0.5 / 9.9 + 1e-3
-        assert math.dist(points[0], points[-1]) > 100
+        assert max(abs(math.remainder(b - a, math.tau)) for a, b in pairwise(headings)) <= 0.5 / tightest + 1e-3
+        assert math.dist(points[0], points[-1]) > (40 if name == "roundabout4" else 100)
 
 
 @pytest.mark.parametrize("name", names())
 def test_files_are_what_the_layouts_write(name: str) -> None:
-    assert path_of(name).read_text(encoding="utf-8") == opendrive(LAYOUTS[name], name)
+    layout = LAYOUTS[name]
+    text = roundabout(layout, name) if isinstance(layout, Roundabout) else opendrive(layout, name)
+    assert path_of(name).read_text(encoding="utf-8") == text
 
 
 def test_the_graph_library_waits_for_the_first_map() -> None:

@@ -1,8 +1,10 @@
 """What a stack is told: the same in JSON and in frames, vehicles that keep their number, and room for queues."""
 
+import importlib
 import json
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,9 @@ from pytest_rvads.drivers.stacks.child import StackError
 from pytest_rvads.drivers.stacks.process import Process
 
 ROOT = Path(__file__).parents[2]
+sys.path.append(str(ROOT / "clients" / "python"))
+rvads_client = importlib.import_module("rvads_client")
+sys.path.pop()
 DUMP = r"""
 #include "rvads.h"
 int main(int, char **arguments) {
@@ -27,8 +32,8 @@ int main(int, char **arguments) {
         if (link.fresh) {
             fprintf(out, "[%u, %u, %u, %.17g, %.17g]\n", now.arms_count, now.entrance, now.exit, now.line, now.steering_rate);
             for (uint32_t k = 0; k < now.entrances_count; ++k)
-                fprintf(out, "[%u, %u, %u, %.17g]\n", now.entrances[k].arm, now.entrances[k].lane, now.entrances[k].sign,
-                        now.entrances[k].setback);
+                fprintf(out, "[%u, %u, %u, %d, %.17g, %.17g]\n", now.entrances[k].arm, now.entrances[k].lane,
+                        now.entrances[k].sign, now.entrances[k].phase, now.entrances[k].setback, now.entrances[k].sign_setback);
             for (uint32_t k = 0; k < now.exits_count; ++k) fprintf(out, "[%u, %u]\n", now.exits[k].arm, now.exits[k].lane);
             for (uint32_t i = 0; i < now.entrances_count; ++i)
                 for (uint32_t k = 0; k < now.entrances_count; ++k)
@@ -38,15 +43,18 @@ int main(int, char **arguments) {
                         link.movements[k].length);
             for (uint32_t k = 0; k < now.conflicts_count; ++k)
                 fprintf(out, "[%u, %u]\n", link.conflicts[k].one, link.conflicts[k].other);
-            for (uint32_t k = 0; k < now.yields_count; ++k) fprintf(out, "[%u, %u]\n", link.yields[k].one, link.yields[k].other);
+            for (uint32_t k = 0; k < now.yields_count; ++k)
+                fprintf(out, "[%u, %u, %u]\n", link.yields[k].one, link.yields[k].other, link.yields[k].reason);
             const rvads_point &last = link.path[now.path_count - 1];
             fprintf(out, "[%.17g, %.17g, %.17g, %.17g]\n%s\n", last.station, last.x, last.y, last.heading, link.text);
         }
         for (uint32_t k = 0; k <= seen.others_count; ++k) {
             const rvads_vehicle &one = k ? seen.others[k - 1] : seen.me;
-            fprintf(out, "[%u, %u, %u, %u, %u, %u, %.17g, %.17g]\n", one.id, one.kind, one.entrance, one.lane, one.turn, one.zone,
-                    one.station, one.width);
+            fprintf(out, "[%u, %u, %u, %u, %u, %u, %.17g, %.17g, \"%s\"]\n", one.id, one.kind, one.entrance, one.lane, one.turn,
+                    one.zone, one.station, one.width, one.name);
+            fprintf(out, "[%d, %d]\n", rvads_conflicts_with(&link, &one), rvads_gives_way_to(&link, &one));
         }
+        fprintf(out, "[%.17g]\n", rvads_gap_ahead(&seen));
         fprintf(out, "[%.17g, %u, %u]\n", seen.time, seen.entrances_count, seen.lights[0]);
         fflush(out);
         rvads_target_speed(&command, 5.0);
@@ -72,7 +80,7 @@ class Spy(rvads.Reference):
 SEEN: list[rvads.Observation] = []
 
 
-def look(junction: str = "stop4", directions: str = "1133", **more: Any) -> list[rvads.Observation]:
+def look(junction: str = "stop4", directions: Any = "1133", **more: Any) -> list[rvads.Observation]:
     rvads.simulate(
         rvads.Case(rvads.Scenario(rvads.find(junction), directions, distance=20, subject=0, **more), Spy, traffic=rvads.Reference)
     )
@@ -86,32 +94,71 @@ def told(seen: list[rvads.Observation]) -> tuple[dict[str, Any], list[dict[str, 
     return content, [json.loads(talk.observe(one, step)) for step, one in enumerate(seen, 1)]
 
 
-@pytest.mark.parametrize("junction", ["stop4", "light3"])
-def test_c_reads_what_json_says(tmp_path: Path, junction: str) -> None:
+@pytest.mark.parametrize(
+    ("junction", "directions", "followers"), [("stop4", "1133", 0), ("light3", "112", 0), ("lanes4", (1, 3, 2, 3, 1, 3, 2, 3), 1)]
+)
+def test_c_reads_what_json_says(tmp_path: Path, junction: str, directions: Any, followers: int) -> None:
     if shutil.which("g++") is None:
         pytest.skip("needs g++")
     (tmp_path / "dump.cpp").write_text(DUMP, encoding="utf-8")
     flags = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1", f"-I{ROOT / 'clients' / 'c'}"]
     subprocess.run(["g++", *flags, "-o", str(tmp_path / "dump"), str(tmp_path / "dump.cpp")], check=True)
-    directions = "1133" if junction == "stop4" else "112"
+    more: dict[str, Any] = {"duration": 0.3, "followers": followers}
     with Process([str(tmp_path / "dump"), str(tmp_path / "out")]) as stack:
-        scenario = rvads.Scenario(rvads.find(junction), directions, distance=20, subject=0, duration=0.3)
+        scenario = rvads.Scenario(rvads.find(junction), directions, distance=20, subject=0, **more)
         assert rvads.simulate(rvads.Case(scenario, stack, traffic=rvads.Reference)).fault is None
-    content, observed = told(look(junction, directions, duration=0.3)[:1])
+    content, observed = told(look(junction, directions, **more)[:1])
     way, there = content["itinerary"], content["map"]
     numbers = range(len(there["entrances"]))
     expected: list[Any] = [[len(there["arms"]), way["entrance"], way["exit"], way["line"], content["vehicle"]["steering_rate"]]]
-    expected += [[e["arm"], e["lane"], SIGNS.index(e["sign"]), e["setback"]] for e in there["entrances"]]
+    for e in there["entrances"]:
+        phase, back = (-1 if e["phase"] is None else e["phase"]), e["setback"]
+        posted = back if e["sign_setback"] is None else e["sign_setback"]
+        expected.append([e["arm"], e["lane"], SIGNS.index(e["sign"]), phase, back, posted])
     expected += [[e["arm"], e["lane"]] for e in there["exits"]]
     expected += [[int([i, k] in there[name]) for name in ("right_of", "opposite")] for i in numbers for k in numbers]
     expected += [[m["entrance"], m["exit"], TURNS.index(m["turn"]), m["length"]] for m in there["movements"]]
-    expected += [*there["conflicts"], *there["yields"], way["path"][-1], content]
+    reasons = map(("stated", "sign", "turn", "right").index, there["reasons"])
+    expected += [*there["conflicts"], *([*pair, reason] for pair, reason in zip(there["yields"], reasons, strict=True))]
+    expected += [way["path"][-1], content]
+    python = rvads_client.Observation(observed[0], content, True, None)
     for one in [observed[0]["me"], *observed[0]["others"]]:
         words = TURNS.index(one["turn"]), ZONES.index(one["zone"])
-        expected.append([one["id"], 0, one["entrance"], one["lane"], *words, one["station"], one["width"]])
+        expected.append([one["id"], 0, one["entrance"], one["lane"], *words, one["station"], one["width"], one["name"]])
+        expected.append([int(python.conflicts_with(one)), int(python.gives_way_to(one))])
+    expected.append([min(python.gap_ahead(), 1000.0)])
     expected.append([observed[0]["time"], len(numbers), messages._COLOURS.index(observed[0]["lights"][0])])
     lines = [json.loads(line) for line in (tmp_path / "out").read_text(encoding="utf-8").splitlines()]
     assert lines[: len(expected)] == expected
+
+
+def test_clients_tell_who_is_in_the_way() -> None:
+    """At lanes4 a0.0 turns right: in its way is only who turns left from the arm across, and it has the way there."""
+    content, (seen, *_) = told(look("lanes4", (1, 3, 2, 3, 2, 3, 2, 3), followers=1, duration=0.02))
+    mine = rvads_client.Observation(seen, content, True, None)
+    assert [one["name"] for one in (mine.me, *mine.others)][:4] == ["a0.0", "a0.0+1", "a0.1", "a0.1+1"]
+    # Into the lane out of arm 1 lead a0.0 from its right, a2.1 from its left, and a3.0 straight on.
+    assert {one["name"] for one in mine.others if mine.conflicts_with(one)} == {"a2.1", "a2.1+1", "a3.0", "a3.0+1"}
+    assert not any(map(mine.gives_way_to, mine.others))
+    assert mine.gap_ahead() == float("inf"), "it is the first"
+    leader = dict(mine.me, station=mine.me["station"] + 10.0)
+    behind = rvads_client.Observation(seen | {"others": [leader]}, content, False, None)
+    assert behind.gap_ahead() == pytest.approx(10.0 - leader["length"])
+    assert (
+        behind.gap_ahead()
+        > rvads_client.Observation(
+            seen | {"others": [leader, dict(leader, station=leader["station"] - 2.0)]}, content, False, None
+        ).gap_ahead()
+    )
+
+
+def test_names_longer_than_a_frame_has_room_for_are_cut() -> None:
+    seen = look(duration=0.02)[0]
+    talk = frames.Binary()
+    talk.begin(place.reset(seen, 0.05))
+    for name, shown in (("a0.1+1", "a0.1+1"), ("x" * 40, "x" * 23), ("\ud800", "?")):
+        frame = talk.observe(seen._replace(me=replace_state(seen.me, name=name), others=()), 1)
+        assert frame[-frames.NAME - 32 * 4 : -32 * 4].rstrip(b"\0").decode() == shown
 
 
 def test_the_map_has_arms_and_says_what_conflicts() -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable
-from itertools import chain
 from typing import Any
 
 from msgspec import json
@@ -16,7 +15,6 @@ from msgspec import json
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.drivers.stacks import messages
 from pytest_rvads.drivers.stacks.child import Child, StackError
-from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.states import Kind, VehicleState
 
@@ -30,16 +28,20 @@ _TRAJECTORY = 4
 """The last kind of commands."""
 HEADER = struct.Struct("<2I")
 _RESET = struct.Struct("<14I5d8d")
-_ENTRANCE, _EXIT = struct.Struct("<4Id"), struct.Struct("<2I")
+_ENTRANCE, _EXIT = struct.Struct("<3Ii2d"), struct.Struct("<2I")
 _MOVEMENT, _PAIR, _POINT = struct.Struct("<4Id"), struct.Struct("<2I"), struct.Struct("<4d")
+_YIELD = struct.Struct("<4I")
 _SEEN = struct.Struct("<d4I")
-_VEHICLE = struct.Struct("<6I8d")
+NAME = 24
+"""Bytes of the name of a vehicle, the last of them 0; a longer one is cut."""
+_VEHICLE = struct.Struct(f"<6I8d{NAME}s")
 _LIGHTS = struct.Struct(f"<{ENTRANCES}I")
 _COMMAND = struct.Struct("<4I4d")
 _SIZES = {READY: 0, COMMAND: _COMMAND.size + 3 * 8 * POINTS}
 """Of the frames that a stack sends [bytes]."""
 _TURNS = {turn: number for number, turn in enumerate((Turn.RIGHT, Turn.STRAIGHT, Turn.LEFT))}
-_CONTROLS = {control: number for number, control in enumerate(JunctionControl)}
+_CONTROLS = {control: number for number, control in enumerate(("stop", "lights", "none", "partial", "yield"))}
+_REASONS = {reason: number for number, reason in enumerate(("stated", "sign", "turn", "right"))}
 _SIGNS = {sign: number for number, sign in enumerate(("none", "stop", "yield", "priority", "lights"))}
 _KINDS = {kind: number for number, kind in enumerate(Kind)}
 
@@ -81,12 +83,13 @@ class Binary(messages.Format):
         body = b"".join(
             (
                 fixed,
-                _table(_ENTRANCE, ((e["arm"], e["lane"], _SIGNS[e["sign"]], 0, e["setback"]) for e in entrances)),
+                _table(_ENTRANCE, map(_entrance, entrances)),
                 _table(_EXIT, ((e["arm"], e["lane"]) for e in exits)),
                 _relation(place["right_of"]),
                 _relation(place["opposite"]),
                 *(_MOVEMENT.pack(m["entrance"], m["exit"], _TURNS[m["turn"]], 0, m["length"]) for m in place["movements"]),
-                *(_PAIR.pack(*pair) for pair in chain(place["conflicts"], place["yields"])),
+                *(_PAIR.pack(*pair) for pair in place["conflicts"]),
+                *(_YIELD.pack(*p, _REASONS[why], 0) for p, why in zip(place["yields"], place["reasons"], strict=True)),
                 *(_POINT.pack(*point) for point in way["path"]),
                 text,
             )
@@ -145,7 +148,15 @@ class Binary(messages.Format):
             _TURNS[state.turn],
             state.zone,
             *state[4:12],
+            state.name.encode("utf-8", "replace")[: NAME - 1],
         )
+
+
+def _entrance(entrance: dict[str, Any]) -> tuple[Any, ...]:
+    """Return the numbers of an entrance: phase -1 where there is no light, the sign at the line where nothing else is said."""
+    phase, back, posted = entrance["phase"], entrance["setback"], entrance["sign_setback"]
+    fixed = entrance["arm"], entrance["lane"], _SIGNS[entrance["sign"]]
+    return *fixed, -1 if phase is None else phase, back, back if posted is None else posted
 
 
 def _frame(child: Child, kind: int, limit: float) -> bytes:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from functools import lru_cache
 from typing import Any
 
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import Pose, Segment
 from pytest_rvads.runs.itineraries import Itinerary
@@ -62,10 +60,7 @@ def _path(itinerary: Itinerary) -> tuple[tuple[float, float, float, float], ...]
 def _map(junction: Junction) -> dict[str, Any]:
     """Return a junction as builtins: its arms and lanes, what regulates them, who gives way to whom, where the lanes are."""
     index = {key: number for number, key in enumerate(junction.movements)}
-
-    def pairs(relation: Collection[tuple[Key, Key]] | None) -> list[tuple[int, int]]:
-        return sorted((index[one], index[other]) for one, other in relation or ())
-
+    reasons = {(index[one], index[other]): reason.value for (one, other), reason in (junction.yields or {}).items()}
     return {
         "junction": junction.name,
         "control": junction.control.value,
@@ -78,6 +73,7 @@ def _map(junction: Junction) -> dict[str, Any]:
                 "sign": e.sign.value,
                 "phase": e.phase,
                 "setback": e.setback,
+                "sign_setback": e.sign_setback,
                 "path": _points(e.approach),
             }
             for e in junction.entrances
@@ -89,8 +85,9 @@ def _map(junction: Junction) -> dict[str, Any]:
             {"entrance": m.entrance, "exit": m.exit, "turn": m.turn.value, "length": m.length, "path": _points(m.path)}
             for m in junction.movements.values()
         ],
-        "conflicts": pairs(junction.conflicts),
-        "yields": pairs(junction.yields),
+        "conflicts": sorted((index[one], index[other]) for one, other in junction.conflicts or ()),
+        "yields": sorted(reasons),
+        "reasons": [reasons[pair] for pair in sorted(reasons)],
     }
 
 

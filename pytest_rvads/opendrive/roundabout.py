@@ -1,0 +1,166 @@
+"""Writing a roundabout as OpenDRIVE 1.7: a ring of one lane with small junctions of three arms.
+
+In each of them an arm meets the ring: its lane out is left to by whoever comes along the ring, its lane in leads onto the ring
+past a yield sign. The ring's own entrance has no sign: signs 205 and 215 at the arms give it priority (StVO, section 8(1a)).
+Traffic keeps right and goes round counter-clockwise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element
+
+from pytest_rvads.errors import MapError
+from pytest_rvads.maps.control import JunctionControl, Sign
+from pytest_rvads.maps.segment import Pose
+from pytest_rvads.opendrive.elements import (
+    Lane,
+    Piece,
+    Post,
+    add,
+    add_lanes,
+    add_plan,
+    add_regulation,
+    add_road,
+    document,
+    finished,
+    joined,
+)
+
+__all__ = ["Roundabout", "roundabout"]
+
+_RING, _CONNECTING = 100, 200
+"""Ids of the roads of the ring, and of those in its junctions, count from here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Roundabout:
+    """Shape of a roundabout.
+
+    The usual numbers make an inscribed circle of 53.5 m, within the 27 to 55 m of single-lane roundabouts (NCHRP Report 672,
+    exhibit 1-9), and 21.8 m of ring between two of its four junctions.
+
+    Raises:
+        MapError: numbers that describe no roundabout.
+    """
+
+    arms: int = 4
+    """Evenly spaced, the first one in the south; 3 to 8."""
+    radius: float = 25.0
+    """Of the centre line of the ring [m]."""
+    sector: float = math.radians(20.0)
+    """Half of the part of the ring that lies in a junction [rad]; below 22 degrees it counts as straight on."""
+    stop: float = 35.0
+    """Centre to the vertices of the arms [m]."""
+    lane_offset: float = 2.75
+    """Axis of an arm to the centre of its lanes, more than half of a lane: an island parts them [m]."""
+    lane_width: float = 3.5
+    """[m]."""
+    approach: float = 120.0
+    """Length of the arms [m]."""
+
+    def __post_init__(self) -> None:
+        numbers = (self.radius, self.sector, self.stop, self.approach, self.lane_width)
+        if not (3 <= self.arms <= 8 and all(0 < number < math.inf for number in numbers) and self.radius < self.stop):
+            raise MapError(f"a roundabout has 3 to 8 arms and lengths above 0, the arms begin outside the ring, got {self!r}")
+        if not self.lane_width / 2 < self.lane_offset < math.inf:
+            raise MapError(f"lanes of {self.lane_width:g} m at an offset of {self.lane_offset:g} m leave no island between them")
+        if self.ring <= 0:
+            raise MapError(f"{self.arms} junctions of {2 * math.degrees(self.sector):g} degrees leave nothing of the ring")
+
+    @property
+    def control(self) -> JunctionControl:
+        """What regulates its junctions: yield signs on the arms."""
+        return JunctionControl.YIELD
+
+    @property
+    def ways(self) -> int:
+        """Arms of each of its junctions: one road, the ring before it and the ring behind it."""
+        return 3
+
+    @property
+    def ring(self) -> float:
+        """Length of the ring between two junctions [m]."""
+        return self.radius * (math.tau / self.arms - 2 * self.sector)
+
+    def angle(self, arm: int) -> float:
+        """Return the direction of an arm from the centre [rad]."""
+        return -math.pi / 2 + math.tau * arm / self.arms
+
+    def on_ring(self, angle: float) -> Pose:
+        """Return the pose on the ring in a direction from the centre."""
+        return Pose(self.radius * math.cos(angle), self.radius * math.sin(angle), angle + math.pi / 2)
+
+
+def roundabout(layout: Roundabout, name: str = "roundabout") -> str:
+    """Return an OpenDRIVE document with one junction per arm, of ids from 1 on, as text.
+
+    Args:
+        layout: shape.
+        name: of the map.
+
+    Raises:
+        MapError: no arc leads from an arm onto the ring.
+    """
+    root = document(name, layout.stop + layout.approach)
+    junctions = []
+    for arm in range(layout.arms):
+        _arm(root, layout, arm)
+        _ring(root, layout, arm)
+        junctions.append(_junction(root, layout, arm, name))
+    root.extend(junctions)
+    return finished(root)
+
+
+def _arm(root: Element, layout: Roundabout, arm: int) -> None:
+    """Write an arm, outward from its vertices, with lane 2 in and lane -2 out."""
+    angle = layout.angle(arm)
+    road = add_road(root, arm, layout.approach)
+    add(road[0], "predecessor", elementType="junction", elementId=f"{arm + 1}")
+    add_plan(road, [Piece(Pose(layout.stop * math.cos(angle), layout.stop * math.sin(angle), angle), layout.approach)])
+    island = layout.lane_offset - layout.lane_width / 2
+    islands = [Lane(side, "median", island, "solid") for side in (1, -1)]
+    add_lanes(road, [Lane(0), *islands, *(Lane(id, "driving", layout.lane_width, "solid") for id in (2, -2))])
+    sign = Post(arm, Sign.YIELD, (2, 2), 0.0, layout.lane_offset + layout.lane_width / 2 + 0.8)
+    add_regulation(road, [sign], [(sign, layout.lane_offset, layout.lane_width)])
+
+
+def _ring(root: Element, layout: Roundabout, arm: int) -> None:
+    """Write the ring from the junction of an arm to the next."""
+    road = add_road(root, _RING + arm, layout.ring)
+    add(road[0], "predecessor", elementType="junction", elementId=f"{arm + 1}")
+    add(road[0], "successor", elementType="junction", elementId=f"{(arm + 1) % layout.arms + 1}")
+    add_plan(road, [Piece(layout.on_ring(layout.angle(arm) + layout.sector), layout.ring, 1 / layout.radius)])
+    add_lanes(road, [Lane(0, mark="solid"), Lane(-1, "driving", layout.lane_width, "solid")], layout.lane_width / 2)
+
+
+def _junction(root: Element, layout: Roundabout, arm: int, name: str) -> Element:
+    """Write the ways through the junction of an arm, and return it: along the ring, from the ring out, from the arm in."""
+    angle = layout.angle(arm)
+    junction = Element("junction", {"id": f"{arm + 1}", "name": f"{name} {arm + 1}"})
+    before, after = _RING + (arm - 1) % layout.arms, _RING + arm
+    first, last = layout.on_ring(angle - layout.sector), layout.on_ring(angle + layout.sector)
+    out, into = (_vertex(layout, angle, side) for side in (-1, 1))
+    ways = (
+        ((before, "end", -1), (after, "start", -1), (Piece(first, 2 * layout.sector * layout.radius, 1 / layout.radius),)),
+        ((before, "end", -1), (arm, "start", -2), joined(first, Pose(*out, angle))),
+        ((arm, "start", 2), (after, "start", -1), joined(Pose(*into, angle + math.pi), last)),
+    )
+    for number, (start, end, pieces) in enumerate(ways):
+        id = _CONNECTING + len(ways) * arm + number
+        road = add_road(root, id, sum(piece.length for piece in pieces), junction=junction.attrib["id"])
+        for tag, (other, point, _) in (("predecessor", start), ("successor", end)):
+            add(road[0], tag, elementType="road", elementId=other, contactPoint=point)
+        add_plan(road, pieces)
+        links = start[2], end[2]
+        add_lanes(road, [Lane(0), Lane(-1, "driving", layout.lane_width, links=links)], layout.lane_width / 2)
+        row = add(junction, "connection", id=id, incomingRoad=start[0], connectingRoad=id, contactPoint="start")
+        add(row, "laneLink", **{"from": start[2]}, to=-1)
+    return junction
+
+
+def _vertex(layout: Roundabout, angle: float, side: int) -> tuple[float, float]:
+    """Return where a lane of an arm begins or ends; side 1 is left of the outward direction."""
+    x, y = layout.stop, side * layout.lane_offset
+    return x * math.cos(angle) - y * math.sin(angle), x * math.sin(angle) + y * math.cos(angle)
