@@ -57,11 +57,12 @@ class Past:
 
 def stopped(_run: Run, agent: int) -> Follower:
     """Follow `standing.stopped`."""
-    held = False
+    driven, held = np.zeros(1, dtype=np.bool_), False
 
     def follow(run: Run) -> bool:
-        nonlocal held
-        here, stood = standing.stops(run, agent)
+        nonlocal driven, held
+        driven = driven | (np.abs(run.need("speed")[:, agent]) > standing.STANDSTILL)
+        here, stood = standing.stops(run, agent, driven)
         held = bool(here[0] and (held or stood[0]))
         return held
 

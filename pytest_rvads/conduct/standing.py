@@ -43,7 +43,7 @@ SPEED_TOLERANCE = 0.5
 
 def stopped(run: Run, agent: int) -> NDArray[np.bool_]:
     """The agent is where a full stop counts, see `stops`, and has stood still there in the present approach."""
-    here, still = stops(run, agent)
+    here, still = stops(run, agent, np.logical_or.accumulate(~_stands(run, agent)))
     tick = np.arange(run.steps)
     last_still = np.maximum.accumulate(np.where(still, tick, -1))
     last_away = np.maximum.accumulate(np.where(here, -1, tick))
@@ -51,11 +51,17 @@ def stopped(run: Run, agent: int) -> NDArray[np.bool_]:
     return found
 
 
-def stops(run: Run, agent: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def stops(run: Run, agent: int, driven: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return where the agent is before the junction and a full stop counts, and where it makes one, each of shape ``(steps,)``.
 
     At a stop sign that is from `SIGN_ZONE` before the sign on, elsewhere from the entrance zone on, up to the entrance vertex. It
-    stops where it stands still with its front not beyond the stopping line, and first in its lane: who queues stops again.
+    stops where it stands still with its front not beyond the stopping line, and first in its lane: who queues stops again. Who
+    begins the run at rest before the entrance zone has not stopped there.
+
+    Args:
+        run: the run.
+        agent: its column.
+        driven: whether it has driven by then, likewise.
     """
     entrance = run.junction.entrances[run.agents[agent].entrance]
     station, zone = run.need("station")[:, agent], run.zone[:, agent]
@@ -63,8 +69,8 @@ def stops(run: Run, agent: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     if entrance.sign is Sign.STOP:
         sign = max(entrance.setback, entrance.sign_setback or 0.0)
         here = (zone <= Zone.ENTRANCE) & (station >= -sign - SIGN_ZONE)
-    still: NDArray[np.bool_] = here & _stands(run, agent) & (station <= LINE_TOLERANCE - entrance.setback) & leads(run, agent)
-    return here, still
+    still: NDArray[np.bool_] = here & _stands(run, agent) & (driven | (zone == Zone.ENTRANCE))
+    return here, still & (station <= LINE_TOLERANCE - entrance.setback) & leads(run, agent)
 
 
 def leads(run: Run, agent: int) -> NDArray[np.bool_]:
