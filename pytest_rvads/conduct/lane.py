@@ -99,7 +99,7 @@ def wrong_lanes(junction: Junction, entrance: int, exit: int) -> tuple[int, ...]
 
 
 def lane_allows(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent is in no lane of its arm that does not lead where it goes, while it is before the junction.
+    """The agent is not at its entrance, or in no lane of its arm that does not lead where it goes.
 
     It is in the lane whose centre line its front is nearest to.
 
@@ -108,8 +108,8 @@ def lane_allows(run: Run, agent: int) -> NDArray[np.bool_]:
     """
     junction, who = run.junction, run.agents[agent]
     pose, station = run.need("pose")[:, agent], run.need("station")[:, agent]
-    before = np.flatnonzero(run.zone[:, agent] <= Zone.ENTRANCE)
-    points, along = pose[before, :2], station[before]
+    there = np.flatnonzero(run.zone[:, agent] == Zone.ENTRANCE)
+    points, along = pose[there, :2], station[there]
     ways = {who.entrance: _way(run, agent)}
     for entrance, exit in sorted(junction.movements):
         if junction.entrances[entrance].arm == junction.entrances[who.entrance].arm and entrance not in ways:
@@ -117,7 +117,7 @@ def lane_allows(run: Run, agent: int) -> NDArray[np.bool_]:
     apart = [np.abs(_offset(way, points, _nearest(way, points, along))) for way in ways.values()]
     lane = np.array(list(ways))[np.argmin(apart, axis=0)]
     found = np.ones(run.steps, dtype=np.bool_)
-    found[before] = ~np.isin(lane, wrong_lanes(junction, *who.route.key))
+    found[there] = ~np.isin(lane, wrong_lanes(junction, *who.route.key))
     return found
 
 
