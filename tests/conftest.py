@@ -84,25 +84,28 @@ def make() -> Make:
 def drive() -> Make:
     """Return a function that makes a run along the centre lines from speeds.
 
-    It takes the name of a built-in junction; per entrance the direction, the station at the start [m], [(tick, speed
-    [m/s]), ...], and how far to the left of the centre line to drive [m], 0 by default; the number of ticks; lights as in
-    `make`; collisions as (tick, name, name); length and width of all vehicles [m]; further facts.
+    It takes a junction, or the name of a built-in one; per entrance, or entrance and number in its queue, the direction, the
+    station at the start [m], [(tick, speed [m/s]), ...], and how far to the left of the centre line to drive [m], 0 by default;
+    the number of ticks; lights as in `make`; collisions as (tick, name, name); length and width of all vehicles [m]; further
+    facts.
     """
 
     def build(
-        junction: str,
-        vehicles: Mapping[int, tuple[Any, ...]],
+        junction: str | Junction,
+        vehicles: Mapping[Any, tuple[Any, ...]],
         steps: int,
         lights: Mapping[int, Sequence[tuple[int, Colour]]] | None = None,
         collisions: Sequence[tuple[int, str, str]] = (),
         size: tuple[float, float] | None = (4.6, 1.86),
         **facts: Any,
     ) -> Run:
-        place = find(junction)
+        place = find(junction) if isinstance(junction, str) else junction
         agents, columns = [], []
-        for entrance, (direction, start, speeds, *beside) in vehicles.items():
+        for seat, (direction, start, speeds, *beside) in vehicles.items():
+            entrance, queued = (seat, 0) if isinstance(seat, int) else seat
             leaving = place.leads(entrance, direction).exit
-            agents.append(Agent(f"a{entrance}", place.movements[entrance, leaving], size=size))
+            name = place.vehicle_at(entrance) + (f"+{queued}" if queued else "")
+            agents.append(Agent(name, place.movements[entrance, leaving], size=size))
             speed = np.zeros(steps)
             for tick, value in speeds:
                 speed[tick:] = value
@@ -115,7 +118,7 @@ def drive() -> Make:
             pose = np.array([itinerary.pose(float(s)) for s in station])
             pose[:, :2] += sum(beside) * np.stack((-np.sin(pose[:, 2]), np.cos(pose[:, 2])), axis=-1)
             columns.append((zone.astype(np.int8), station, speed, pose))
-        colours = np.zeros((steps, place.ways), dtype=np.int8)
+        colours = np.zeros((steps, len(place.entrances)), dtype=np.int8)
         for entrance in lights or {}:
             for tick, colour in (lights or {})[entrance]:
                 colours[tick:, entrance] = colour

@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.predicates import once
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Zone
 
@@ -19,8 +20,10 @@ def contacts(run: Run) -> tuple[Collision, ...]:
     Raises:
         RunError: nothing was recorded, and the run holds no positions or no sizes.
     """
-    if run.collisions is not None:
-        return run.collisions
+    return once(run, _contacts) if run.collisions is None else run.collisions
+
+
+def _contacts(run: Run) -> tuple[Collision, ...]:
     found = []
     for one, two in combinations(range(len(run.agents)), 2):
         touching = np.flatnonzero(overlap(run, one, two))

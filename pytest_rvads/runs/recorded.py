@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pytest_rvads.decoding import decode, typed
 from pytest_rvads.errors import MapError, RunError
 from pytest_rvads.junctions.junction import Junction, Movement, cross
-from pytest_rvads.maps.control import JunctionControl, Sign, phase_groups
+from pytest_rvads.maps.control import Sign, phase_groups
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.bounds import MOST_LANES, Name, Size, Step, check_size
 from pytest_rvads.runs.run import Run
@@ -37,7 +37,8 @@ _MOST_RUNS = 2000
 _MOST_TICKS = 10_000_000
 """Over a day in steps of 10 ms; more is a mistake in the file, not a run."""
 _ROTATION = re.compile(r"_r=(\d+)$")
-_SIGNS = {"stop_sign": Sign.STOP}
+_SIGNS = {"stop_sign": Sign.STOP, "yield_sign": Sign.YIELD, "priority_sign": Sign.PRIORITY}
+"""By the kind of a signal what it is; any other one is a light."""
 _COLOURS = {int(colour): colour for colour in (Colour.GREEN, Colour.YELLOW, Colour.RED)}
 _NUMBER = re.compile(r"(\d+)$")
 """Of a vehicle, in its name: c0, c1, ..."""
@@ -197,7 +198,7 @@ class _Topology:
             if vehicle.init_offset is not None and vehicle.init_speed is not None:
                 starts[name] = (vehicle.init_offset, vehicle.init_speed)
         lights = np.full((steps, len(self.junction.entrances)), Colour.NONE, dtype=np.int8)
-        if record.lights is None and self.junction.control in (JunctionControl.LIGHTS, JunctionControl.PARTIAL):
+        if record.lights is None and any(entrance.sign is Sign.LIGHTS for entrance in self.junction.entrances):
             raise RunError(f"{where}: the field 'lights' is missing")
         for name, light in (record.lights or {}).items():
             entrance = self.entrances.get(light.node)

@@ -49,6 +49,12 @@ _Length = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
 """[m]."""
 
 
+_Key = tuple[_Count, _Count]
+"""A movement: entrance and exit."""
+_MOST_PAIRS = 100_000
+"""Pairs of movements that the map states priority for; of 64 movements there are 4,032."""
+
+
 class _Line(msgspec.Struct, frozen=True):
     """A centre line: the number of its array, and what its segment says of itself."""
 
@@ -58,13 +64,15 @@ class _Line(msgspec.Struct, frozen=True):
     junction: str | None
 
 
-class _Entrance(msgspec.Struct, frozen=True):
+class _Entrance(msgspec.Struct, frozen=True, omit_defaults=True):
     arm: _Count
     lane: _Count
     sign: Sign
     phase: _Count | None
     setback: _Length
     approach: _Line | None
+    sign_setback: _Length | None = None
+    """Left out where there is none, as files before it have it."""
 
 
 class _Exit(msgspec.Struct, frozen=True):
@@ -82,7 +90,7 @@ class _Movement(msgspec.Struct, frozen=True):
     path: _Line | None
 
 
-class _Junction(msgspec.Struct, frozen=True):
+class _Junction(msgspec.Struct, frozen=True, omit_defaults=True):
     name: Name
     id: Name
     entrances: Annotated[list[_Entrance], msgspec.Meta(max_length=MOST_LANES)]
@@ -92,11 +100,13 @@ class _Junction(msgspec.Struct, frozen=True):
     opposite: list[tuple[_Count, _Count]]
     left_hand: bool
     lane_width: Size
+    stated: Annotated[list[tuple[_Key, _Key]], msgspec.Meta(max_length=_MOST_PAIRS)] = []
+    """Likewise."""
 
 
 class _Agent(msgspec.Struct, frozen=True):
     name: Name
-    route: tuple[_Count, _Count]
+    route: _Key
     """Entrance and exit."""
     kind: Kind
     size: tuple[Size, Size] | None
@@ -171,13 +181,14 @@ def _put(junction: Junction, lines: list[Segment]) -> _Junction:
     return _Junction(
         junction.name,
         junction.id,
-        [_Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, put(e.approach)) for e in junction.entrances],
+        [_Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, put(e.approach), e.sign_setback) for e in junction.entrances],
         [_Exit(e.arm, e.lane, put(e.road)) for e in junction.exits],
         [_Movement(*m.key, m.turn, m.length, m.segment, put(m.path)) for m in junction.movements.values()],
         sorted(junction.right_of),
         sorted(junction.opposite),
         junction.left_hand,
         junction.lane_width,
+        sorted(junction.stated),
     )
 
 
@@ -281,14 +292,18 @@ def _get(record: _Junction, arrays: Mapping[str, NDArray[Any]]) -> Junction:
     length = sum(m.path.length for m in movements if m.path is not None)
     if length > _LONGEST:
         raise ValueError(f"its movements are {length:,.0f} m long together, expected at most {_LONGEST:,} m")
+    ways = {m.key: m for m in movements}
+    if unknown := [key for pair in record.stated for key in pair if key not in ways]:
+        raise ValueError(f"its junction states a priority of movements that lead somewhere, got {unknown[0]}, where none leads")
     return Junction(
         record.name,
         record.id,
-        tuple(Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, get(e.approach)) for e in record.entrances),
+        tuple(Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, get(e.approach), e.sign_setback) for e in record.entrances),
         tuple(Exit(e.arm, e.lane, get(e.road)) for e in record.exits),
-        {m.key: m for m in movements},
+        ways,
         frozenset(record.right_of),
         frozenset(record.opposite),
         record.left_hand,
         record.lane_width,
+        stated=frozenset(record.stated),
     )

@@ -124,10 +124,10 @@ CHEATS = (
     Entry("roll_over_the_line", DRIVING, "slows down to 0.5 m/s and rolls over the line of the stop sign", "`full_stop` FAIL"),
     Entry("creep_over_the_line", DRIVING, "creeps over the line of the stop sign at 0.15 m/s", "`full_stop` FAIL"),
     Entry(
-        "stop_five_metres_before_the_line",
+        "stop_six_metres_before_the_line",
         DRIVING,
-        "stops 5 m before the line and then drives through",
-        "`full_stop` FAIL: that was no stop at the line",
+        "stops 6 m before the sign and then drives through",
+        "`full_stop` FAIL: that was no stop at the sign",
     ),
     Entry(
         "stop_beyond_the_line",

@@ -143,7 +143,7 @@ def test_who_leaves_lane_route_or_limit_has_not_passed(case: Case) -> None:
 
 
 SIGNS = {
-    "stop_five_metres_before_the_line": Case(ALONE, stops_at(-5.0, go=10.0), {"full_stop": "FAIL a0"}),
+    "stop_six_metres_before_the_line": Case(ALONE, stops_at(-6.0, go=10.0), {"full_stop": "FAIL a0"}),
     "red_after_a_stop": Case(RED, gated(lambda seen: seen.time > 8.0), {"red": "FAIL a1"}),
     # Yellow finds it 22 m before the line at 3.3 m/s, from which one stops within 2 m; it speeds up, and the light is red.
     "speed_up_on_yellow": Case(

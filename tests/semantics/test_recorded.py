@@ -13,7 +13,7 @@ from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.conduct.validate import validate
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.check import check
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.runs.recorded import read_recorded
 from pytest_rvads.runs.states import Colour, Zone
 
@@ -171,6 +171,15 @@ def test_lights(tmp_path: Path) -> None:
     assert run.junction.phase_groups == ({0, 1}, {2})
     assert run.lights[[0, 50, 79, 80], 1].tolist() == [Colour.GREEN, Colour.YELLOW, Colour.YELLOW, Colour.RED]
     assert (run.lights[:, 2] == Colour.RED).all()
+
+
+def test_signs_of_the_minor_and_of_the_major_road(tmp_path: Path) -> None:
+    data = document()
+    for signal, kind in zip(data["graph"]["signals"], ("yield_sign", "priority_sign", "stop_sign"), strict=True):
+        signal["kind"] = kind
+    (run,) = read_recorded(write(tmp_path, data))
+    assert sorted(lane.sign for lane in run.junction.entrances) == [Sign.PRIORITY, Sign.STOP, Sign.YIELD]
+    assert run.junction.control is JunctionControl.PARTIAL, "and no lights are asked for"
 
 
 def broken(*path: Any, value: Any = None, drop: bool = False) -> dict[str, Any]:

@@ -73,6 +73,22 @@ def test_a_kept_run_comes_back_bit_by_bit(real: Run, tmp_path: Path) -> None:
     assert path.read_bytes() == first, "equal runs give equal files"
 
 
+def test_where_signs_stand_and_what_the_map_states_is_kept(real: Run, tmp_path: Path) -> None:
+    lanes = real.junction.entrances
+    first = replace(lanes[0], sign_setback=2.5)
+    pair = ((0, 2), (1, 3))
+    run = replace(real, junction=replace(real.junction, entrances=(first, *lanes[1:]), stated=frozenset({pair})))
+    save_run(run, tmp_path / "run.npz")
+    back = load_run(tmp_path / "run.npz")
+    assert (back.hash, back.junction.stated) == (run.hash, {pair})
+    assert [lane.sign_setback for lane in back.junction.entrances] == [2.5, None, None, None]
+    assert run.hash != real.hash
+    save_run(real, tmp_path / "plain.npz")
+    header = json.loads(bytes(np.load(tmp_path / "plain.npz")["header"]))
+    assert "stated" not in header["junction"]
+    assert not any("sign_setback" in lane for lane in header["junction"]["entrances"])
+
+
 def test_a_kept_run_gets_the_same_verdicts(real: Run, tmp_path: Path) -> None:
     save_run(real, tmp_path / "run.npz")
     back = load_run(tmp_path / "run.npz")
@@ -164,6 +180,15 @@ def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]
         (
             lambda h, a: a.update(zone=np.zeros((10**7, 3), np.int8)),
             "10,000,000 ticks of so many vehicles and entrances are 490,000,000 pairs of them, at most 320,000,000 are read",
+        ),
+        (
+            lambda h, a: h["junction"].update(stated=[[[0, 2], [0, 0]]]),
+            r"damaged: its junction states a priority of movements that lead somewhere, got \(0, 0\), where none leads",
+        ),
+        (lambda h, a: h["junction"].update(stated=[[0, 2]]), r"'junction.stated\[0\]\[0\]' must be a list"),
+        (
+            lambda h, a: h["junction"]["entrances"][0].update(sign_setback=-1.0),
+            r"'junction.entrances\[0\].sign_setback' must be a number >= 0",
         ),
         (
             lambda h, a: h["junction"]["exits"][0].update(arm=7),

@@ -16,7 +16,7 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import evaluate
 from pytest_rvads.logic.rules.shape import Kind, agents_of
 from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.telling.phrase import clock, colour_at, place, position, say, zone
+from pytest_rvads.logic.telling.phrase import clock, colour_at, place, position, say, why, zone
 from pytest_rvads.logic.telling.story import Story, bound_names, happened
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
@@ -64,6 +64,8 @@ def _roles(story: Story, j: Judgement) -> list[str]:
             fast = f"   v = {run.speed[tick, e.index]:.1f} m/s" if run.speed is not None else ""
             blame = "   <- acts" if e in responsible(j, run) else ""
             lines.append(f"vehicle   {e.name} from entrance {agent.entrance}, {agent.turn}{entered}{fast}{blame}")
+        if reason := why(run, j.template.atoms):
+            lines.append(f"because   {reason}")
         if j.failed is None:
             lines.append(f"open      {say(shape.obligation)}, owed since {clock(run, j.trigger or 0)} s")
         else:

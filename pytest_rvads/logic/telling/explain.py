@@ -10,7 +10,7 @@ from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Statu
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.telling.block import block
-from pytest_rvads.logic.telling.phrase import clock, element_name, literal, say
+from pytest_rvads.logic.telling.phrase import clock, element_name, literal, say, why
 from pytest_rvads.logic.telling.story import Story, bound_names, happened
 from pytest_rvads.runs.run import Run
 
@@ -146,4 +146,5 @@ def _roles(story: Story, worst: Judgement | None) -> str:
         arm, lane = junction.entrances[entrance].arm, junction.entrances[entrance].lane
         return f"+{(arm - first) % junction.ways}" + (f".{lane}" if len(junction.arms[arm].entrances) > 1 else "")
 
-    return ", ".join(f"{name} {a.turn} from entrance {seat(a.entrance)}" for name, a in agents)
+    roles = ", ".join(f"{name} {a.turn} from entrance {seat(a.entrance)}" for name, a in agents)
+    return "; ".join(filter(None, (roles, why(run, worst.template.atoms, seat))))

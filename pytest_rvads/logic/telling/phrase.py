@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from math import ceil, log10
 
+from pytest_rvads.conduct.grounds import Ground, ground_of
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = ["Naming", "clock", "colour_at", "element_name", "literal", "place", "position", "say", "zone"]
+__all__ = ["Naming", "clock", "colour_at", "element_name", "literal", "place", "position", "say", "why", "zone"]
 
 Naming = Callable[[f.Element], str]
 """How to call an element: by its own name, or by the variable it stands for."""
@@ -103,6 +105,43 @@ def say(formula: f.Formula, name: Naming = element_name, be: str = "is") -> str:
         case f.Until(left, right) if f.is_boolean(left) and f.is_boolean(right):
             return f"{say(left, name, be)} until {say(right, name, be)}"
     return str(formula)
+
+
+def why(run: Run, atoms: Iterable[f.Atom], seat: Callable[[int], str] = str) -> str:
+    """Return in words why the first of two vehicles has to give way to the second, empty where lights or arrivals decide.
+
+    Args:
+        run: that they belong to.
+        atoms: of an instance; the first one about owing or obstructing names the two.
+        seat: how to call an entrance, by its number.
+    """
+    pair = next((atom.terms for atom in atoms if atom.name in ("owes", "obstructs")), ())
+    columns = [term.index for term in pair if isinstance(term, f.Element)]
+    junction = run.junction
+    if len(columns) != 2 or junction.control in (JunctionControl.STOP, JunctionControl.LIGHTS):
+        return ""
+    me, you = (run.agents[column] for column in columns)
+    here, there = (f"entrance {seat(agent.entrance)}" for agent in (me, you))
+    signs = [junction.entrances[agent.entrance].sign for agent in (me, you)]
+    match ground_of(junction, me.route.key, you.route.key):
+        case Ground.PRIORITY if (me.route.key, you.route.key) in junction.stated:
+            return f"by the map the way from {there} has priority over the one from {here}"
+        case Ground.SIGN | Ground.PRIORITY:
+            return f"{here} has {_SIGNS[signs[0]]}, {there} {_SIGNS[signs[1]]}"
+        case Ground.SIDE:
+            return f"{there} is on the {junction.near} of {here}, and neither has priority by a sign"
+        case Ground.TURN:
+            return f"who comes from {here} turns {me.turn} across the way from {there}"
+    return ""
+
+
+_SIGNS = {
+    Sign.STOP: "a stop sign",
+    Sign.YIELD: "a yield sign",
+    Sign.PRIORITY: "a priority sign",
+    Sign.LIGHTS: "a light",
+    Sign.NONE: "no sign",
+}
 
 
 def position(run: Run, agent: int, tick: int) -> str:
