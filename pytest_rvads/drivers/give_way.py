@@ -13,7 +13,7 @@ from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
 from pytest_rvads.drivers.spacing import BEFORE, LEEWAY, can_stop, stop_before, time_to
-from pytest_rvads.drivers.stop_sign import HOLD, PATIENCE, PATIENCE_STEP
+from pytest_rvads.drivers.stop_sign import HOLD, PATIENCE
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, VehicleState
@@ -36,6 +36,8 @@ MOVING = 0.15
 """Who is faster than this moves [m/s]."""
 ROLLING = 3.0
 """Who goes first and is this fast will have passed when one comes later [m/s]."""
+PATIENCE_STEP = 0.5
+"""How much longer each next one waits where all wait for one another [s]: as long as it takes to see that one has set off."""
 EARLY = 6.0
 """How long before braking would begin a decision is not needed yet [m]."""
 _GENTLE = 1.5
@@ -86,13 +88,13 @@ class GiveWay:
         if any(other.speed > MOVING or other.zone is not ENTRANCE for other in waits_for) or exit_blocked(seen) or _stuck(seen):
             self._released, self._quiet_since = False, None
             return False
-        return not waits_for or self._patience_ends(seen)
+        return not waits_for or self._patience_ends(seen, waits_for)
 
     def _permitted(self, seen: Observation) -> bool:
         """Return whether the own sign and the own light let it go."""
-        if self._must_stop:
-            if seen.me.zone is not ENTRANCE or self._stood_since is None or seen.time - self._stood_since < HOLD:
-                return False
+        stood = seen.me.zone is ENTRANCE and self._stood_since is not None and seen.time - self._stood_since >= HOLD
+        if self._must_stop and not stood:
+            return False
         colour = seen.lights[seen.me.entrance]
         if colour is _YELLOW:
             return not can_stop(seen, YELLOW)
@@ -182,7 +184,8 @@ class GiveWay:
         if other.station - other.length >= end:
             return True
         soonest = time_to(mine.start - me.station, me.speed, EAGER, max(seen.speed_limit, me.speed))
-        return _leaves(other, end) + LEEWAY < soonest
+        # Who stands can wait for as long as a near miss takes; who is under way would have to brake.
+        return _leaves(other, end) + (LEEWAY if me.speed > ROLLING else MARGIN) < soonest
 
     def _will_stop(self, other: VehicleState) -> bool:
         return other.entrance in self._stop_signs and other.zone < JUNCTION and not self._queue.stood(other)
@@ -195,22 +198,35 @@ class GiveWay:
         before = time_to(line - other.station, other.speed, EAGER, seen.speed_limit)
         return before + HOLD + time_to(place - max(line, other.station), 0.0, EAGER, seen.speed_limit)
 
-    def _patience_ends(self, seen: Observation) -> bool:
-        """Return whether to go although others, which stand as well, should go first: they wait for somebody, too, or do not go.
+    def _patience_ends(self, seen: Observation, waits_for: list[VehicleState]) -> bool:
+        """Return whether to go although `waits_for`, who stand as well, go first: they wait for somebody, too, or do not go.
 
-        All see since when nobody moves, and each waits for as much longer as others that stand there were created before it.
+        It ends while nobody moves whom they or one oneself would meet, and later the more that one meets were created before.
         """
         me = seen.me
         if self._released:
             return True
-        if me.zone is not ENTRANCE or any(o.speed > MOVING and o.zone <= JUNCTION for o in (me, *seen.others)):
+        moving = [other for other in seen.others if other.speed > MOVING and other.zone <= JUNCTION]
+        if me.zone is not ENTRANCE or me.speed > MOVING or any(self._concerns(seen, other, waits_for) for other in moving):
             self._quiet_since = None
             return False
         if self._quiet_since is None:
             self._quiet_since = seen.time
-        place = sum(other.zone is ENTRANCE for other in seen.others[: seen.created])
+        place = sum(other.zone is ENTRANCE and bool(self._meetings.of(other)) for other in seen.others[: seen.created])
         self._released = seen.time - self._quiet_since >= PATIENCE + PATIENCE_STEP * place
         return self._released
+
+    def _concerns(self, seen: Observation, moving: VehicleState, waits_for: list[VehicleState]) -> bool:
+        """Return whether one may be waiting because of `moving`: one meets it, or one of those does that one waits for."""
+        if self._meetings.of(moving):
+            return True
+        conflicts, ways = seen.junction.conflicts or (), seen.junction.by_turn
+        return any(
+            (one.key, two.key) in conflicts
+            for other in waits_for
+            for one in ways[other.entrance, other.turn]
+            for two in ways[moving.entrance, moving.turn]
+        )
 
 
 def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:
