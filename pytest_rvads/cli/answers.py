@@ -61,7 +61,7 @@ def list_rules() -> str:
 
 
 def _entry(rule: Rule) -> str:
-    kind = f" [{rule.about}]" if rule.about else ""
+    kind = f" [{', '.join(rule.kinds)}]" if rule.about else ""
     lines = [f"  {rule.name}  {rule.title}{kind}", f"      {rule.meaning}" if rule.meaning else ""]
     lines += [f"      {line}" for line in textwrap.wrap(rule.text, 110, break_on_hyphens=False)]
     facts = [

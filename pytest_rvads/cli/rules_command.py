@@ -50,7 +50,7 @@ def _check(options: argparse.Namespace) -> int:
     arrivals = _times(options.arrivals) if options.arrivals else None
     found = False
     for control in (options.control,) if options.control else ("stop", "lights"):
-        about = [rule for rule in rules if rule.about in (None, JunctionControl(control))]
+        about = [rule for rule in rules if rule.concerns(JunctionControl(control))]
         if about:
             result = survey(
                 find(_JUNCTIONS[control, options.ways]),

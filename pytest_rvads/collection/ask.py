@@ -106,7 +106,7 @@ class Ask:
             RvadsError: no such rule, none about this kind of junction, or one of a name that means another one elsewhere.
         """
         names = self.rules or ("paper" if self.subject is None else "road",)
-        rules = rules_for(names, place.control)
+        rules = rules_for(names, place)
         if not rules:
             raise ScenarioError(
                 f"no rule of {', '.join(map(repr, names))} is about a junction with control {place.control.value!r} like "

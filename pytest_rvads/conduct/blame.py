@@ -24,7 +24,7 @@ from pytest_rvads.conduct.standing import STANDSTILL, stopped
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Shared
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
 
@@ -174,7 +174,8 @@ def _on_red(run: Run, agent: int, _other: int, tick: int) -> bool:
 
 def _past_the_sign(run: Run, agent: int, _other: int, tick: int) -> bool:
     entered = _entered(run, agent, tick)
-    return run.junction.control is JunctionControl.STOP and bool(entered) and not _had_stopped(run, agent, entered or 0)
+    sign = run.junction.entrances[run.agents[agent].entrance].sign
+    return sign is Sign.STOP and bool(entered) and not _had_stopped(run, agent, entered or 0)
 
 
 def _had_stopped(run: Run, agent: int, entered: int) -> bool:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct import standing
 from pytest_rvads.conduct.bodies import collide
-from pytest_rvads.conduct.priority import Encounter, due, may_owe, owed_before, yields
+from pytest_rvads.conduct.grounds import may_owe
+from pytest_rvads.conduct.priority import Encounter, due, owed_before, yields
 from pytest_rvads.conduct.progress import BLOCKING_TIME, PATIENCE, blocking_time, lost_time, part
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.runs.run import Run
@@ -60,7 +61,8 @@ def stopped(_run: Run, agent: int) -> Follower:
 
     def follow(run: Run) -> bool:
         nonlocal held
-        held = bool(run.zone[0, agent] == Zone.ENTRANCE and (held or standing.stopped(run, agent)[0]))
+        here, stood = standing.stops(run, agent)
+        held = bool(here[0] and (held or stood[0]))
         return held
 
     return follow

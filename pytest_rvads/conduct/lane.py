@@ -14,7 +14,7 @@ from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 
-__all__ = ["LANE_TOLERANCE", "MAX_OFFSET", "beside", "itinerary", "off_lane", "off_route"]
+__all__ = ["LANE_TOLERANCE", "MAX_OFFSET", "beside", "itinerary", "lane_allows", "off_lane", "off_route", "wrong_lanes"]
 
 LANE_TOLERANCE = 0.3
 """How far a body may reach over the border of its lane [m]; about as much as lane keeping of people varies."""
@@ -87,6 +87,37 @@ def off_lane(run: Run, agent: int) -> NDArray[np.bool_]:
     over &= np.abs(_offset(way, np.concatenate(corners), place)) > half
     strayed = (run.zone[:, agent] == Zone.JUNCTION) & (np.abs(_offset(way, pose[:, :2], station)) > half)
     found: NDArray[np.bool_] = (strayed | over.reshape(4, -1).any(axis=0)) & (run.zone[:, agent] != Zone.GONE)
+    return found
+
+
+@lru_cache(maxsize=1024)
+def wrong_lanes(junction: Junction, entrance: int, exit: int) -> tuple[int, ...]:
+    """Return the entrances beside `entrance` from which no movement leads to the arm of `exit`."""
+    here, there = junction.entrances[entrance].arm, junction.exits[exit].arm
+    leading = {one for one, other in junction.movements if junction.exits[other].arm == there}
+    return tuple(lane for lane in junction.arms[here].entrances if lane not in leading)
+
+
+def lane_allows(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The agent is in no lane of its arm that does not lead where it goes, while it is before the junction.
+
+    It is in the lane whose centre line its front is nearest to.
+
+    Raises:
+        RunError: the run does not record positions, or holds no geometry of its junction.
+    """
+    junction, who = run.junction, run.agents[agent]
+    pose, station = run.need("pose")[:, agent], run.need("station")[:, agent]
+    before = np.flatnonzero(run.zone[:, agent] <= Zone.ENTRANCE)
+    points, along = pose[before, :2], station[before]
+    ways = {who.entrance: _way(run, agent)}
+    for entrance, exit in sorted(junction.movements):
+        if junction.entrances[entrance].arm == junction.entrances[who.entrance].arm and entrance not in ways:
+            ways[entrance] = itinerary(junction, entrance, exit)
+    apart = [np.abs(_offset(way, points, _nearest(way, points, along))) for way in ways.values()]
+    lane = np.array(list(ways))[np.argmin(apart, axis=0)]
+    found = np.ones(run.steps, dtype=np.bool_)
+    found[before] = ~np.isin(lane, wrong_lanes(junction, *who.route.key))
     return found
 
 

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import permutations
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.conduct.grounds import Ground, ground_of, lit, may_owe
+from pytest_rvads.conduct.lane import wrong_lanes
+from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
@@ -35,6 +38,8 @@ class Static:
     opposite: frozenset[tuple[int, int]]
     entex: frozenset[tuple[int, int]]
     """Pairs of an entrance and an exit of one arm."""
+    beside: frozenset[tuple[int, int]]
+    """Pairs of different entrances of one arm."""
     lights: tuple[int, ...]
     """Entrances with a light."""
     signs: tuple[int, ...]
@@ -46,6 +51,13 @@ class Static:
     """The turn that crosses nobody's way."""
     far: Turn = Turn.LEFT
     """The turn across oncoming traffic."""
+    grounds: frozenset[tuple[int, int, Ground]] | None = frozenset()
+    """Pairs of agents, by column, of which the first has to give way to the second on a ground other than lights; None where the
+    geometry is not known."""
+    owing: frozenset[tuple[int, int]] | None = None
+    """Pairs of agents of which the first may owe the way to the second; None where that is left to the run."""
+    choosing: frozenset[int] = frozenset()
+    """Agents, by column, of whose arm a lane does not lead where they go."""
 
     def turns(self, agent: int, direction: str) -> bool:
         """Return whether an agent turns ``left``, ``straight``, ``right``, or to the ``near`` or ``far`` side."""
@@ -56,7 +68,8 @@ class Static:
         pairs = ", ".join(f"{a} right-of {b}" for a, b in sorted(self.right_of))
         facing = ", ".join(f"{a} opposite {b}" for a, b in sorted(self.opposite) if a < b)
         agents = ", ".join(f"{a.name}: {a.entrance} -> {a.exit} ({a.turn})" for a in self.agents)
-        objects = f"lights at {list(self.lights)}" if self.lights else f"stop signs at {list(self.signs)}"
+        kinds = (("lights", self.lights), ("stop signs", self.signs))
+        objects = ", ".join(f"{kind} at {list(places)}" for kind, places in kinds if places) or "no lights or stop signs"
         return f"{self.entrances} entrances, {objects}; {pairs or 'no right-of'}; {facing or 'no opposite'}; {agents}"
 
 
@@ -67,22 +80,46 @@ def extract(run: Run) -> Static:
 
 def _extract(run: Run) -> Static:
     junction = run.junction
-    entrances = len(junction.entrances)
-    everywhere = tuple(range(entrances))
+    numbers = range(len(junction.entrances))
+    grounds = _grounds(run)
     return Static(
-        entrances,
+        len(junction.entrances),
         len(junction.exits),
         junction.control,
         junction.right_of,
         junction.opposite,
         junction.entex,
-        everywhere if junction.control is JunctionControl.LIGHTS else tuple(np.flatnonzero(run.lights.any(axis=0)).tolist()),
-        everywhere if junction.control is JunctionControl.STOP else (),
+        frozenset((a, b) for arm in junction.arms for a, b in permutations(arm.entrances, 2)),
+        tuple(k for k in numbers if lit(junction, k) or run.lights[:, k].any()),
+        tuple(k for k in numbers if junction.entrances[k].sign is Sign.STOP),
         run.agents,
         junction.conflicts,
         junction.near,
         junction.far,
+        grounds,
+        _owing(run) if grounds is not None and junction.control not in _BY_STATE else None,
+        frozenset(k for k, who in enumerate(run.agents) if wrong_lanes(junction, *who.route.key)),
     )
+
+
+_BY_STATE = (JunctionControl.STOP, JunctionControl.LIGHTS)
+"""Where arrivals or lights decide who gives way, alone."""
+
+
+def _grounds(run: Run) -> frozenset[tuple[int, int, Ground]] | None:
+    if run.junction.control in _BY_STATE:
+        return frozenset()
+    if run.junction.yields is None:
+        return None
+    ways = [agent.route.key for agent in run.agents]
+    pairs = ((one, two, ground_of(run.junction, ways[one], ways[two])) for one, two in permutations(range(len(ways)), 2))
+    return frozenset((one, two, ground) for one, two, ground in pairs if ground is not None)
+
+
+def _owing(run: Run) -> frozenset[tuple[int, int]]:
+    conflicts, ways = run.junction.conflicts or (), [agent.route.key for agent in run.agents]
+    pairs = permutations(range(len(ways)), 2)
+    return frozenset((one, two) for one, two in pairs if (ways[one], ways[two]) in conflicts and may_owe(run, one, two))
 
 
 def once(run: Run, work: Callable[[Run], _Result]) -> _Result:

@@ -1,8 +1,9 @@
 """Who has to give way to whom, and whether he did: the hazard that the law speaks of, in seconds and metres.
 
 A vehicle owes the way to one that has the better right and *is due*: it comes "so closely as to be a hazard" (California
-Vehicle Code 21801(a), 21453(b)). It obstructs it when it takes the way all the same and the other one has to brake hard, meets
-it, or touches it: "neither endanger nor substantially impede" (StVO, section 8(2)). The numbers are named here.
+Vehicle Code 21801(a), 21453(b)), or stands at its line and is next to go. It obstructs it when it takes the way all the same and
+the other one has to brake hard, meets it, or touches it: "neither endanger nor substantially impede" (StVO, section 8(2)). The
+numbers are named here.
 """
 
 from __future__ import annotations
@@ -15,14 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.bodies import collide
+from pytest_rvads.conduct.grounds import ground_of, lit, may_owe
+from pytest_rvads.conduct.predicates import once
+from pytest_rvads.conduct.standing import leads
 from pytest_rvads.conduct.stretches import before_exit, position, shared
 from pytest_rvads.junctions.conflicts import Shared, Stretch
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 
-__all__ = ["DUE", "HARD_BRAKING", "MIN_GAP", "Encounter", "due", "may_owe", "obstructs", "owed_before", "owes", "yields"]
+__all__ = ["DUE", "HARD_BRAKING", "MIN_GAP", "Encounter", "due", "obstructs", "owed_before", "owes", "yields"]
 
 DUE = 4.0
 """Who reaches the shared stretch within this time at its present speed is due [s]: the usual critical gap of a left turn
@@ -33,24 +37,95 @@ BEND_BRAKING = 4.0
 """Who turns brakes for its bend anyway, and is impeded when it has to brake harder than this [m/s^2]."""
 MIN_GAP = 1.0
 """Two that pass a place within this time of each other nearly meet [s]; the usual threshold of post-encroachment times."""
+HEADWAY = 2.0
+"""Who follows another one at less than this time brakes on its account [s]: the two-second rule (UK Highway Code, rule 126)."""
 _WINDOW = 0.1
 """Decelerations are differences of speed over this time [s]."""
 
 
 def has_way(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The light gives the agent the right to go, or gave it when it entered: it is not red."""
+    """No light keeps the agent from going: it is green or yellow, was when the agent entered, or there is none."""
     facing = run.facing[:, agent]
     found: NDArray[np.bool_] = (facing == Colour.GREEN) | (facing == Colour.YELLOW)
-    return found
+    return found if lit(run.junction, run.agents[agent].entrance) else np.ones_like(found)
 
 
 def due(run: Run, agent: int, stretch: Stretch) -> NDArray[np.bool_]:
-    """The agent is on a stretch of its movement, would be there within `DUE` at its present speed, or stands first at green."""
+    """The agent is on a stretch of its movement, would be there within `DUE` at its present speed, or is next at its line."""
+    found: NDArray[np.bool_] = (_coming(run, agent, stretch) | _next(run)[:, agent]) & (run.zone[:, agent] != Zone.GONE)
+    return found
+
+
+def _coming(run: Run, agent: int, stretch: Stretch) -> NDArray[np.bool_]:
+    """Whether the agent is on a stretch of its movement, or would be there within `DUE` at its present speed."""
     front, rear = position(run, agent)
-    speed, zone = run.need("speed")[:, agent], run.zone[:, agent]
-    coming = (stretch.start - front <= DUE * np.maximum(speed, 0.0)) & (rear <= stretch.end)
-    first = (zone == Zone.ENTRANCE) & (run.facing[:, agent] == Colour.GREEN)
-    found: NDArray[np.bool_] = (coming | first) & (zone != Zone.GONE)
+    speed = run.need("speed")[:, agent]
+    found: NDArray[np.bool_] = (stretch.start - front <= DUE * np.maximum(speed, 0.0)) & (rear <= stretch.end)
+    return found
+
+
+def _next(run: Run) -> NDArray[np.bool_]:
+    """Return who is first at its line and has the right to go, shape ``(steps, agents)``: at green, or where it owes nobody."""
+    return once(run, _find_next)
+
+
+def _find_next(run: Run) -> NDArray[np.bool_]:
+    found = _first(run)
+    if run.junction.control is JunctionControl.STOP:  # there the order of arrival decides
+        return np.zeros_like(found)
+    for agent, who in enumerate(run.agents):
+        if lit(run.junction, who.entrance):
+            found[:, agent] &= run.facing[:, agent] == Colour.GREEN
+        else:
+            found[:, agent] &= ~_held(run)[:, agent]
+    return found
+
+
+def _first(run: Run) -> NDArray[np.bool_]:
+    """Return who is at its entrance with nobody before it there, shape ``(steps, agents)``."""
+    first = [leads(run, agent) for agent in range(len(run.agents))]
+    found: NDArray[np.bool_] = run.zone == Zone.ENTRANCE
+    if first:
+        found &= np.stack(first, axis=1)
+    return found
+
+
+def _held(run: Run) -> NDArray[np.bool_]:
+    """Return who has to let somebody pass that comes or is first at its line, shape ``(steps, agents)``; not by lights alone.
+
+    Whoever is held itself counts as well, so that of vehicles that hold each other in a circle none is due by standing there.
+    """
+    return once(run, _find_held)
+
+
+def _find_held(run: Run) -> NDArray[np.bool_]:
+    first = _first(run)
+    found = np.zeros_like(first)
+    for agent, who in enumerate(run.agents):
+        if lit(run.junction, who.entrance):
+            continue
+        for other in range(len(run.agents)):
+            common = shared(run, agent, other) if may_owe(run, agent, other) else None
+            if common is not None:
+                there = _coming(run, other, common.yours) & (run.zone[:, other] != Zone.GONE)
+                found[:, agent] |= (there | first[:, other]) & yields(run, agent, other)
+    return found
+
+
+def _unhindered(run: Run, agent: int) -> NDArray[np.bool_]:
+    """Whether the agent has no reason of its own to brake: its light, its stop sign, who has priority, who drives ahead of it."""
+    found: NDArray[np.bool_]
+    if lit(run.junction, run.agents[agent].entrance):
+        found = run.facing[:, agent] == Colour.GREEN
+    else:
+        found = ~_held(run)[:, agent]
+        if run.junction.entrances[run.agents[agent].entrance].sign is Sign.STOP:
+            found &= run.zone[:, agent] >= Zone.JUNCTION
+    for other, who in enumerate(run.agents):
+        if other != agent and who.entrance == run.agents[agent].entrance:
+            (front, _), (ahead, behind) = position(run, agent), position(run, other)
+            near = behind - front < HEADWAY * run.need("speed")[:, agent]
+            found &= ~((ahead > front) & near & (run.zone[:, other] <= Zone.JUNCTION))
     return found
 
 
@@ -92,24 +167,23 @@ def owed_before(run: Run, agent: int, bound: NDArray[np.bool_], common: Shared) 
     return found
 
 
-def may_owe(run: Run, agent: int, other: int) -> bool:
-    """Return whether the agent can owe the way to the other one at all: lights that let both go, or a turn on red."""
-    me, you, junction = run.agents[agent], run.agents[other], run.junction
-    if junction.control is not JunctionControl.LIGHTS or agent == other:
-        return False
-    across = me.turn is junction.far and you.turn is not junction.far and (me.entrance, you.entrance) in junction.opposite
-    return across or me.turn is junction.near
-
-
 def yields(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
-    """The lights are such that the agent has to give way to the other one where their ways meet.
+    """The agent has to give way to the other one where their ways meet, as the lights are.
 
     Turning across oncoming traffic it does to who also has the right to go (Vienna Convention on Road Traffic, Art. 16(2));
-    turning to the near side on red to everybody who has it (CVC 21453(b)).
+    turning to the near side on red to everybody who has it (CVC 21453(b)). Without lights it does on the ground that there is;
+    to who comes to a light, as long as that lets it go.
     """
-    me, junction = run.agents[agent], run.junction
+    me, you, junction = run.agents[agent], run.agents[other], run.junction
     facing = run.facing[:, agent]
-    mine = facing == Colour.RED if me.turn is junction.near else facing != Colour.RED
+    if not lit(junction, me.entrance):
+        mine = np.ones(run.steps, dtype=np.bool_)
+    elif me.turn is junction.near:
+        mine = facing == Colour.RED
+        if not lit(junction, you.entrance) and ground_of(junction, me.route.key, you.route.key) is not None:
+            mine = np.ones_like(mine)
+    else:
+        mine = facing != Colour.RED
     found: NDArray[np.bool_] = mine & has_way(run, other)
     return found
 
@@ -158,9 +232,9 @@ class Encounter:
         there = front >= self._common.mine.start
         if self._common.merges:
             (_, rear), (ahead, _) = (before_exit(run, k) for k in (agent, other))
-        green = run.facing[:, other] == Colour.GREEN
+        free = _unhindered(run, other)
         inside, speed = run.zone[:, agent] >= Zone.JUNCTION, run.need("speed")[:, other]
-        columns = (inside, better, bound, touching, there, rear, ahead, speed, green)
+        columns = (inside, better, bound, touching, there, rear, ahead, speed, free)
         return list(zip(*(column.tolist() for column in columns), strict=True))
 
     def step(  # noqa: PLR0913 - the columns that `rows` gives, each by its name
@@ -173,7 +247,7 @@ class Encounter:
         rear: float,
         ahead: float,
         speed: float,
-        green: bool,
+        free: bool,
     ) -> tuple[bool, bool]:
         """Read a state and return whether the agent is taking a way that it owed, and whether it obstructs the other one.
 
@@ -186,7 +260,7 @@ class Encounter:
             rear: of the agent, along its movement; where both merge, from the exit [m].
             ahead: front of the other one, likewise [m].
             speed: of the other one [m/s].
-            green: whether the light of the other one is green, or was when it entered.
+            free: whether the other one has no reason of its own to brake: its light is green, or was when it entered.
         """
         tick, self._tick = self._tick, self._tick + 1
         self._speeds.append(speed)
@@ -202,7 +276,7 @@ class Encounter:
             self._first = ahead >= self._arrives
         if rear > self._clear and self._left is None:
             self._left = tick
-        self._braked |= green and ahead < self._arrives and self._brakes_hard()
+        self._braked |= free and ahead < self._arrives and self._brakes_hard()
         hit = self._owed and (touching or self._impeded(tick, rear, ahead))
         taking = self._owed and self._taken is not None and not self.over
         self.over = self.over or self._passed(tick, there, ahead)

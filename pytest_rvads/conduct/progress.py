@@ -13,10 +13,11 @@ from itertools import pairwise, permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.grounds import may_owe
 from pytest_rvads.conduct.predicates import once, ticks
-from pytest_rvads.conduct.priority import due, may_owe, yields
+from pytest_rvads.conduct.priority import due, yields
 from pytest_rvads.conduct.standing import TIE
-from pytest_rvads.conduct.stretches import before_exit, on_stretch, position, shared
+from pytest_rvads.conduct.stretches import before_exit, on_stretch, parting, position, shared
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.maps.control import JunctionControl
@@ -148,10 +149,8 @@ def _allowed(run: Run, agent: int) -> NDArray[np.bool_]:
     """Whether nothing but other vehicles can keep the agent from getting on; once far down its exit road, it has arrived."""
     zone = run.zone[:, agent]
     arrived = before_exit(run, agent)[0] >= LEAVE
-    waits = np.zeros(run.steps, dtype=np.bool_)
-    if run.junction.control in (JunctionControl.LIGHTS, JunctionControl.PARTIAL):
-        facing = run.facing[:, agent]
-        waits = _at_line(run, agent) & (facing != Colour.GREEN) & (facing != Colour.NONE)
+    facing = run.facing[:, agent]
+    waits = _at_line(run, agent) & (facing != Colour.GREEN) & (facing != Colour.NONE)
     found: NDArray[np.bool_] = (zone != Zone.GONE) & ~arrived & ~waits
     return found
 
@@ -171,8 +170,8 @@ def _behind(run: Run, agent: int, other: int, common: Shared | None) -> NDArray[
     found = np.zeros(run.steps, dtype=np.bool_)
     if me.entrance == you.entrance:
         (front, _), (ahead, behind) = position(run, agent), position(run, other)
-        before = (zone <= Zone.ENTRANCE) & (run.zone[:, other] <= Zone.ENTRANCE)
-        found |= (before | (me.exit == you.exit)) & (ahead > front) & (behind - front < GAP)
+        same = behind < parting(run.junction, me.route.key, you.route.key)
+        found |= same & (ahead > front) & (behind - front < GAP)
     if me.exit == you.exit:
         (front, _), (ahead, behind) = before_exit(run, agent), before_exit(run, other)
         merged = ahead >= (common.yours.start - you.route.length if common else 0.0)
@@ -193,7 +192,7 @@ def _lets_pass(run: Run, agent: int, other: int, common: Shared | None) -> NDArr
     zone, theirs = run.zone[:, agent], run.zone[:, other]
     before = _at_line(run, agent)
     found = np.zeros(run.steps, dtype=np.bool_)
-    if run.junction.control is not JunctionControl.LIGHTS:
+    if run.junction.control is JunctionControl.STOP:
         found |= before & (theirs == Zone.JUNCTION)
         found |= comes_first(run, agent, other)
     if common is None:
@@ -213,7 +212,10 @@ def _lets_pass(run: Run, agent: int, other: int, common: Shared | None) -> NDArr
 
 
 def comes_first(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
-    """Both are at their entrances and the other one goes first: it came clearly earlier, or at once and from the right."""
+    """Both are at entrances of different arms and the other one goes first: clearly earlier there, or at once from the right."""
+    arms = [run.junction.entrances[run.agents[k].entrance].arm for k in (agent, other)]
+    if arms[0] == arms[1]:
+        return np.zeros(run.steps, dtype=np.bool_)
     both = (run.zone[:, agent] == Zone.ENTRANCE) & (run.zone[:, other] == Zone.ENTRANCE)
     later = run.wt[:, other] - run.wt[:, agent]
     tie = ticks(run, TIE)

@@ -10,10 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import RunError
+from pytest_rvads.maps.control import Sign
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 
-__all__ = ["LINE_TOLERANCE", "SPEED_TOLERANCE", "STANDSTILL", "TIE", "drives", "speeding", "standing_time", "stopped"]
+__all__ = [
+    "LINE_TOLERANCE",
+    "SIGN_ZONE",
+    "SPEED_TOLERANCE",
+    "STANDSTILL",
+    "TIE",
+    "drives",
+    "leads",
+    "speeding",
+    "standing_time",
+    "stopped",
+    "stops",
+]
 
 TIE = 0.5
 """Who arrives within this time of each other arrives at about the same time [s]; statutes give no number."""
@@ -21,19 +34,46 @@ STANDSTILL = 0.1
 """A vehicle at most this fast, forwards or backwards, stands still [m/s]; wheel-speed sensors resolve about as much."""
 LINE_TOLERANCE = 0.1
 """How far over the stopping line a bumper may stand and still have stopped before it [m]."""
+SIGN_ZONE = 5.0
+"""A full stop counts from so far before a stop sign on [m]: about a car length; statutes ask for one before the line, the
+crosswalk or the junction, and give no distance."""
 SPEED_TOLERANCE = 0.5
 """How much faster than the limit is still within what a speed control holds [m/s]."""
 
 
 def stopped(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent is at its entrance and has stood still there, before the stopping line, in the present approach."""
-    here = run.zone[:, agent] == Zone.ENTRANCE
-    line = -run.junction.setbacks[run.agents[agent].entrance] + LINE_TOLERANCE
-    still = here & _stands(run, agent) & (run.need("station")[:, agent] <= line)
+    """The agent is where a full stop counts, see `stops`, and has stood still there in the present approach."""
+    here, still = stops(run, agent)
     tick = np.arange(run.steps)
     last_still = np.maximum.accumulate(np.where(still, tick, -1))
     last_away = np.maximum.accumulate(np.where(here, -1, tick))
     found: NDArray[np.bool_] = here & (last_still > last_away)
+    return found
+
+
+def stops(run: Run, agent: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return where the agent is before the junction and a full stop counts, and where it makes one, each of shape ``(steps,)``.
+
+    At a stop sign that is from `SIGN_ZONE` before the sign on, elsewhere from the entrance zone on, up to the entrance vertex. It
+    stops where it stands still with its front not beyond the stopping line, and first in its lane: who queues stops again.
+    """
+    entrance = run.junction.entrances[run.agents[agent].entrance]
+    station, zone = run.need("station")[:, agent], run.zone[:, agent]
+    here = zone == Zone.ENTRANCE
+    if entrance.sign is Sign.STOP:
+        sign = max(entrance.setback, entrance.sign_setback or 0.0)
+        here = (zone <= Zone.ENTRANCE) & (station >= -sign - SIGN_ZONE)
+    still: NDArray[np.bool_] = here & _stands(run, agent) & (station <= LINE_TOLERANCE - entrance.setback) & leads(run, agent)
+    return here, still
+
+
+def leads(run: Run, agent: int) -> NDArray[np.bool_]:
+    """Nobody is ahead of the agent in its lane before the junction."""
+    found = np.ones(run.steps, dtype=np.bool_)
+    for other, who in enumerate(run.agents):
+        if other != agent and who.entrance == run.agents[agent].entrance:
+            station = run.need("station")
+            found &= ~((run.zone[:, other] <= Zone.ENTRANCE) & (station[:, other] > station[:, agent]))
     return found
 
 

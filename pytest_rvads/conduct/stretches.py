@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.conflicts import Shared, Stretch
+from pytest_rvads.junctions.conflicts import CONFLICT_WIDTH, Key, Shared, Stretch
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.run import Run
 
-__all__ = ["before_exit", "meet", "on_stretch", "position", "shared"]
+__all__ = ["before_exit", "meet", "on_stretch", "parting", "position", "shared"]
+
+
+_SPACING = 0.5
+"""Movements are compared at stations so far apart [m]."""
 
 
 def shared(run: Run, one: int, two: int) -> Shared | None:
@@ -22,6 +30,26 @@ def shared(run: Run, one: int, two: int) -> Shared | None:
     if found is None:
         raise RunError("the run holds no geometry of its junction")
     return found.get((run.agents[one].route.key, run.agents[two].route.key))
+
+
+@lru_cache(maxsize=4096)
+def parting(junction: Junction, one: Key, two: Key) -> float:
+    """Return the station up to which two movements from one entrance have no room beside each other [m].
+
+    It is infinite where they lead into the same exit.
+
+    Raises:
+        RunError: the run holds no geometry of its junction.
+    """
+    paths = junction.movements[one].path, junction.movements[two].path
+    if paths[0] is None or paths[1] is None:
+        raise RunError("the run holds no geometry of its junction")
+    if one[1] == two[1]:
+        return math.inf
+    along = np.arange(0.0, min(path.length for path in paths if path), _SPACING)
+    first, second = (np.array([path.pose(float(s))[:2] for s in along]) for path in paths if path)
+    together = np.flatnonzero(np.hypot(*(first - second).T) < CONFLICT_WIDTH)
+    return float(along[together[-1]]) if len(together) else 0.0
 
 
 def position(run: Run, agent: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
 from pytest_rvads.junctions.arms import RoadArm, arms_of, sort_arms, turns_in_order
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.graph import MetricGraph
-from pytest_rvads.junctions.usability import MOST, unusable
-from pytest_rvads.junctions.ways import Way, paths_of, walk
+from pytest_rvads.junctions.usability import MOST, unusable, widest_gap
+from pytest_rvads.junctions.ways import Path, Way, paths_of, walk
 from pytest_rvads.maps.control import (
     JunctionControl,
     MapObject,
@@ -26,9 +26,9 @@ from pytest_rvads.maps.control import (
 )
 from pytest_rvads.maps.doubts import Doubt, MapWarning
 from pytest_rvads.maps.network import Network
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.maps.segment import GAP_LIMIT, Turn
 
-__all__ = ["JunctionReport", "LaneEnd", "analyse", "lifted", "opposite_pairs", "right_of_pairs"]
+__all__ = ["Cut", "JunctionReport", "LaneEnd", "analyse", "cut", "joints_of", "lifted", "opposite_pairs", "right_of_pairs"]
 
 Pairs = frozenset[tuple[int, int]]
 
@@ -98,22 +98,81 @@ class JunctionReport:
         return min((length - back for length, back in zip(self.approach, self.setbacks, strict=True)), default=0.0)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Cut:
+    """A junction cut from the metric graph: what leads through it, and the road ends where it begins."""
+
+    id: str
+    paths: tuple[Path, ...]
+    pairs: tuple[tuple[str, str], ...]
+    """(entrance edge, exit edge) of every way through it."""
+    arms: tuple[RoadArm, ...]
+    """In no order."""
+    left_out: tuple[str, ...] = ()
+    """Why paths that the file has are not among these."""
+
+
+def cut(graph: MetricGraph, id: str) -> Cut:
+    """Cut junction `id` from a metric graph.
+
+    Paths across a gap are left out where that costs no arm.
+
+    Raises:
+        MapError: see `paths_of`.
+    """
+    paths, direct = paths_of(graph, id), graph.network.junctions[id].direct
+    gaps = [widest_gap(graph, path) for path in paths]
+    whole = [path for path, (gap, _) in zip(paths, gaps, strict=True) if gap <= GAP_LIMIT]
+    pairs, arms = _ends(graph, paths, direct)
+    if len(whole) == len(paths):
+        return Cut(id, tuple(paths), pairs, arms)
+    fewer, rest = _ends(graph, whole, direct)
+    if {(bool(a.entrances), a.ends) for a in rest} != {(bool(a.entrances), a.ends) for a in arms}:
+        return Cut(id, tuple(paths), pairs, arms)
+    worst, (one, two) = max(gaps)
+    message = (
+        f"{len(paths) - len(whole)} of {len(paths)} movements of junction {id!r} are left out: lanes {one} and {two} are linked "
+        f"but {worst:.2f} m apart"
+    )
+    return Cut(id, tuple(whole), fewer, rest, (message,))
+
+
+def _ends(
+    graph: MetricGraph, paths: Sequence[Path], direct: Sequence[tuple[str, str]]
+) -> tuple[tuple[tuple[str, str], ...], tuple[RoadArm, ...]]:
+    pairs = (*((path.entrance, path.exit) for path in paths), *direct)
+    return pairs, arms_of(graph, pairs)
+
+
+def joints_of(cuts: Iterable[Cut]) -> frozenset[str]:
+    """Return the ids of the junctions that only join two roads of which one has more lanes, as at the beginning of turn lanes."""
+    return frozenset(
+        cut.id
+        for cut in cuts
+        if len(cut.arms) == 2 and any(len(lanes) > 1 for arm in cut.arms for lanes in (arm.entrances, arm.exits))
+    )
+
+
 def analyse(
-    graph: MetricGraph, id: str, objects: Sequence[MapObject], warnings: list[MapWarning], *, uturns: bool = False
+    graph: MetricGraph,
+    cut: Cut,
+    objects: Sequence[MapObject],
+    warnings: list[MapWarning],
+    *,
+    joints: frozenset[str] = frozenset(),
+    uturns: bool = False,
 ) -> JunctionReport:
-    """Analyse junction `id` of a map.
+    """Analyse a junction of a map.
 
     Args:
         graph: of the map.
-        id: of the junction.
+        cut: the junction.
         objects: signs, lights and stop lines of this junction.
         warnings: doubts about movements and priorities are appended here.
+        joints: junctions that approaches go on through.
         uturns: keep U-turns, which are left out otherwise.
     """
-    network = graph.network
-    paths = paths_of(graph, id)
-    pairs = [(path.entrance, path.exit) for path in paths] + [*network.junctions[id].direct]
-    arms = arms_of(graph, pairs)
+    network, id, paths, pairs, arms = graph.network, cut.id, cut.paths, cut.pairs, cut.arms
 
     def turning(order: Sequence[RoadArm]) -> list[tuple[int, int, float]]:
         entering = {edge: i for i, arm in enumerate(order) for edge in arm.entrances}
@@ -138,6 +197,7 @@ def analyse(
     opposite, right_of = opposite_pairs(turns), right_of_pairs(turns, left_hand=left_hand)
     reason = unusable(graph, id, arms, kept, pairs)
     if reason is None:
+        warnings += [MapWarning(Doubt.GAP, message, None, id) for message in cut.left_out]
         if len(kept) < len(ways):
             message = f"{len(ways) - len(kept)} U-turns of junction {id!r} are left out"
             warnings.append(MapWarning(Doubt.TABLE, message, None, id))
@@ -151,10 +211,10 @@ def analyse(
         tuple(kept),
         signs,
         reason,
-        tuple(_walked(graph, end.edge) for end in entrances),
+        tuple(sum(graph.edges[e].length for e in walk(graph, end.edge, upstream=True, joints=joints)) for end in entrances),
         right_of,
         opposite,
-        _phases(network, entrances, opposite, signs, objects),
+        _phases(network, entrances, opposite, here, _arrows_across(kept, here, left_hand=left_hand)),
         tuple(map(setback_of, here)),
         tuple(map(sign_setback_of, here)),
         _stated(network, id, kept, graph),
@@ -212,19 +272,44 @@ def opposite_pairs(turns: dict[tuple[int, int], Turn]) -> Pairs:
 
 
 def _phases(
-    network: Network, entrances: Sequence[LaneEnd], opposite: Pairs, signs: Sequence[Sign], objects: Sequence[MapObject]
+    network: Network,
+    entrances: Sequence[LaneEnd],
+    opposite: Pairs,
+    here: Sequence[Sequence[MapObject]],
+    protected: Collection[int],
 ) -> tuple[frozenset[int], ...]:
-    """Return the entrances that have green together, of those with lights."""
+    """Return the entrances that have green together, of those with lights.
+
+    Args:
+        network: of the map.
+        entrances: of the junction.
+        opposite: pairs of arms.
+        here: per entrance, its signs and lights.
+        protected: entrances with an arrow for the turn across oncoming traffic alone.
+    """
+    signs = signs_of([{item.kind for item in items} for items in here])
     lit = [number for number, sign in enumerate(signs) if sign is Sign.LIGHTS]
-    place = {entrances[number].edge: k for k, number in enumerate(lit)}
     lights: dict[str, set[int]] = {}
-    for item in objects:
-        if item.kind is ObjectKind.LIGHT and item.edge in place:
-            lights.setdefault(item.id, set()).add(place[item.edge])
+    for k, number in enumerate(lit):
+        for item in here[number]:
+            if item.kind is ObjectKind.LIGHT:
+                lights.setdefault(item.id, set()).add(k)
     controllers = [frozenset(e for signal in signals for e in lights.get(signal, ())) for signals in network.controllers]
     facing = lifted(opposite, [entrances[number] for number in lit])
-    groups = phase_groups([entrances[number].arm for number in lit], facing, controllers)
+    arrows = {k for k, number in enumerate(lit) if number in protected and any(k == one for one, _ in facing)}
+    groups = phase_groups([entrances[number].arm for number in lit], facing, controllers, arrows)
     return tuple(frozenset(lit[k] for k in group) for group in groups)
+
+
+def _arrows_across(ways: Sequence[Way], here: Sequence[Sequence[MapObject]], *, left_hand: bool) -> frozenset[int]:
+    """Return the entrances whose lights are arrows for the turn across oncoming traffic, and that allow nothing else."""
+    across = {Turn.RIGHT if left_hand else Turn.LEFT}
+    found = set()
+    for number, items in enumerate(here):
+        arrows = {item.arrows for item in items if item.kind is ObjectKind.LIGHT}
+        if arrows == {frozenset(across)} and {way.turn for way in ways if way.entrance == number} == across:
+            found.add(number)
+    return frozenset(found)
 
 
 def _stated(network: Network, id: str, ways: Sequence[Way], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
@@ -239,10 +324,6 @@ def _stated(network: Network, id: str, ways: Sequence[Way], graph: MetricGraph) 
             if low in yielding and high in prior and one.entrance != two.entrance
         }
     return frozenset(found - {(two, one) for one, two in found})
-
-
-def _walked(graph: MetricGraph, edge: str) -> float:
-    return sum(graph.edges[id].length for id in walk(graph, edge, upstream=True))
 
 
 def _doubts(

@@ -11,7 +11,10 @@ import math
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from pytest_rvads.junctions.graph import MetricGraph
+from pytest_rvads.junctions.ways import walk
 from pytest_rvads.maps.network import Edge, facing
 
 __all__ = ["FIRST", "RoadArm", "arms_of", "sort_arms", "turns_in_order"]
@@ -20,6 +23,10 @@ FIRST = math.radians(-112.5)
 """Direction from which arms are counted [rad]."""
 _FACING = math.radians(70.0)
 _BESIDE = 30.0
+_ALONGSIDE = math.radians(30.0)
+_FURTHER_OUT = 40.0
+"""How far out two one-way roads are followed to tell whether they run side by side [m]; lanes that part around an island have
+come together again by then."""
 _PER_DEGREE = 0.05
 _MOST_PAIRS = 10_000
 
@@ -64,7 +71,7 @@ def arms_of(graph: MetricGraph, pairs: Sequence[tuple[str, str]]) -> tuple[RoadA
         (cost, one, two)
         for one in (only_in if len(only_in) * len(only_out) <= _MOST_PAIRS else ())
         for two in only_out
-        if (cost := _beside(entering[one][0], leaving[two][0], one[0] in left_hand)) is not None
+        if (cost := _beside(graph, entering[one][0], leaving[two][0])) is not None
     )
     for _, one, two in costs:
         if one in only_in and two in only_out:
@@ -129,9 +136,21 @@ def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[
     )
 
 
-def _beside(entrance: Edge, exit: Edge, left_hand: bool) -> float | None:
-    """Return the cost of pairing a one-way entrance with a one-way exit, or None where they are no pair."""
+def _beside(graph: MetricGraph, entrance: Edge, exit: Edge) -> float | None:
+    """Return the cost of pairing a one-way entrance with a one-way exit, or None where they are no pair.
+
+    Two one-way streets may begin next to each other and lead apart; a dual carriageway runs on side by side.
+    """
     distance, angle, left = facing(entrance, exit)
-    if angle > _FACING or distance > _BESIDE or left is left_hand:
+    if angle > _FACING or distance > _BESIDE or left is (entrance.road in graph.network.left_hand):
         return None
-    return distance + _PER_DEGREE * math.degrees(angle)
+    apart = math.remainder(_away(graph, entrance, upstream=True) - _away(graph, exit, upstream=False), math.tau)
+    return None if abs(apart) > _ALONGSIDE else distance + _PER_DEGREE * math.degrees(angle)
+
+
+def _away(graph: MetricGraph, edge: Edge, *, upstream: bool) -> float:
+    """Return the direction from the junction to a point `_FURTHER_OUT` on a road, or its end [rad]."""
+    points = np.vstack([graph.edges[id].points[:: -1 if upstream else 1] for id in walk(graph, edge.id, upstream=upstream)])
+    far = np.hypot(*(points - points[0]).T) >= _FURTHER_OUT
+    x, y = points[int(far.argmax()) if far.any() else -1] - points[0]
+    return math.atan2(y, x)

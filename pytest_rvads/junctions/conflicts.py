@@ -49,15 +49,23 @@ def stretches(paths: Mapping[Key, Segment]) -> dict[tuple[Key, Key], Shared]:
     Args:
         paths: the centre line of every movement.
     """
-    lines = {key: _sample(segment) for key, segment in paths.items()}
+    keys = list(paths)
+    lines = [_sample(paths[key]) for key in keys]
+    boxes = np.array([(*points.min(axis=0), *points.max(axis=0)) for _, points in lines]).reshape(-1, 4)
     found = {}
-    for one, (along, first) in lines.items():
-        for two, (across, second) in lines.items():
+    for i, (one, (along, first)) in enumerate(zip(keys, lines, strict=True)):
+        # Most of many lanes keep apart; their boxes tell that without looking at the lines.
+        near_boxes = np.all(
+            (boxes[:, :2] < boxes[i, 2:] + CONFLICT_WIDTH) & (boxes[:, 2:] > boxes[i, :2] - CONFLICT_WIDTH), axis=1
+        )
+        for k in near_boxes.nonzero()[0]:
+            two, (across, second) = keys[k], lines[k]
             if one[0] >= two[0]:
                 continue
-            near = np.hypot(first[:, None, 0] - second[None, :, 0], first[:, None, 1] - second[None, :, 1]) < CONFLICT_WIDTH
-            if near.any():
-                here, there = along[near.any(axis=1)], across[near.any(axis=0)]
+            apart = first[:, None] - second[None]
+            near = np.einsum("ijk,ijk->ij", apart, apart) < CONFLICT_WIDTH**2
+            here, there = along[near.any(axis=1)], across[near.any(axis=0)]
+            if len(here):
                 mine, yours = Stretch(float(here[0]), float(here[-1])), Stretch(float(there[0]), float(there[-1]))
                 merges = one[1] == two[1]
                 found[one, two], found[two, one] = Shared(mine, yours, merges), Shared(yours, mine, merges)
@@ -67,4 +75,4 @@ def stretches(paths: Mapping[Key, Segment]) -> dict[tuple[Key, Key], Shared]:
 def _sample(segment: Segment) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stations, shape ``(k,)``, and points, shape ``(k, 2)``, along a centre line [m]."""
     stations = np.append(np.arange(0.0, segment.length, _SPACING), segment.length)
-    return stations, np.array([segment.pose(float(s))[:2] for s in stations])
+    return stations, np.column_stack([np.interp(stations, segment.stations, segment.points[:, axis]) for axis in (0, 1)])

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.errors import MapError, suggest
-from pytest_rvads.junctions.analysis import JunctionReport, analyse, lifted
+from pytest_rvads.junctions.analysis import JunctionReport, analyse, cut, joints_of, lifted
 from pytest_rvads.junctions.formats import read_file
 from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
@@ -35,6 +35,12 @@ class RoadMap:
     junctions: tuple[JunctionReport, ...]
     """One per junction that the file declares, in file order, usable or not."""
     warnings: tuple[MapWarning, ...]
+    joints: frozenset[str] = frozenset()
+    """Ids of junctions that only join two roads: approaches and exit roads go on through them."""
+
+    def walk(self, start: str, *, upstream: bool) -> list[str]:
+        """Return the edges from edge `start` to the next junction or the end of the road, see `pytest_rvads.junctions.ways`."""
+        return walk(self.graph, start, upstream=upstream, joints=self.joints)
 
     @cached_property
     def locator(self) -> Locator:
@@ -56,8 +62,8 @@ class RoadMap:
         way = next((way for way in report.movements if (way.entrance, way.exit) == (entrance, exit)), None)
         if way is None:
             raise MapError(f"junction {id!r} of map file {self.path} has no movement from entrance {entrance} to exit {exit}")
-        before = walk(self.graph, way.path.entrance, upstream=True)[::-1]
-        after = walk(self.graph, way.path.exit, upstream=False)
+        before = self.walk(way.path.entrance, upstream=True)[::-1]
+        after = self.walk(way.path.exit, upstream=False)
         return Track([self.graph.segment(edge) for edge in (*before, *way.path.edges, *after)])
 
     def entex(self, id: str) -> dict[str, str]:
@@ -98,7 +104,7 @@ class RoadMap:
         """
         report = self.report(id)
         if uturns:
-            report = analyse(self.graph, id, report.objects, [], uturns=True)
+            report = analyse(self.graph, cut(self.graph, id), report.objects, [], joints=self.joints, uturns=True)
         if report.reason is not None:
             raise MapError(f"junction {id!r} of map file {self.path} cannot be used: {report.reason}")
         movements: dict[tuple[int, int], Movement] = {}
@@ -129,7 +135,7 @@ class RoadMap:
     def _road(self, start: str, *, upstream: bool) -> Segment:
         """Join the segments of a walk, at most `WALK_LIMIT` of them, into one."""
         total, kept = 0.0, []
-        for id in walk(self.graph, start, upstream=upstream):
+        for id in self.walk(start, upstream=upstream):
             kept.append(self.graph.segment(id))
             total += self.graph.edges[id].length
             if total >= WALK_LIMIT:
@@ -159,10 +165,12 @@ def read_map(path: str | os.PathLike[str]) -> RoadMap:
     for item in network.objects:
         objects[item.junction].append(item)
     try:
-        reports = tuple(analyse(graph, id, items, warnings) for id, items in objects.items())
+        cuts = {id: cut(graph, id) for id in objects}
+        joints = joints_of(cuts.values())
+        reports = tuple(analyse(graph, cuts[id], items, warnings, joints=joints) for id, items in objects.items())
     except MapError as error:
         raise MapError(f"map file {path}: {error}") from None
-    return RoadMap(str(path), graph, reports, tuple(warnings))
+    return RoadMap(str(path), graph, reports, tuple(warnings), joints)
 
 
 def describe(road_map: RoadMap) -> dict[str, Any]:

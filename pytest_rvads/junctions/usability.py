@@ -8,10 +8,10 @@ from itertools import pairwise
 
 from pytest_rvads.junctions.arms import RoadArm
 from pytest_rvads.junctions.graph import MetricGraph
-from pytest_rvads.junctions.ways import Way
+from pytest_rvads.junctions.ways import Path, Way
 from pytest_rvads.maps.segment import GAP_LIMIT
 
-__all__ = ["FEWEST", "MOST", "unusable"]
+__all__ = ["FEWEST", "MOST", "unusable", "widest_gap"]
 
 FEWEST, MOST = 3, 8
 """Ways a junction of the model can have."""
@@ -49,13 +49,17 @@ def unusable(
     return _of_gaps(graph, ways)
 
 
+def widest_gap(graph: MetricGraph, path: Path) -> tuple[float, tuple[str, str]]:
+    """Return the widest gap between lanes that follow each other on a path [m], and the two lanes."""
+    gaps = []
+    for one, two in pairwise((path.entrance, *path.edges, path.exit)):
+        (x, y), (u, v) = graph.edges[one].points[-1], graph.edges[two].points[0]
+        gaps.append((math.hypot(u - x, v - y), (one, two)))
+    return max(gaps)
+
+
 def _of_gaps(graph: MetricGraph, ways: Sequence[Way]) -> str | None:
-    widest, where = 0.0, ("", "")
-    for way in ways:
-        for one, two in pairwise((way.path.entrance, *way.path.edges, way.path.exit)):
-            gap = math.dist(graph.edges[one].points[-1], graph.edges[two].points[0])
-            if gap > widest:
-                widest, where = gap, (one, two)
-    if widest <= GAP_LIMIT:
+    gap, (one, two) = max(widest_gap(graph, way.path) for way in ways)
+    if gap <= GAP_LIMIT:
         return None
-    return f"lanes {where[0]} and {where[1]} are linked but {widest:.2f} m apart, expected at most {GAP_LIMIT:.1f} m"
+    return f"lanes {one} and {two} are linked but {gap:.2f} m apart, expected at most {GAP_LIMIT:.1f} m"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Container
 from typing import NamedTuple
 
 import networkx as nx
@@ -84,10 +85,16 @@ def paths_of(graph: MetricGraph, junction: str) -> list[Path]:
     return found
 
 
-def walk(graph: MetricGraph, start: str, *, upstream: bool) -> list[str]:
+def walk(graph: MetricGraph, start: str, *, upstream: bool, joints: Container[str] = ()) -> list[str]:
     """Walk from an edge over road links to the next junction or the end of the road.
 
     Where lanes merge or fork, the walk keeps to the one that goes on straightest.
+
+    Args:
+        graph: of the map.
+        start: edge where the walk begins.
+        upstream: walk against traffic.
+        joints: junctions of two arms, which the walk goes on through.
 
     Returns:
         The edges in the order of the walk.
@@ -98,7 +105,7 @@ def walk(graph: MetricGraph, start: str, *, upstream: bool) -> list[str]:
     while True:
         here = graph.edges[way[-1]]
         choices = [graph.edges[id] for id in onward[here.id]]
-        if any(choice.junction is not None for choice in choices):
+        if any(choice.junction is not None and choice.junction not in joints for choice in choices):
             return way
         bends = [
             (_bend(*((choice, here) if upstream else (here, choice))), choice.id) for choice in choices if choice.id not in seen
@@ -109,6 +116,8 @@ def walk(graph: MetricGraph, start: str, *, upstream: bool) -> list[str]:
         seen.add(way[-1])
 
 
-def _bend(one: Edge, two: Edge) -> tuple[float, float, str, str]:
+def _bend(one: Edge, two: Edge) -> tuple[float, float, float, str, str]:
     turn = abs(math.remainder(two.start_heading - one.end_heading, math.tau))
-    return round(turn, 3), math.dist(one.points[-1], two.points[0]), one.id, two.id
+    # Lanes that part in a joint begin alike; the one that keeps its line is the shortest.
+    inside = sum(edge.length for edge in (one, two) if edge.junction is not None)
+    return round(turn, 3), math.dist(one.points[-1], two.points[0]), inside, one.id, two.id

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pytest_rvads.conduct.predicates import extract, once
 from pytest_rvads.conduct.validate import damage
 from pytest_rvads.errors import RunError, require
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.attribution import attribute, companions
 from pytest_rvads.logic.judging.cycle import Cycle, find_cycle
 from pytest_rvads.logic.judging.evaluate import Values
@@ -30,6 +31,7 @@ _KINDS = {
     JunctionControl.STOP: "stop signs at all entrances",
     JunctionControl.LIGHTS: "lights at all entrances",
     JunctionControl.NONE: "no signs or lights",
+    JunctionControl.YIELD: "yield or priority signs",
     JunctionControl.PARTIAL: "signs or lights at some entrances only",
 }
 
@@ -85,10 +87,9 @@ def check(
 
 def _judged(rule: Rule, values: Values, book: RuleBook, itinerary: bool) -> Story:
     """Return what a rule says of the states of a run, whatever ended it."""
-    run, control = values.run, values.run.junction.control
-    if rule.about not in (None, control):
-        reason = f"{rule.name} is about junctions with {_KINDS[rule.about or control]}, this one has {_KINDS[control]}"
-        return Story(rule, run, Status.NA, reason=reason)
+    run = values.run
+    if not rule.concerns(run.junction):
+        return Story(rule, run, Status.NA, reason=_elsewhere(rule, run.junction))
     prepared = prepare(rule.formula, extract(run), rule.bound, itinerary=itinerary)
     templates, collapsed = prepared.templates, prepared.collapsed
     if not templates:
@@ -116,6 +117,16 @@ def _judged(rule: Rule, values: Values, book: RuleBook, itinerary: bool) -> Stor
         if status is not whose.status:
             story.notes.append(f"the tie window of {values.tie:g} s decides: without it the verdict would be {status}")
     return story
+
+
+def _elsewhere(rule: Rule, junction: Junction) -> str:
+    """Return why a rule is not about a junction."""
+    here = _KINDS[junction.control]
+    if junction.control not in rule.kinds:
+        if len(rule.kinds) == 1:
+            return f"{rule.name} is about junctions with {_KINDS[rule.kinds[0]]}, this one has {here}"
+        return f"{rule.name} is not about junctions with {here}, as this one"
+    return f"{rule.name} is about junctions with several lanes on an arm, this one has one lane on each"
 
 
 def _idle(story: Story, templates: tuple[Template, ...], values: Values) -> tuple[str, Near | None]:

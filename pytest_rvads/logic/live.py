@@ -60,8 +60,9 @@ class RuleMonitor:
         book: RuleBook | None = None,
     ) -> None:
         self.rule = get_rule(rule, book)
-        if self.rule.about not in (None, junction.control):
-            raise RunError(f"{self.rule.name} is about junctions with {self.rule.about}, this one has {junction.control}")
+        if not self.rule.concerns(junction):
+            kinds = " or ".join(self.rule.kinds) + (" and several lanes on an arm" if self.rule.lanes else "")
+            raise RunError(f"{self.rule.name} is about junctions with {kinds}, this one has {junction.control}")
         self._junction, self._agents, self._dt = junction, tuple(agents), dt
         if vehicle_size is not None:
             sizes = _sizes(vehicle_size, len(self._agents))

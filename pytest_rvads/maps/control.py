@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations
 
+from pytest_rvads.maps.segment import Turn
+
 __all__ = [
     "JunctionControl",
     "MapObject",
@@ -71,7 +73,9 @@ class MapObject:
     station: float
     """Along that edge; at its end where the object stands in or beyond the junction [m]."""
     setback: float | None
-    """Distance of a stop line or stop sign before the entrance vertex, None where it is too far away and for the others [m]."""
+    """Distance of a line or sign before the entrance vertex, None where it is too far away and for lights [m]."""
+    arrows: frozenset[Turn] = frozenset()
+    """Turns that a light with arrows is for; empty for a light without arrows and for everything else."""
 
 
 def signs_of(controlled: Sequence[set[ObjectKind]]) -> tuple[Sign, ...]:

@@ -60,7 +60,7 @@ def build(document: Document) -> Network:
         draft.edges,
         draft.links,
         {
-            id: DeclaredJunction(junction.type, tuple(draft.direct[id]), _lost(draft, junction))
+            id: DeclaredJunction(junction.type, tuple(draft.direct[id]), _lost(draft, junction), junction.priorities)
             for id, junction in document.junctions.items()
         },
         frozenset(road for road, left in sides.items() if left),

@@ -6,6 +6,7 @@ Follows ASAM OpenDRIVE 1.4 to 1.8. Ids are strings, elements may stand in any or
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
@@ -42,13 +43,14 @@ def read(path: str | os.PathLike[str]) -> Document:
     """Read the records of an OpenDRIVE file.
 
     Raises:
-        MapError: not a readable OpenDRIVE file, a number that is none, an id used twice, or no ``<junction>`` at all.
+        MapError: not a readable OpenDRIVE file, a number that is none, an id used twice, or no ``<junction>`` at all. A broken
+            sign, light or stop line costs that one only, and a lane that nobody drives on with the id of another one likewise.
     """
     root = load(path)
     warnings: list[MapWarning] = []
     roads: dict[str, Road] = {}
     for element in root.findall("road"):
-        road = _road(element, f"map file {path}, road {element.get('id', '?')!r}")
+        road = _road(element, f"map file {path}, road {element.get('id', '?')!r}", warnings)
         if road.id in roads:
             raise MapError(f"map file {path} has two roads with id {road.id!r}, expected unique ids")
         roads[road.id] = road
@@ -67,6 +69,8 @@ def read(path: str | os.PathLike[str]) -> Document:
         element.get("id", ""): tuple(control.get("signalId", "") for control in element.findall("control"))
         for element in root.findall("controller")
     }
+    for junction in junctions.values():
+        _check_priorities(junction, roads, warnings)
     _adopt(roads, junctions, warnings)
     _header(root.find("header"), warnings)
     return Document(str(path), roads, junctions, controllers, tuple(warnings))
@@ -90,6 +94,12 @@ def _adopt(roads: dict[str, Road], junctions: dict[str, JunctionRecord], warning
                 warnings.append(MapWarning(Doubt.TABLE, message, connecting.id, junction.id))
 
 
+def _check_priorities(junction: JunctionRecord, roads: Mapping[str, Road], warnings: list[MapWarning]) -> None:
+    for name in dict.fromkeys(name for pair in junction.priorities for name in pair if name not in roads):
+        message = f"junction {junction.id!r} states a priority of road {name!r}, which does not exist; that was ignored"
+        warnings.append(MapWarning(Doubt.LINK, message, None, junction.id))
+
+
 def _header(header: Element | None, warnings: list[MapWarning]) -> None:
     if header is None:
         return
@@ -102,7 +112,7 @@ def _header(header: Element | None, warnings: list[MapWarning]) -> None:
         warnings.append(MapWarning(Doubt.UNITS, message))
 
 
-def _road(element: Element, place: str) -> Road:
+def _road(element: Element, place: str, warnings: list[MapWarning]) -> Road:
     id = element.get("id")
     if not id:
         raise MapError(f"{place}: <road> has no id")
@@ -120,10 +130,10 @@ def _road(element: Element, place: str) -> Road:
         rule if rule in ("RHT", "LHT") else None,
         tuple(sorted(_shape(g, place) for g in element.iterfind("planView/geometry"))),
         () if lanes is None else _cubics(lanes, "laneOffset", "s", place),
-        () if lanes is None else _sections(lanes, place),
+        () if lanes is None else _sections(lanes, id, place, warnings),
         _link(links, "predecessor"),
         _link(links, "successor"),
-        tuple(_signals(element, id, place)),
+        tuple(_signals(element, id, place, warnings)),
     )
 
 
@@ -146,32 +156,42 @@ def _cubics(parent: Element, tag: str, station: str, place: str) -> tuple[Cubic,
     return tuple(rows)
 
 
-def _sections(lanes: Element, place: str) -> tuple[Section, ...]:
+def _sections(lanes: Element, road: str, place: str, warnings: list[MapWarning]) -> tuple[Section, ...]:
     found = []
     for element in lanes.iterfind("laneSection"):
         table: dict[int, Lane] = {}
         for side in ("left", "right"):
             for lane in element.iterfind(f"{side}/lane"):
-                id = integer(lane, "id", place)
-                link = lane.find("link")
-                before, after = (
-                    () if link is None else tuple(integer(e, "id", place) for e in link.iterfind(tag))
-                    for tag in ("predecessor", "successor")
-                )
-                if id in table:
-                    raise MapError(f"{place}: a lane section has two lanes with id {id}")
-                table[id] = Lane(
-                    id,
-                    lane.get("type", "none").lower(),
-                    _cubics(lane, "width", "sOffset", place),
-                    _cubics(lane, "border", "sOffset", place),
-                    before,
-                    after,
-                    reversed=lane.get("direction") == "reversed",
-                )
+                new = _lane(lane, place)
+                twin = table.get(new.id)
+                if twin is not None:
+                    if twin.drivable and new.drivable:
+                        raise MapError(f"{place}: a lane section has two lanes with id {twin.id} that are driven on")
+                    less = twin if new.drivable else new
+                    message = f"road {road!r} has two lanes with id {twin.id} in one section; the {less.type} lane was left out"
+                    warnings.append(MapWarning(Doubt.LANE, message, road))
+                    if less is new:
+                        continue
+                table[new.id] = new
         found.append(Section(number(element, "s", place), table))
     found.sort(key=lambda section: section.s)
     return tuple(found)
+
+
+def _lane(element: Element, place: str) -> Lane:
+    link = element.find("link")
+    before, after = (
+        () if link is None else tuple(integer(e, "id", place) for e in link.iterfind(tag)) for tag in ("predecessor", "successor")
+    )
+    return Lane(
+        integer(element, "id", place),
+        element.get("type", "none").lower(),
+        _cubics(element, "width", "sOffset", place),
+        _cubics(element, "border", "sOffset", place),
+        before,
+        after,
+        reversed=element.get("direction") == "reversed",
+    )
 
 
 def _link(links: Element | None, tag: str) -> RoadLink | None:
@@ -181,40 +201,45 @@ def _link(links: Element | None, tag: str) -> RoadLink | None:
     return RoadLink(element.get("elementType") == "junction", element.get("elementId", ""), element.get("contactPoint", ""))
 
 
-def _signals(road: Element, id: str, place: str) -> list[Signal]:
-    found = []
-    for element in road.iterfind("signals/*"):
-        if element.tag not in ("signal", "signalReference"):
-            continue
-        reference = element.tag == "signalReference"
-        type = "" if reference else element.get("type", "").strip().lower()
-        text = element.get("name", "").lower()
-        found.append(
-            Signal(
-                element.get("id", ""),
-                id,
-                number(element, "s", place),
-                number(element, "t", place, 0.0),
-                element.get("orientation", ""),
-                reference,
-                type,
-                element.get("subtype", "").strip().lower(),
-                element.get("dynamic", "").lower() in ("yes", "true", "1"),
-                _validity(element, place),
-                not reference and (type == "294" or any(word in text for word in _STOP_LINE)),
-                element.get("country", "").lower(),
-                text,
-            )
-        )
-    for element in road.iterfind("objects/object"):
+def _signals(road: Element, id: str, place: str, warnings: list[MapWarning]) -> Iterator[Signal]:
+    """Yield the signals and stop lines of a road; a broken one is left out, with a warning."""
+    for element in (*road.iterfind("signals/*"), *road.iterfind("objects/object")):
         text = " ".join(element.get(n, "") for n in ("name", "type", "subtype")).lower()
-        if any(word in text for word in _STOP_LINE):
-            s, t = number(element, "s", place), number(element, "t", place, 0.0)
-            lanes = _validity(element, place)
-            found.append(
-                Signal(element.get("id", ""), id, s, t, element.get("orientation", ""), False, "", "", False, lanes, True)
-            )
-    return found
+        if element.tag not in ("signal", "signalReference") and not any(word in text for word in _STOP_LINE):
+            continue
+        try:
+            yield _line(element, id, place) if element.tag == "object" else _signal(element, id, place)
+        except MapError as error:
+            what = str(error).removeprefix(f"{place}: ")
+            message = f"the {element.tag} {element.get('id', '')!r} of road {id!r} was left out: {what}"
+            warnings.append(MapWarning(Doubt.SIGNAL, message, id))
+
+
+def _line(element: Element, road: str, place: str) -> Signal:
+    s, t = number(element, "s", place), number(element, "t", place, 0.0)
+    lanes = _validity(element, place)
+    return Signal(element.get("id", ""), road, s, t, element.get("orientation", ""), False, "", "", False, lanes, True)
+
+
+def _signal(element: Element, road: str, place: str) -> Signal:
+    reference = element.tag == "signalReference"
+    type = "" if reference else element.get("type", "").strip().lower()
+    text = element.get("name", "").lower()
+    return Signal(
+        element.get("id", ""),
+        road,
+        number(element, "s", place),
+        number(element, "t", place, 0.0),
+        element.get("orientation", ""),
+        reference,
+        type,
+        element.get("subtype", "").strip().lower(),
+        element.get("dynamic", "").lower() in ("yes", "true", "1"),
+        _validity(element, place),
+        not reference and (type == "294" or any(word in text for word in _STOP_LINE)),
+        element.get("country", "").lower(),
+        text,
+    )
 
 
 def _validity(element: Element, place: str) -> tuple[tuple[int, int], ...]:
@@ -234,4 +259,5 @@ def _junction(element: Element, place: str) -> JunctionRecord:
         links = tuple((integer(e, "from", place), integer(e, "to", place)) for e in row.iterfind("laneLink"))
         connecting = row.get("connectingRoad") or row.get("linkedRoad") or ""
         rows.append(Connection(row.get("incomingRoad", ""), connecting, row.get("contactPoint", ""), links))
-    return JunctionRecord(id, element.get("type", "default").lower(), tuple(rows))
+    stated = [(part.get("high", ""), part.get("low", "")) for part in element.iterfind("priority")]
+    return JunctionRecord(id, element.get("type", "default").lower(), tuple(rows), tuple(pair for pair in stated if all(pair)))

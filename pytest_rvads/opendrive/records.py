@@ -158,6 +158,8 @@ class JunctionRecord(NamedTuple):
     id: str
     type: str
     connections: tuple[Connection, ...]
+    priorities: tuple[tuple[str, str], ...] = ()
+    """Pairs of roads: traffic on the first has priority over traffic on the second."""
 
     @property
     def made_of_roads(self) -> bool:

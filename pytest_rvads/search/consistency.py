@@ -55,7 +55,7 @@ def decide(model: Model, rules: Iterable[Rule]) -> Answer:
     watched = [
         (part, values)
         for rule in rules
-        if rule.about in (None, model.junction.control)
+        if rule.concerns(model.junction)
         for values in [model.values(rule.tie)]
         for part in prepare(rule.formula, model.static).templates
     ]

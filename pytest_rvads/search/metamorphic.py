@@ -97,7 +97,7 @@ def compare(
     simulator: Simulator | None = None,
 ) -> Comparison:
     """Compare like `equivalent`, and return the differences instead of raising."""
-    chosen = rules_for(rules, case.scenario.place.control)
+    chosen = rules_for(rules, case.scenario.place)
     variants = [variant for name in _known(relations) for variant in RELATIONS[name](case)]
     usable = [v for v in variants if isinstance(v, Variant)]
     base, before = judged(case, chosen, simulator) if usable else (None, {})

@@ -49,7 +49,7 @@ def rational(
     """
     __tracebackhide__ = True
     require(case, Case, "rational takes a rvads.Case(scenario, driver)", ScenarioError)
-    chosen = rules_for(rules, case.scenario.place.control)
+    chosen = rules_for(rules, case.scenario.place)
     run, before = judged(case, chosen, simulator)
     kept = [rule for rule in chosen if before[rule.name].status is Status.PASS]
     if not kept:
@@ -96,7 +96,7 @@ def determinate(
         raise ScenarioError(
             f"a run at {junction.name} can't be restarted: its lights would start anew; choose one without lights"
         )
-    chosen = rules_for(rules, junction.control)
+    chosen = rules_for(rules, junction)
     run, before = judged(case, chosen, simulator)
     other, after = judged(_restarted(case, run, at), chosen, simulator)
     what = f"restarted at {at:g} s"

@@ -105,7 +105,7 @@ def _contradiction(place: Junction, rules: Sequence[Rule], code: Directions, tim
 
 def show(result: Survey) -> str:
     """Return the findings as text, those of the same rules and order of arrival together."""
-    names = " ".join(rule.name for rule in result.rules if rule.about in (None, result.junction.control))
+    names = " ".join(rule.name for rule in result.rules if rule.concerns(result.junction))
     pairs = result.scenarios * result.orders
     head = f"{result.junction.name}: {names}: {result.scenarios} scenarios x {result.orders} orders of arrival"
     if not result.contradictions:

@@ -81,5 +81,5 @@ def _by_reference(scenario: Scenario, simulator: str) -> list[str]:
 
 def _broken(scenario: Scenario, factory: Factory, simulator: str) -> list[str]:
     run = simulate(Case(scenario, factory), named(simulator))
-    rules = rules_for(("paper", "road"), run.junction.control)
+    rules = rules_for(("paper", "road"), run.junction)
     return [rule.name for rule in rules if broken(run, check(run, rule))]

@@ -67,7 +67,7 @@ def autopilot(deficiency: str | None) -> Factory:
 def broken_rules(case: Case, simulator: Simulator | None = None) -> frozenset[str]:
     """Return the paper's rules that a run breaks although they could have been kept; a subject, by its own doing."""
     run = simulate(case, simulator)
-    verdicts = {rule: check(run, rule) for rule in rules_for("paper", run.junction.control)}
+    verdicts = {rule: check(run, rule) for rule in rules_for("paper", run.junction)}
     return frozenset(rule.name for rule, v in verdicts.items() if broken(run, v) and avoidable(run, rule))
 
 

@@ -58,4 +58,4 @@ def told(verdict: rvads.Verdict) -> str:
 
 def verdicts(run: rvads.Run) -> dict[str, str]:
     """Judge a run by every rule of the road that is about its junction."""
-    return {rule.name: told(rvads.check(run, rule)) for rule in rules_for("road", run.junction.control)}
+    return {rule.name: told(rvads.check(run, rule)) for rule in rules_for("road", run.junction)}

@@ -88,7 +88,7 @@ def test_step_by_step_says_what_the_whole_run_says(
 ) -> None:
     carried = any(f"{word.name}(" in rule.text for word in BUILT_IN.values() if word.follow)
     for run in (*traffic.values(), *((*waiting, *simulated) if carried else simulated[1:2])):
-        if rule.about not in (None, run.junction.control):
+        if not rule.concerns(run.junction):
             continue
         told, whole = follow(run, rule), check(run, rule)
         broken = [k for k, verdict in enumerate(told) if verdict is Truth.FALSE]

@@ -50,14 +50,14 @@ BREAKS: dict[str, Broken] = {
 def test_each_rule_has_a_drive_that_breaks_it_alone(drive: Make, name: str) -> None:
     junction, vehicles, collisions = BREAKS[name]
     run = drive(junction, vehicles, 2500, CROSS if junction == "light4" else None, collisions)
-    statuses = {r.name: str(check(run, r).status) for r in rules_for("road", run.junction.control)}
+    statuses = {r.name: str(check(run, r).status) for r in rules_for("road", run.junction)}
     assert [n for n, status in statuses.items() if status not in ("PASS", "NA")] == [name]
     assert statuses[name] == "FAIL"
 
 
 def test_who_leaves_the_route_has_left_its_lane(drive: Make) -> None:
     run = drive("light4", {0: (2, -10.0, [(0, 5.0)], 3.2)}, 2500, CROSS)
-    statuses = {r.name: str(check(run, r).status) for r in rules_for("road", run.junction.control)}
+    statuses = {r.name: str(check(run, r).status) for r in rules_for("road", run.junction)}
     assert [n for n, status in statuses.items() if status not in ("PASS", "NA")] == ["keep_lane", "on_route"]
 
 
@@ -146,12 +146,9 @@ def test_positions_are_relative_to_the_entrance_vertex(drive: Make) -> None:
 
 
 def test_a_stop_counts_only_before_the_line_and_in_this_approach(drive: Make) -> None:
-    run = drive("stop4", {0: (2, -3.0, [(0, 1.0), (100, 0.0), (150, 1.0), (290, 0.0), (300, 1.0)])}, 400)
-    # It stands at -2 m, before the zone, then at -0.6 m; from there on it has stopped, until it enters.
-    flags = stopped(run, 0)
-    station = run.station
-    assert station is not None
-    assert np.flatnonzero(flags).tolist() == list(range(290, 361))
+    run = drive("stop4", {0: (2, -7.0, [(0, 1.0), (190, 0.0), (200, 1.0), (300, 0.0), (310, 1.0)])}, 1000)
+    # It stands at -5.1 m, more than five metres before the sign, then at -4.1 m; from there on it has stopped, until it enters.
+    assert np.flatnonzero(stopped(run, 0)).tolist() == list(range(300, 721))
     late = drive("stop4", {0: (2, -0.5, [(0, 1.0), (45, 0.05), (60, 1.0)])}, 100)
     assert np.flatnonzero(stopped(late, 0))[0] == 45, "slower than 0.1 m/s is a stop, the bumper at the line"
 

@@ -125,11 +125,12 @@ def together(one: Run, two: Run) -> Run:
     return replace(one, agents=agents, zone=np.concatenate((one.zone, two.zone), axis=1), **both)
 
 
-@pytest.mark.parametrize(("exits", "waits"), [((2, 2), True), ((2, 1), False)])
-def test_in_the_junction_only_who_goes_the_same_way_is_ahead(drive: Make, exits: tuple[int, int], waits: bool) -> None:
-    """From one entrance: a0 stands 2 m inside, the rear of another one 3 m ahead."""
+@pytest.mark.parametrize(("exits", "rear", "waits"), [((2, 2), 9.0, True), ((2, 1), 9.0, False), ((2, 1), 7.0, True)])
+def test_in_the_junction_only_who_is_in_the_way_is_ahead(drive: Make, exits: tuple[int, int], rear: float, waits: bool) -> None:
+    """From one entrance: a0 stands 4 m inside, another one ahead. Right turn and straight way: 2.4 m apart at 8 m, 3.0 at 9."""
     one, two = (
-        drive("light4", {0: (exit, station, [(0, 0.0)])}, 3, CROSS) for exit, station in zip(exits, (2.0, 9.6), strict=True)
+        drive("light4", {0: (exit, station, [(0, 0.0)])}, 3, CROSS)
+        for exit, station in zip(exits, (4.0, rear + 4.6), strict=True)
     )
     assert may_go(together(one, two), 0).all() == (not waits)
 

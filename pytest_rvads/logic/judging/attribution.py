@@ -96,7 +96,7 @@ def _excused(found: Sequence[Judgement], rule: Rule, values: Values, book: RuleB
 def _held(rule: Rule, run: Run, subject: str, book: RuleBook) -> bool:
     """Return whether another rule of its rulebook still makes the subject wait: then it keeps others waiting with good reason."""
     static = extract(run)
-    shelf = (rules_for(name, run.junction.control) for name in ("paper", "road"))
+    shelf = (rules_for(name, run.junction) for name in ("paper", "road"))
     rules = {*(book[name] for name in rule.companions), *(r for rules in shelf if rule in rules for r in rules)}
     judged = (judge(prepare(r.formula, static, r.bound).templates, Values(run, r.tie)) for r in rules)
     return any(waits(j, subject) for found in judged for j in found)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pytest_rvads.conduct.blame import Cause, blame, cause_of, stuck, surprised
 from pytest_rvads.conduct.bodies import contacts
-from pytest_rvads.conduct.priority import may_owe
+from pytest_rvads.conduct.grounds import may_owe
 from pytest_rvads.conduct.progress import lost_time, part
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.judging.judge import Judgement

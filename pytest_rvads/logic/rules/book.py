@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.following import Follower
 from pytest_rvads.errors import FormulaError, require, suggest
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.rules.current import Desk, desk, desks
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.logic.rules.rule import Rule
@@ -241,13 +242,14 @@ def get_rule(rule: str | Rule, book: RuleBook | None = None) -> Rule:
 
 
 def rules_for(
-    spec: str | Rule | Sequence[str | Rule], control: JunctionControl | None = None, book: RuleBook | None = None
+    spec: str | Rule | Sequence[str | Rule], place: Junction | JunctionControl | None = None, book: RuleBook | None = None
 ) -> tuple[Rule, ...]:
     """Return the rules that `spec` names, each once, in order.
 
     Args:
         spec: a rulebook, a rule, or a mixture of both.
-        control: of a rulebook only the rules about such junctions are taken; a rule named outright always is.
+        place: of a rulebook only the rules about this junction are taken, or about those of one lane per arm that are so
+            controlled; a rule named outright always is.
         book: to look them up in; the one that is open by default.
 
     Raises:
@@ -258,7 +260,7 @@ def rules_for(
     found: dict[str, Rule] = {}
     for part in (spec,) if isinstance(spec, str | Rule) else spec:
         if isinstance(part, str) and part in _SHELF:
-            chosen = [r for r in rulebook(part) if control is None or r.about in (None, control)]
+            chosen = [r for r in rulebook(part) if place is None or r.concerns(place)]
         else:
             chosen = [get_rule(part, book)]
         for r in chosen:

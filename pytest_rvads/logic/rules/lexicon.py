@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct import following, predicates
 from pytest_rvads.conduct.bodies import collide
-from pytest_rvads.conduct.lane import off_lane, off_route
+from pytest_rvads.conduct.grounds import Ground
+from pytest_rvads.conduct.lane import lane_allows, off_lane, off_route
 from pytest_rvads.conduct.predicates import Static
 from pytest_rvads.conduct.priority import obstructs, owes
 from pytest_rvads.conduct.progress import blocks, idles, inside, may_go
@@ -66,6 +67,18 @@ def _conflict(static: Static, one: f.Element, two: f.Element) -> bool | None:
     return None if static.conflicts is None else ways in static.conflicts
 
 
+def _yields(ground: Ground, static: Static, one: f.Element, two: f.Element) -> bool | None:
+    return None if static.grounds is None else (one.index, two.index, ground) in static.grounds
+
+
+def _may_owe(static: Static, one: f.Element, two: f.Element) -> bool | None:
+    return None if static.owing is None or (one.index, two.index) in static.owing else False
+
+
+def _one_lane(static: Static, agent: f.Element) -> bool | None:
+    return True if agent.index not in static.choosing else None
+
+
 def _no_geometry(_run: Run, *_agents: int) -> NDArray[np.bool_]:
     raise RunError("the run holds no geometry of its junction")  # else it is decided before
 
@@ -106,7 +119,16 @@ BUILT_IN = Vocabulary.of(
         symmetric=True,
     ),
     _word("collide", _TWO, collide, "{0} and {1} collide", "{0} and {1} do not collide", apart=True, symmetric=True),
-    _word("owes", _TWO, owes, "{0} has to let {1} pass", "{0} need not let {1} pass", following.owes, apart=True),
+    _word(
+        "owes",
+        _TWO,
+        owes,
+        "{0} has to let {1} pass",
+        "{0} need not let {1} pass",
+        following.owes,
+        decide=_may_owe,
+        apart=True,
+    ),
     _word(
         "obstructs",
         _TWO,
@@ -114,7 +136,26 @@ BUILT_IN = Vocabulary.of(
         "{0} gets in the way of {1}",
         "{0} does not get in the way of {1}",
         following.obstructs,
+        decide=_may_owe,
         apart=True,
+    ),
+    *(
+        _word(
+            f"yields_by_{ground}",
+            _TWO,
+            _no_geometry,
+            says,
+            denies,
+            decide=partial(_yields, ground),
+            static="agent",
+            apart=True,
+        )
+        for ground, says, denies in (
+            (Ground.SIGN, "{0} has a stop or yield sign against {1}", "{0} has no sign against {1}"),
+            (Ground.PRIORITY, "{1} has priority over {0}", "{1} has no priority over {0}"),
+            (Ground.SIDE, "{1} comes from the near side of {0}", "{1} does not come from the near side of {0}"),
+            (Ground.TURN, "{0} turns across the way of {1}", "{0} does not turn across the way of {1}"),
+        )
     ),
     _word("stopped", _ONE, stopped, "{0} has stopped at the line", "{0} has not stopped at the line", following.stopped),
     _word("inside", _ONE, inside, "{0} is partly in the junction", "{0} is out of the junction"),
@@ -122,10 +163,27 @@ BUILT_IN = Vocabulary.of(
     _word("may_go", _ONE, may_go, "{0} could go", "{0} could not go"),
     _word("idles", _ONE, idles, "{0} could have gone and has not", "{0} has gone when it could", following.idles),
     _word("off_lane", _ONE, off_lane, "{0} is outside its lane", "{0} is in its lane"),
+    _word(
+        "lane_allows",
+        _ONE,
+        lane_allows,
+        "{0} is in a lane that leads where it goes",
+        "{0} is in a lane that does not lead where it goes",
+        decide=_one_lane,
+    ),
     _word("off_route", _ONE, off_route, "{0} is off its route", "{0} is on its route"),
     _word("speeding", _ONE, speeding, "{0} is over the speed limit", "{0} is within the speed limit"),
     _word("right-of", _ENTRANCES, decide=lambda s, one, two: _between(one, two, s.right_of), static=_ENTRANCES[0]),
     _word("opposite", _ENTRANCES, decide=lambda s, one, two: _between(one, two, s.opposite), static=_ENTRANCES[0]),
+    _word(
+        "beside",
+        ("entrance", "entrance"),
+        decide=lambda s, one, two: (one.index, two.index) in s.beside,
+        static="entrance",
+        apart=True,
+        symmetric=True,
+    ),
+    _word("stop_sign", ("entrance",), decide=lambda s, entrance: entrance.index in s.signs, static="entrance"),
     _word(
         "entex",
         ("entrance or vertex", "exit or vertex"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from pytest_rvads.errors import FormulaError
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE, desk, here
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
@@ -44,8 +45,10 @@ class Rule:
     """The role that is bound to act, in words."""
     bound: tuple[str, ...] = ()
     """Its variables; by default those of the agents that have to wait, else of the obligation."""
-    about: JunctionControl | None = None
-    """The kind of junction the rule is about, None for all."""
+    about: JunctionControl | tuple[JunctionControl, ...] | None = None
+    """The kind of junction the rule is about, or several of them; None for all."""
+    lanes: bool = False
+    """Whether it is only about junctions where an arm has several entrances."""
     tie: float = 0.0
     """Waiting times that differ by at most this count as equal [s]."""
     companions: tuple[str, ...] = ()
@@ -77,6 +80,19 @@ class Rule:
     def formula(self) -> f.Formula:
         """The parsed formula."""
         return self._formula or self._read()
+
+    @property
+    def kinds(self) -> tuple[JunctionControl, ...]:
+        """The kinds of junction the rule is about."""
+        if self.about is None:
+            return tuple(JunctionControl)
+        return (self.about,) if isinstance(self.about, JunctionControl) else self.about
+
+    def concerns(self, place: Junction | JunctionControl) -> bool:
+        """Return whether the rule is about a junction, or about junctions of one lane per arm and a kind of control."""
+        if isinstance(place, JunctionControl):
+            return place in self.kinds and not self.lanes
+        return place.control in self.kinds and not (self.lanes and max(place.lanes) < 2)
 
     def _read(self) -> f.Formula:
         """Parse the text, keep what it says, and return it."""

@@ -12,7 +12,8 @@ from pytest_rvads.maps.control import JunctionControl
 __all__ = ["PAPER", "ROAD", "VARIANTS"]
 
 _rule = partial(Rule, place=PACKAGE)
-_STOP, _LIGHTS = JunctionControl.STOP, JunctionControl.LIGHTS
+_STOP, _LIGHTS, _PARTIAL = JunctionControl.STOP, JunctionControl.LIGHTS, JunctionControl.PARTIAL
+_YIELD, _NONE = JunctionControl.YIELD, JunctionControl.NONE
 _SOURCE = "Li et al., Simulation-based Validation for Autonomous Driving Systems, table of traffic rules"
 
 PAPER = (
@@ -105,19 +106,19 @@ _STVO = "German road traffic regulations (StVO)"
 ROAD = (
     _rule(
         "full_stop",
-        "forall a, j.en. G(a@j.en -> !a@j W stopped(a))",
+        "forall a, j.en. G(a@j.en & stop_sign(j.en) -> !a@j W stopped(a))",
         "full stop",
         "At a stop sign a vehicle comes to a full stop before the line before it enters the junction.",
         source=f"{_SIGNS}, Art. 10(3), sign B, 2; {_CVC} 22450(a)",
         responsible="the vehicle that enters",
         bound=("a",),
-        about=_STOP,
+        about=(_STOP, _PARTIAL),
     ),
     _rule(
         "first_come",
-        "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & a.wt < a'.wt -> (N a@j.en) U a'@j)",
+        "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & !beside(j.en, j.en') & a.wt < a'.wt -> (N a@j.en) U a'@j)",
         "first come, first served",
-        "At an all-way stop, of two vehicles at the entrances the one that arrived clearly earlier enters first.",
+        "At an all-way stop, of two vehicles at entrances of different arms the one that arrived clearly earlier enters first.",
         source=f"{_CVC} 21800(a); California Driver's Handbook on four-way stops",
         responsible="the vehicle that arrived later",
         bound=("a",),
@@ -145,7 +146,7 @@ ROAD = (
         source=f"{_SIGNS}, Art. 23 on light signals; {_CVC} 21453(a)",
         responsible="the vehicle at the red light",
         bound=("a",),
-        about=_LIGHTS,
+        about=(_LIGHTS, _PARTIAL),
     ),
     _rule(
         "right_on_red",
@@ -156,17 +157,59 @@ ROAD = (
         source=f"national law only: {_CVC} 21453(b); {_UVC} 11-202(c)",
         responsible="the vehicle turning at the red light",
         bound=("a",),
-        about=_LIGHTS,
+        about=(_LIGHTS, _PARTIAL),
     ),
     _rule(
         "left_yields",
-        "forall a, a'. G(turn(a, far) & owes(a, a') -> !obstructs(a, a'))",
+        "forall a, a'. G(turn(a, far) & !yields_by_sign(a, a') & !yields_by_priority(a, a') & !yields_by_side(a, a')"
+        " & owes(a, a') -> !obstructs(a, a'))",
         "left turn yields",
         "A vehicle turning across oncoming traffic gives way to whoever of it has the right to go and is due.",
         source=f"{_VIENNA}, Art. 16(2); {_CVC} 21801(a); {_STVO}, section 9(3)",
         responsible="the vehicle turning left; right, where traffic keeps left",
         bound=("a",),
-        about=_LIGHTS,
+        about=(_LIGHTS, _PARTIAL, _YIELD, _NONE),
+    ),
+    _rule(
+        "yield_sign",
+        "forall a, a'. G(yields_by_sign(a, a') & owes(a, a') -> !obstructs(a, a'))",
+        "yield sign",
+        "Who comes past a yield or stop sign gives way to whoever comes past none and is due.",
+        source=f"{_SIGNS}, Art. 10(2) and (3), signs B, 1 and B, 2; {_STVO}, section 8(1), signs 205 and 206; {_CVC} 21802(a) and"
+        f" 21803(a); {_UVC} 11-403",
+        responsible="the vehicle with the sign",
+        bound=("a",),
+        about=(_YIELD, _PARTIAL),
+    ),
+    _rule(
+        "priority",
+        "forall a, a'. G(yields_by_priority(a, a') & owes(a, a') -> !obstructs(a, a'))",
+        "priority",
+        "Whoever has no priority gives way to whoever has it, by its sign or because the map says so, and is due.",
+        source=f"{_SIGNS}, Art. 10(4) and sign B, 3; {_STVO}, section 8(1), signs 301 and 306",
+        responsible="the vehicle without priority",
+        bound=("a",),
+        about=(_YIELD, _PARTIAL, _NONE),
+    ),
+    _rule(
+        "right_before_left",
+        "forall a, a'. G(yields_by_side(a, a') & owes(a, a') -> !obstructs(a, a'))",
+        "right before left",
+        "Without signs, or past equal ones, a vehicle gives way to whoever comes from its near side and is due.",
+        source=f"{_VIENNA}, Art. 18(4); {_STVO}, section 8(1); {_UVC} 11-401",
+        responsible="the vehicle on the far side: on the left, where traffic keeps to the right",
+        bound=("a",),
+        about=(_NONE, _YIELD, _PARTIAL),
+    ),
+    _rule(
+        "on_lane_allowed",
+        "forall a, j.en. G(a@j.en -> lane_allows(a))",
+        "lane for the way",
+        "A vehicle comes to the junction in a lane from which it may go where it goes.",
+        source=f"{_VIENNA}, Art. 10, 11 and 16(1); {_STVO}, section 9(1), sign 297; {_CVC} 22100 and 22101(d)",
+        responsible="the vehicle in the wrong lane",
+        bound=("a",),
+        lanes=True,
     ),
     _rule(
         "no_collision",

@@ -1,0 +1,81 @@
+"""On what ground one vehicle may have to give way to another: what is static about it.
+
+Each pair of vehicles has one ground at most. Lights decide between two that have them; at an all-way stop the order of arrival
+does; else the map, the signs and the sides from which both come (`Junction.yields`).
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.conflicts import Key
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.yielding import Reason
+from pytest_rvads.maps.control import JunctionControl, Sign
+from pytest_rvads.runs.run import Run
+
+__all__ = ["Ground", "ground_of", "lit", "may_owe"]
+
+_MINOR = (Sign.STOP, Sign.YIELD)
+
+
+class Ground(StrEnum):
+    """Why one vehicle gives way to another."""
+
+    SIGN = "sign"
+    """It comes past a stop or yield sign, the other one does not."""
+    PRIORITY = "priority"
+    """The other one has a priority sign and it has no sign, or the map says which movement has priority."""
+    SIDE = "side"
+    """The other one comes from the near side: the right, where traffic keeps right."""
+    TURN = "turn"
+    """It turns across the way of oncoming traffic."""
+
+
+def lit(junction: Junction, entrance: int) -> bool:
+    """Return whether an entrance has a light."""
+    return junction.entrances[entrance].sign is Sign.LIGHTS
+
+
+def ground_of(junction: Junction, one: Key, other: Key) -> Ground | None:
+    """Return why whoever makes the movement `one` gives way to whoever makes `other`, None where it need not.
+
+    Raises:
+        RunError: it is not known where the lanes lie, and this decides.
+    """
+    if junction.control is JunctionControl.STOP:
+        return None
+    if junction.yields is None:
+        raise RunError("the run holds no geometry of its junction")
+    reason = junction.yields.get((one, other))
+    if lit(junction, one[0]) and lit(junction, other[0]):
+        return Ground.TURN if reason is Reason.TURN else None
+    match reason:
+        case Reason.SIGN:
+            return Ground.SIGN if junction.entrances[one[0]].sign in _MINOR else Ground.PRIORITY
+        case Reason.STATED:
+            return Ground.PRIORITY
+        case Reason.RIGHT:
+            return Ground.SIDE
+        case Reason.TURN:
+            return Ground.TURN
+    return None
+
+
+def may_owe(run: Run, agent: int, other: int) -> bool:
+    """Return whether the agent can owe the way to the other one at all: on one of the grounds, or by a turn on red.
+
+    Raises:
+        RunError: it is not known where the lanes lie, and this decides.
+    """
+    me, you, junction = run.agents[agent], run.agents[other], run.junction
+    if agent == other or junction.control is JunctionControl.STOP:
+        return False
+    if not lit(junction, me.entrance):
+        return ground_of(junction, me.route.key, you.route.key) is not None
+    if me.turn is junction.near:
+        return True
+    if not lit(junction, you.entrance):
+        return ground_of(junction, me.route.key, you.route.key) is not None
+    return me.turn is junction.far and you.turn is not junction.far and (me.entrance, you.entrance) in junction.opposite
