@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
 from typing import NamedTuple
 
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.junctions.conflicts import Shared
+from pytest_rvads.drivers.way_ahead import Track
+from pytest_rvads.junctions.conflicts import Key, Shared
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION, VehicleState
@@ -26,6 +29,8 @@ class Meeting(NamedTuple):
     """Whether the own movement gives way."""
     yours: bool
     """Whether the other one does."""
+    slow: float
+    """Speed at which the other one takes the narrowest bend of its movement; inf where that is straight [m/s]."""
 
 
 class Meetings:
@@ -52,8 +57,16 @@ class Meetings:
         shared, yields = junction.stretches or {}, junction.yields or {}
         keys = [way.key for way in junction.by_turn[other.entrance, other.turn]]
         return tuple(
-            Meeting(shared[mine, key], (mine, key) in yields, (key, mine) in yields) for key in keys if (mine, key) in shared
+            Meeting(shared[mine, key], (mine, key) in yields, (key, mine) in yields, _bend_speed(junction, key))
+            for key in keys
+            if (mine, key) in shared
         )
+
+
+@lru_cache(maxsize=4096)
+def _bend_speed(junction: Junction, key: Key) -> float:
+    track = Track(Itinerary.through(junction, *key), 0.0)
+    return min(track.speed(float(s)) for s in range(math.ceil(junction.movements[key].length) + 1))
 
 
 def ahead_in_lane(seen: Observation) -> VehicleState | None:

@@ -185,7 +185,7 @@ class GiveWay:
             return True
         soonest = time_to(mine.start - me.station, me.speed, EAGER, max(seen.speed_limit, me.speed))
         # Who stands can wait for as long as a near miss takes; who is under way would have to brake.
-        return _leaves(other, end) + (LEEWAY if me.speed > ROLLING else MARGIN) < soonest
+        return _leaves(other, end, meeting.slow) + (LEEWAY if me.speed > ROLLING else MARGIN) < soonest
 
     def _will_stop(self, other: VehicleState) -> bool:
         return other.entrance in self._stop_signs and other.zone < JUNCTION and not self._queue.stood(other)
@@ -239,14 +239,14 @@ def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:
     for k, other in enumerate(seen.others):
         if other.zone < JUNCTION:
             continue
-        for (my, yours, merges), _, _ in meetings.of(other):
+        for (my, yours, merges), _, _, slow in meetings.of(other):
             place = my.start
             if merges or me.station >= place or other.station - other.length >= yours.end:
                 continue
             mine = (place - me.station) / max(me.speed, 1.0)
             theirs = max(yours.start - other.station, 0.0) / max(other.speed, 1.0)
             first = theirs < mine or (theirs == mine and k < seen.created)
-            if first and _leaves(other, yours.end) + LEEWAY > mine:
+            if first and _leaves(other, yours.end, slow) + LEEWAY > mine:
                 least = min(least, stop_before(me.speed, place - BEFORE - me.station))
     return least
 
@@ -257,8 +257,14 @@ def _stuck(seen: Observation) -> bool:
     return any(other.entrance == entrance and other.zone is JUNCTION and other.speed < 1.0 for other in seen.others)
 
 
-def _leaves(other: VehicleState, end: float) -> float:
-    """Return when the body of `other` has left a place that ends at station `end` [s]; inf while it stands."""
+def _leaves(other: VehicleState, end: float, slow: float) -> float:
+    """Return when the body of `other` has left a place that ends at station `end` [s]; inf while it stands.
+
+    Args:
+        other: whom it is about.
+        end: [m].
+        slow: it is no faster than this in its bend [m/s].
+    """
     if other.speed < MOVING:
         return math.inf
-    return time_to(end + other.length - other.station, other.speed, TARDY, CRAWL)
+    return time_to(end + other.length - other.station, min(other.speed, slow), TARDY, min(CRAWL, slow))
