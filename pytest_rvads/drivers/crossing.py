@@ -71,10 +71,10 @@ def _bend_speed(junction: Junction, key: Key) -> float:
 
 def ahead_in_lane(seen: Observation) -> VehicleState | None:
     """Return the next vehicle ahead that came by the own entrance, wherever it is now; None where there is none."""
-    entrance, station = seen.me.entrance, seen.me.station
-    found = None
+    me = seen.me
+    entrance, found = me.entrance, None
     for other in seen.others:
-        if other.entrance == entrance and other.station > station and (found is None or other.station < found.station):
+        if other.entrance == entrance and other.station > me.station and (found is None or other.station < found.station):
             found = other
     return found
 

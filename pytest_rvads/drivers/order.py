@@ -65,11 +65,10 @@ class Queue:
             Of several behind each other at one entrance only the first counts. Nobody, and True, where nobody is there.
         """
         since = self._outside
-        heads: dict[int, VehicleState] = {}
-        for state in seen.everybody():
-            if state.zone is ENTRANCE and (state.entrance not in heads or heads[state.entrance].station < state.station):
-                heads[state.entrance] = state
-        waiting = list(heads.values())
+        waiting = [s for s in seen.everybody() if s.zone is ENTRANCE]
+        if len({s.entrance for s in waiting}) < len(waiting):
+            heads = {s.entrance: s.name for s in sorted(waiting, key=lambda s: s.station)}
+            waiting = [s for s in waiting if heads[s.entrance] == s.name]
         if not waiting:
             return [], True
         earliest = min(since[s.name] for s in waiting)

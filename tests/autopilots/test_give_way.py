@@ -188,12 +188,11 @@ def test_lanes_of_an_arm_go_by_their_own_lights(shared: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("signs", SIGNS.values(), ids=SIGNS)
-@pytest.mark.parametrize(("distance", "speed"), [(20, 0), (32, 9), ((12, 25, 20, 30), 6)])
-def test_every_occupancy_at_every_kind_of_sign(signs: tuple[Sign, ...], distance: Any, speed: float) -> None:
+@pytest.mark.parametrize(("turn", "distance", "speed"), [(0, 20, 0), (1, 32, 9), (2, (12, 25, 20, 30), 6)])
+def test_every_occupancy_at_every_kind_of_sign(signs: tuple[Sign, ...], turn: int, distance: Any, speed: float) -> None:
+    """Every third one from each start."""
     place = signed(*signs)
     found = {}
-    for code in product(range(4), repeat=4):
-        if any(code):
-            run = drive(place, "".join(map(str, code)), distance=distance, speed=speed)
-            found[code] = wrong(run)
+    for code in [*product(range(4), repeat=4)][1 + turn :: 3]:
+        found[code] = wrong(drive(place, "".join(map(str, code)), distance=distance, speed=speed))
     assert {code: rules for code, rules in found.items() if rules} == {}
