@@ -2,16 +2,81 @@
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.junctions.conflicts import Shared
+from pytest_rvads.drivers.way_ahead import Track
+from pytest_rvads.junctions.conflicts import Key, Shared
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION, VehicleState
 
-__all__ = ["conflicts", "exit_blocked", "in_the_way", "runs_through"]
+__all__ = ["Meeting", "Meetings", "ahead_in_lane", "conflicts", "exit_blocked", "in_the_way", "runs_through"]
 
 RUNNER = 4.5
 """Who would have to brake harder than this to stop before the junction is not going to [m/s^2]."""
 SOON = 1.5
 """Who is this near to the junction and does not brake is about to enter [s]."""
+
+
+class Meeting(NamedTuple):
+    """What the own movement shares with one that another vehicle may make, and who gives way."""
+
+    shared: Shared
+    mine: bool
+    """Whether the own movement gives way."""
+    yours: bool
+    """Whether the other one does."""
+    slow: float
+    """Speed at which the other one takes the narrowest bend of its movement; inf where that is straight [m/s]."""
+
+
+class Meetings:
+    """Where the own movement meets those of others, looked up once per vehicle: its way does not change.
+
+    Args:
+        junction: it all is about.
+        itinerary: the own one.
+    """
+
+    def __init__(self, junction: Junction, itinerary: Itinerary) -> None:
+        self._junction, self._key = junction, (itinerary.entrance, itinerary.exit)
+        self._known: dict[str, tuple[Meeting, ...]] = {}
+
+    def of(self, other: VehicleState) -> tuple[Meeting, ...]:
+        """Return what is shared with each movement that the turn of `other` leaves open; nothing where none is in the way."""
+        found = self._known.get(other.name)
+        if found is None:
+            found = self._known[other.name] = self._find(other)
+        return found
+
+    def _find(self, other: VehicleState) -> tuple[Meeting, ...]:
+        mine, junction = self._key, self._junction
+        shared, yields = junction.stretches or {}, junction.yields or {}
+        keys = [way.key for way in junction.by_turn[other.entrance, other.turn]]
+        return tuple(
+            Meeting(shared[mine, key], (mine, key) in yields, (key, mine) in yields, _bend_speed(junction, key))
+            for key in keys
+            if (mine, key) in shared
+        )
+
+
+@lru_cache(maxsize=4096)
+def _bend_speed(junction: Junction, key: Key) -> float:
+    track = Track(Itinerary.through(junction, *key), 0.0)
+    return min(track.speed(float(s)) for s in range(math.ceil(junction.movements[key].length) + 1))
+
+
+def ahead_in_lane(seen: Observation) -> VehicleState | None:
+    """Return the next vehicle ahead that came by the own entrance, wherever it is now; None where there is none."""
+    me = seen.me
+    entrance, found = me.entrance, None
+    for other in seen.others:
+        if other.entrance == entrance and other.station > me.station and (found is None or other.station < found.station):
+            found = other
+    return found
 
 
 def conflicts(seen: Observation, other: VehicleState) -> list[Shared]:

@@ -47,15 +47,30 @@ class Queue:
         """Return whether `other` stood at its entrance and is on its way now."""
         return other.zone is ENTRANCE and other.speed > _MOVING and other.name in self._stood
 
+    def stood(self, other: VehicleState) -> bool:
+        """Return whether `other` is at its entrance and has stood there."""
+        return other.name in self._stood
+
+    def before(self, one: VehicleState, other: VehicleState) -> bool | None:
+        """Return whether `one`, at its entrance as `other` is, came there earlier; None where both came together."""
+        later = self._outside[one.name] - self._outside[other.name]
+        return None if abs(later) <= self._tie else later < 0
+
     def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
         """Return who goes next among the vehicles at the entrances, and whether right before left decides it.
 
         Returns:
             Those that have to wait for nobody, and True; or, where everybody who came first has somebody to let go first,
             all of them, and False. Who came earlier stands first, of those that came at once who was created earlier.
+            Of several behind each other at one entrance only the first counts. Nobody, and True, where nobody is there.
         """
         since = self._outside
         waiting = [s for s in seen.everybody() if s.zone is ENTRANCE]
+        if len({s.entrance for s in waiting}) < len(waiting):
+            heads = {s.entrance: s.name for s in sorted(waiting, key=lambda s: s.station)}
+            waiting = [s for s in waiting if heads[s.entrance] == s.name]
+        if not waiting:
+            return [], True
         earliest = min(since[s.name] for s in waiting)
         tied = [s for s in waiting if since[s.name] - earliest <= self._tie]
         right_of = seen.junction.right_of

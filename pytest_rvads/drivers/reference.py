@@ -6,15 +6,18 @@ import math
 from typing import Protocol
 
 from pytest_rvads.drivers.at_light import Light
+from pytest_rvads.drivers.crossing import Meetings, ahead_in_lane
 from pytest_rvads.drivers.follower import Follower
+from pytest_rvads.drivers.give_way import GiveWay, clear_of_meetings
 from pytest_rvads.drivers.interface import Control, Observation
-from pytest_rvads.drivers.spacing import Stopping, behind_leader, clear_of_bodies, clear_of_crossing
+from pytest_rvads.drivers.spacing import Stopping, behind, behind_leader, clear_of_bodies, clear_of_crossing
 from pytest_rvads.drivers.stop_sign import HOLD, StopSign
 from pytest_rvads.errors import AutopilotError
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION
 
-__all__ = ["Gate", "Reference"]
+__all__ = ["Gate", "Reference", "by_zones"]
 
 
 class Gate(Protocol):
@@ -24,6 +27,10 @@ class Gate(Protocol):
         """Return whether to enter now; called in every step before the junction."""
 
 
+QUEUED = 2.0
+"""Behind a leader slower than this that has yet to enter there is no question of entering oneself [m/s]."""
+
+
 class Reference(Follower):
     """Drives as the paper's rules and the law demand.
 
@@ -31,16 +38,21 @@ class Reference(Follower):
     and it is its turn: first come, first served; on ties whoever has nobody to the right. Where four arrive at once,
     so that everybody has somebody to the right, patience decides; it differs from vehicle to vehicle, in the order of their
     creation, so that one sets off alone. Who has the turn and does not make use of it is not waited for.
-    Where nothing regulates the junction, or only some of its entrances, it does the same.
 
     At a light it stops on yellow where it can and on red always. On red it turns right after a full stop, when nobody
     comes from the left. Turning left it yields to oncoming traffic. It never gets into the way of somebody who is
     still in the junction.
 
-    Everywhere it keeps its distance from who drives ahead, and stops before a body in its way.
+    Where there are other signs, signs at some entrances only, or none, and where arms have several lanes, it looks at those
+    whose way meets its own: it gives way as `Junction.yields` says, in time or not at all, after a stop where its sign demands
+    one and at green where it has a light; at an all-way stop to those that came first. Who has the way goes on, except into
+    somebody who is in it. Where all that stand there wait for one another, patience decides.
+
+    Everywhere it keeps its distance from who drives ahead, queues behind it, and stops before a body in its way. It enters only
+    what it can leave.
 
     Args:
-        tie: at a stop sign, who arrived within this time of each other arrived at once, and the right one goes first, at
+        tie: at an all-way stop, who arrived within this time of each other arrived at once, and the right one goes first, at
             most 0.5 [s]. The paper's rules know no such window, the road rulebook has one of 0.5 s:
             ``functools.partial(Reference, tie=0.5)``.
 
@@ -54,9 +66,13 @@ class Reference(Follower):
         self._tie = tie
         self._stopping = Stopping()
         self._gate: Gate | None = None
+        self._meetings: Meetings | None = None
+        """Whom it meets in the junction; None where all stop or all have lights, one lane per arm, and zones decide."""
 
     def make_gate(self, seen: Observation) -> Gate:
         """Return what decides when to enter; called once, with the first observation."""
+        if not by_zones(seen.junction):
+            return GiveWay(seen, self.track(seen), self._tie)
         return Light() if seen.junction.control is JunctionControl.LIGHTS else StopSign(self._tie)
 
     def control(self, seen: Observation) -> Control:
@@ -64,10 +80,13 @@ class Reference(Follower):
         wanted = self.towards(seen, self.target_speed(seen))
         zone = seen.me.zone
         stops = False
+        leader = ahead_in_lane(seen)
         if zone is APPROACH or zone is ENTRANCE:
             if self._gate is None:
                 self._gate = self.make_gate(seen)
-            stops = not self._gate.allows(seen)
+                self._meetings = None if by_zones(seen.junction) else Meetings(seen.junction, seen.itinerary)
+            queues = leader is not None and leader.zone <= ENTRANCE and leader.speed < QUEUED
+            stops = queues or not self._gate.allows(seen)
             if stops:
                 stop = self._stopping.acceleration(seen)
                 wanted = stop if stop < wanted else wanted
@@ -75,10 +94,18 @@ class Reference(Follower):
                 self._stopping.reset()
         if seen.others and wanted > -math.inf:
             if not stops:
-                # Whoever leads is past the line; before it there is nobody to follow.
+                # Whoever leads is past the line; before it there is nobody to follow but in the own lane.
                 wanted = min(wanted, behind_leader(seen))
-            gap = clear_of_bodies(seen, self._track or self.track(seen))
+            if leader is not None:
+                wanted = min(wanted, behind(seen, leader))
+            gap = clear_of_bodies(seen, self._track or self.track(seen), leader, foresees=self._meetings is not None)
             wanted = gap if gap < wanted else wanted
             if zone is JUNCTION:
-                wanted = min(wanted, clear_of_crossing(seen))
+                crossing = clear_of_crossing(seen) if self._meetings is None else clear_of_meetings(seen, self._meetings)
+                wanted = min(wanted, crossing)
         return self.drive(seen, wanted)
+
+
+def by_zones(junction: Junction) -> bool:
+    """Return whether all stop or all have lights, with one lane per arm: there it is enough to see who is in which zone."""
+    return junction.one_lane_each and junction.control in (JunctionControl.STOP, JunctionControl.LIGHTS)

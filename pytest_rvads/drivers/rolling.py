@@ -6,10 +6,11 @@ import math
 
 from pytest_rvads.drivers.at_light import Light
 from pytest_rvads.drivers.crossing import in_the_way
+from pytest_rvads.drivers.give_way import GiveWay
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.reference import Gate, Reference
+from pytest_rvads.drivers.reference import Gate, Reference, by_zones
 from pytest_rvads.drivers.stop_sign import PATIENCE, PATIENCE_STEP
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.states import Colour, Zone
 
@@ -27,18 +28,21 @@ class RollingStop(Reference):
     Two things are wrong with it. At a stop sign it does not stop: it slows down, lets pass who is in the junction
     and who stands to its right, and rolls on; who came first does not matter to it, and two that face each other enter
     together. At a red light it rolls round the corner to the near side, the right where traffic keeps right, without
-    regard for who has green, as long as nobody is in its way already. Everything else it does like the reference autopilot.
+    regard for who has green, as long as nobody is in its way already. Everything else it does like the reference autopilot, which
+    is also whom it gives way to where signs differ or arms have several lanes.
     """
 
     def make_gate(self, seen: Observation) -> Gate:
         """Return what decides when to enter."""
+        if not by_zones(seen.junction):
+            return _Rolling(seen, self.track(seen), stops=False)
         return _RightOnRed() if seen.junction.control is JunctionControl.LIGHTS else _Yield()
 
     def target_speed(self, seen: Observation) -> float:
         """Return the speed limit, less before a line that it rolls over [m/s]."""
         line = seen.itinerary.line - seen.me.station
-        rolls = seen.junction.control is not JunctionControl.LIGHTS or _turns_on_red(seen)
-        if not rolls or seen.me.station > 0.0:
+        signs = seen.junction.control is JunctionControl.STOP or seen.junction.entrances[seen.me.entrance].sign is Sign.STOP
+        if not (signs or _turns_on_red(seen)) or seen.me.station > 0.0:
             return seen.speed_limit
         return min(seen.speed_limit, math.hypot(ROLL, self.stopping_speed(line - ENTRANCE_ZONE)))
 
@@ -61,6 +65,15 @@ class _Yield:
         if self._stuck_since is None or me.zone is not Zone.ENTRANCE:
             self._stuck_since = seen.time
         return seen.time - self._stuck_since >= PATIENCE + PATIENCE_STEP * seen.created
+
+
+class _Rolling(GiveWay):
+    """Takes stop signs for yield signs, and a red light for none where it turns to the near side."""
+
+    def allows(self, seen: Observation) -> bool:
+        if not _turns_on_red(seen):
+            return super().allows(seen)
+        return not any(in_the_way(seen, other) for other in seen.others)
 
 
 class _RightOnRed(Light):

@@ -14,10 +14,12 @@ __all__ = [
     "CREEP",
     "STAND_OFF",
     "Stopping",
+    "behind",
     "behind_leader",
     "can_stop",
     "clear_of_bodies",
     "clear_of_crossing",
+    "stop_before",
     "time_to",
 ]
 
@@ -45,6 +47,10 @@ BEFORE = 0.5
 """Where to let a crossing vehicle pass, before the place where the movements meet [m]."""
 SIDE = 0.35
 """Room to the side of the own body that must be free [m]."""
+ACROSS = 0.7
+"""Who moves at more than 45 degrees to the own heading crosses the way: cosine of that angle."""
+LEEWAY = 0.5
+"""Time left between who crosses leaving a place and the own arrival there [s]."""
 
 
 class Stopping:
@@ -129,26 +135,51 @@ def clear_of_crossing(seen: Observation) -> float:
             mine = (place - me.station) / max(me.speed, 1.0)
             theirs = max(found.yours.start - other.station, 0.0) / max(other.speed, 1.0)
             if theirs < mine or (theirs == mine and k < seen.created):
-                least = min(least, _stop_before(me.speed, place - BEFORE - me.station))
+                least = min(least, stop_before(me.speed, place - BEFORE - me.station))
     return least
 
 
-def clear_of_bodies(seen: Observation, track: Track) -> float:
-    """Return the acceleration [m/s^2] that stops before a body that is in the way on `track`; inf if none is."""
+def behind(seen: Observation, leader: VehicleState) -> float:
+    """Return the acceleration [m/s^2] that keeps the distance to `leader`, ahead in the own lane; inf where ways part."""
+    if leader.turn is not seen.me.turn and leader.zone > ENTRANCE:
+        return math.inf
+    return _follow(seen.me.speed, leader.station - leader.length - seen.me.station, leader.speed)
+
+
+def clear_of_bodies(seen: Observation, track: Track, followed: VehicleState | None = None, *, foresees: bool = False) -> float:
+    """Return the acceleration [m/s^2] that stops before a body that is in the way on `track`; inf if none is.
+
+    Args:
+        seen: what there is.
+        track: the own way.
+        followed: a vehicle that is left out here, since `behind` keeps the distance to it.
+        foresees: count on who crosses the way to have left it in time.
+    """
     me = seen.me
     x, y, heading, speed = me.x, me.y, me.heading, me.speed
     reach = 3.0 + speed * (REACTION + speed / (2.0 * FOLLOW))
     least = math.inf
+    cos, sin = math.cos(heading), math.sin(heading)
     for other in seen.others:
         dx, dy = other.x - x, other.y - y
         far = reach + other.length
         # Cheap first: most others are nowhere near, or behind.
-        if dx * dx + dy * dy < far * far and dx * math.cos(heading) + dy * math.sin(heading) > 0.0:
+        if dx * dx + dy * dy < far * far and dx * cos + dy * sin > 0.0:
+            if other is followed:
+                continue
             gap = _free(track.places(me.station, reach), other, me.width / 2.0 + SIDE)
             if gap < math.inf:
                 along = other.speed * math.cos(other.heading - heading)
-                least = min(least, _follow(speed, gap, max(along, 0.0)))
+                if not (foresees and _gone_by(speed, gap, other, along)):
+                    least = min(least, _follow(speed, gap, max(along, 0.0)))
     return least
+
+
+def _gone_by(speed: float, gap: float, other: VehicleState, along: float) -> bool:
+    """Return whether `other`, which moves across the own way, has left it when one is there."""
+    if other.speed < 1.0 or along > other.speed * ACROSS:
+        return False
+    return gap / max(speed, 1.0) > (other.length + other.width + 2.0 * SIDE) / other.speed + LEEWAY
 
 
 def time_to(distance: float, speed: float, acceleration: float, limit: float) -> float:
@@ -162,17 +193,17 @@ def time_to(distance: float, speed: float, acceleration: float, limit: float) ->
     return (limit - speed) / acceleration + (distance - ramp) / limit
 
 
-def _needed(speed: float, distance: float) -> float:
-    """Return the deceleration of an even stop from `speed` [m/s] after `distance` [m]; inf where there is none."""
-    return speed * speed / (2.0 * distance) if distance > 0.0 else math.inf
-
-
-def _stop_before(speed: float, distance: float) -> float:
+def stop_before(speed: float, distance: float) -> float:
     """Return the acceleration of an even stop after `distance` [m]; inf while it is too early to brake."""
     if distance < 0.1 and speed < 0.3:
         return -math.inf
     needed = _needed(speed, max(distance, 0.1))
     return -needed if needed > COMFORT / 2.0 else math.inf
+
+
+def _needed(speed: float, distance: float) -> float:
+    """Return the deceleration of an even stop from `speed` [m/s] after `distance` [m]; inf where there is none."""
+    return speed * speed / (2.0 * distance) if distance > 0.0 else math.inf
 
 
 def _follow(speed: float, gap: float, leader: float) -> float:

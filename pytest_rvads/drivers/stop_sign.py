@@ -53,7 +53,8 @@ class StopSign:
         # Where only some entrances have lights, they are obeyed as well.
         if seen.lights[seen.me.entrance] in (Colour.RED, Colour.YELLOW):
             return False
-        if any(runs_through(other) for other in seen.others) or exit_blocked(seen):
+        entrance = seen.me.entrance
+        if any(runs_through(other) and other.entrance != entrance for other in seen.others) or exit_blocked(seen):
             self._stuck_since = None
             return False
         first, decided = self._queue.first(seen)

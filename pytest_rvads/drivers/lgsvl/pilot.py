@@ -12,8 +12,8 @@ from typing import NamedTuple
 from pytest_rvads.drivers.follower import STANDING, Follower
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.lgsvl.constants import ADVANCE, DECIDE, HOLD, RAMP, RATES, SLOW, TURN_SHARE, TURN_WAIT, Constants
+from pytest_rvads.drivers.lgsvl.courtesy import listed, oncoming, prior_on_red
 from pytest_rvads.drivers.lgsvl.scheduler import Scheduler
-from pytest_rvads.drivers.lgsvl.yielding import listed, oncoming, prior_on_red
 from pytest_rvads.drivers.lgsvl.zone import Guarded, zone_of
 from pytest_rvads.drivers.spacing import clear_of_bodies
 from pytest_rvads.maps.control import JunctionControl

@@ -8,7 +8,7 @@ from pytest_rvads.drivers.at_light import Light
 from pytest_rvads.drivers.crossing import in_the_way
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
-from pytest_rvads.drivers.reference import Gate, Reference
+from pytest_rvads.drivers.reference import Gate, Reference, by_zones
 from pytest_rvads.drivers.stop_sign import HOLD, PATIENCE, StopSign
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
@@ -42,13 +42,18 @@ class _Queued(StopSign):
 
 
 class _Gated(Reference):
-    """Has other gates than the reference autopilot at stop signs, at lights, or at both, or another order at stop signs."""
+    """Has other gates than the reference autopilot at stop signs, at lights, or at both, or another order at stop signs.
+
+    Elsewhere, where the reference autopilot looks at movements and not at zones, it drives like it.
+    """
 
     sign: ClassVar[type[Gate]] = StopSign
     light: ClassVar[type[Gate]] = Light
     queue: ClassVar[type[Queue] | None] = None
 
     def make_gate(self, seen: Observation) -> Gate:
+        if not by_zones(seen.junction):
+            return super().make_gate(seen)
         if seen.junction.control is JunctionControl.LIGHTS:
             return self.light()
         return self.sign() if self.queue is None else _Queued(self.queue())

@@ -1,0 +1,270 @@
+"""How the reference autopilot behaves wherever not all have to stop, or arms have several lanes: it looks at whom it meets.
+
+Whom it meets is whoever may make a movement that shares a stretch with the own one. To those that go first it leaves time, the
+others it counts on, as long as they do not come on regardless.
+"""
+
+from __future__ import annotations
+
+import math
+
+from pytest_rvads.drivers.crossing import Meeting, Meetings, exit_blocked, runs_through
+from pytest_rvads.drivers.follower import STANDING
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.order import Queue
+from pytest_rvads.drivers.spacing import BEFORE, LEEWAY, can_stop, stop_before, time_to
+from pytest_rvads.drivers.stop_sign import HOLD, PATIENCE
+from pytest_rvads.drivers.way_ahead import Track
+from pytest_rvads.maps.control import JunctionControl, Sign
+from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, VehicleState
+
+__all__ = ["GiveWay", "clear_of_meetings"]
+
+YELLOW = 3.2
+"""Who can stop with this deceleration stops on yellow [m/s^2]; people do at 2.2 to 5.9."""
+DRIVE = 2.3
+"""Own acceleration counted on [m/s^2]."""
+EAGER = 3.0
+"""Acceleration that others, and the own vehicle where it must not be early, are believed capable of [m/s^2]."""
+TARDY, CRAWL = 1.5, 4.0
+"""Acceleration [m/s^2], and speed [m/s], that others are believed to reach at least when they leave."""
+SET_OFF = 0.35
+"""Time that setting off takes, until the drive answers [s]."""
+MARGIN = 1.6
+"""Time kept between leaving a place and the arrival there of one who goes first [s]: more than that of a near miss, 1 s."""
+MOVING = 0.15
+"""Who is faster than this moves [m/s]."""
+ROLLING = 3.0
+"""Who goes first and is this fast will have passed when one comes later [m/s]."""
+PATIENCE_STEP = 0.5
+"""How much longer each next one waits where all wait for one another [s]: as long as it takes to see that one has set off."""
+EARLY = 6.0
+"""How long before braking would begin a decision is not needed yet [m]."""
+_GENTLE = 1.5
+"""Braking that a decision leaves room for [m/s^2]."""
+_GAP = 2.0
+"""Kept behind whoever merges first [m]."""
+_GREEN, _YELLOW, _RED = Colour.GREEN, Colour.YELLOW, Colour.RED
+
+
+class GiveWay:
+    """Stops where its own sign or light says so, gives way to whoever goes first, and enters when the way can be cleared.
+
+    Args:
+        seen: the first observation.
+        track: the own way.
+        tie: see `Queue`; counts at an all-way stop [s].
+        stops: whether it obeys stop signs as such, and not as yield signs.
+    """
+
+    def __init__(self, seen: Observation, track: Track, tie: float = 0.0, *, stops: bool = True) -> None:
+        junction, itinerary = seen.junction, seen.itinerary
+        entrance = junction.entrances[itinerary.entrance]
+        self._meetings = Meetings(junction, itinerary)
+        self._queue = Queue(tie)
+        self._all_stop = junction.control is JunctionControl.STOP
+        self._must_stop = stops and entrance.sign is Sign.STOP
+        self._on_red = itinerary.turn is junction.near and entrance.lane == 0 and not junction.left_hand
+        self._stop_signs = frozenset(k for k, lane in enumerate(junction.entrances) if lane.sign is Sign.STOP)
+        # The slowest place decides how fast the junction is cleared.
+        self._cruise = min(track.speed(float(s)) for s in range(math.ceil(itinerary.length) + 1))
+        self._stood_since: float | None = None
+        self._quiet_since: float | None = None
+        self._released = False
+
+    def allows(self, seen: Observation) -> bool:
+        """Return whether to enter the junction; to be called in every step before it."""
+        me = seen.me
+        speed = me.speed
+        if me.zone is APPROACH and -me.station > EARLY + speed + speed * speed / (2.0 * _GENTLE):
+            return False
+        self._queue.watch(seen)
+        if me.zone is ENTRANCE and speed < STANDING and self._stood_since is None:
+            self._stood_since = seen.time
+        if not self._permitted(seen):
+            self._released, self._quiet_since = False, None
+            return False
+        waits_for = [other for k, other in self._relevant(seen) if self._blocked(seen, other, k < seen.created)]
+        if any(other.speed > MOVING or other.zone is not ENTRANCE for other in waits_for) or exit_blocked(seen) or _stuck(seen):
+            self._released, self._quiet_since = False, None
+            return False
+        return not waits_for or self._patience_ends(seen, waits_for)
+
+    def _permitted(self, seen: Observation) -> bool:
+        """Return whether the own sign and the own light let it go."""
+        stood = seen.me.zone is ENTRANCE and self._stood_since is not None and seen.time - self._stood_since >= HOLD
+        if self._must_stop and not stood:
+            return False
+        colour = seen.lights[seen.me.entrance]
+        if colour is _YELLOW:
+            return not can_stop(seen, YELLOW)
+        return colour is not _RED or (self._on_red and self._stood_since is not None)
+
+    def _relevant(self, seen: Observation) -> list[tuple[int, VehicleState]]:
+        """Return the others that one meets, with their numbers: of those that queue before the junction the first ones."""
+        found, heads = [], dict[int, tuple[int, VehicleState]]()
+        of = self._meetings.of
+        for k, other in enumerate(seen.others):
+            if not of(other):
+                continue
+            if other.zone >= JUNCTION:
+                found.append((k, other))
+            elif other.entrance not in heads or heads[other.entrance][1].station < other.station:
+                heads[other.entrance] = k, other
+        return found + list(heads.values())
+
+    def _blocked(self, seen: Observation, other: VehicleState, earlier: bool) -> bool:
+        """Return whether one has to wait for `other`, which may have been created `earlier`."""
+        if other.zone >= JUNCTION:
+            return not all(self._fits(seen, other, meeting, 0.0) for meeting in self._meetings.of(other))
+        colour = seen.lights[other.entrance]
+        runs = runs_through(other)
+        if not runs and (colour is _RED or (colour is _YELLOW and other.speed < MOVING)):
+            return False
+        for meeting in self._meetings.of(other):
+            first = self._goes_first(seen, other, meeting, earlier)
+            if first and not self._leaves_time(seen, other, meeting):
+                return True
+            if not first and (runs or self._sets_off(seen, other)) and not self._fits(seen, other, meeting, MARGIN / 2.0):
+                return True
+        return False
+
+    def _goes_first(self, seen: Observation, other: VehicleState, meeting: Meeting, earlier: bool) -> bool:
+        """Return whether `other`, before the junction, goes first."""
+        me = seen.me
+        if self._all_stop:
+            if other.zone is not ENTRANCE or me.zone is not ENTRANCE:
+                return other.zone is ENTRANCE
+            before = self._queue.before(other, me)
+            if before is not None:
+                return before
+        elif seen.lights[me.entrance] is _RED:
+            return True
+        if meeting.mine or meeting.yours:
+            return meeting.mine
+        return other.station > me.station or (other.station == me.station and earlier)
+
+    def _sets_off(self, seen: Observation, other: VehicleState) -> bool:
+        """Return whether `other` has set off from its line before the own vehicle did from its own."""
+        return self._queue.setting_off(other) and not self._queue.setting_off(seen.me) and self._queue.stood(seen.me)
+
+    def _leaves_time(self, seen: Observation, other: VehicleState, meeting: Meeting) -> bool:
+        """Return whether one has passed before `other`, which goes first, needs the place; or it has when one comes."""
+        return self._before(seen, other, meeting, MARGIN) or (
+            other.speed > ROLLING and not self._will_stop(other) and self._after(seen, other, meeting)
+        )
+
+    def _fits(self, seen: Observation, other: VehicleState, meeting: Meeting, margin: float) -> bool:
+        """Return whether `other`, which goes on, and the own vehicle pass the place one after the other."""
+        return self._after(seen, other, meeting) or self._before(seen, other, meeting, margin)
+
+    def _before(self, seen: Observation, other: VehicleState, meeting: Meeting, margin: float) -> bool:
+        """Return whether one has passed `margin` [s] before the earliest arrival of `other`."""
+        me, (mine, yours, merges) = seen.me, meeting.shared
+        if other.station >= yours.start:
+            return False
+        speed = min(me.speed, self._cruise)
+        delay = SET_OFF if me.speed < 1.0 else 0.0
+        if not merges:
+            leaves = delay + time_to(mine.end + me.length - me.station, speed, DRIVE, min(self._cruise, seen.speed_limit))
+            return leaves + margin < self._arrives(seen, other, yours.start)
+        # Whoever comes behind is faster for a while: it must neither come near nor have to brake for that.
+        way = mine.start - me.station
+        there = delay + time_to(way, speed, DRIVE, min(self._cruise, seen.speed_limit))
+        reached = min(math.sqrt(speed * speed + 2.0 * DRIVE * max(way, 0.0)), self._cruise, seen.speed_limit)
+        fast = min(math.sqrt(other.speed**2 + 2.0 * EAGER * (yours.start - other.station)), max(seen.speed_limit, other.speed))
+        closing = max(fast - reached, 0.0)
+        gap = margin + (me.length + closing * closing / (2.0 * DRIVE)) / max(fast, 1.0)
+        return there + gap < self._arrives(seen, other, yours.start)
+
+    def _after(self, seen: Observation, other: VehicleState, meeting: Meeting) -> bool:
+        """Return whether `other` has left the place before the own earliest arrival, so that one need not stop for it."""
+        me, (mine, yours, merges) = seen.me, meeting.shared
+        end = yours.start + _GAP if merges else yours.end
+        if other.station - other.length >= end:
+            return True
+        soonest = time_to(mine.start - me.station, me.speed, EAGER, max(seen.speed_limit, me.speed))
+        # Who stands can wait for as long as a near miss takes; who is under way would have to brake.
+        return _leaves(other, end, meeting.slow) + (LEEWAY if me.speed > ROLLING else MARGIN) < soonest
+
+    def _will_stop(self, other: VehicleState) -> bool:
+        return other.entrance in self._stop_signs and other.zone < JUNCTION and not self._queue.stood(other)
+
+    def _arrives(self, seen: Observation, other: VehicleState, place: float) -> float:
+        """Return when `other` can be at `place` of its movement at the earliest [s]; at a stop sign it stops first."""
+        if not self._will_stop(other):
+            return time_to(place - other.station, other.speed, EAGER, seen.speed_limit)
+        line = -seen.junction.setbacks[other.entrance]
+        before = time_to(line - other.station, other.speed, EAGER, seen.speed_limit)
+        return before + HOLD + time_to(place - max(line, other.station), 0.0, EAGER, seen.speed_limit)
+
+    def _patience_ends(self, seen: Observation, waits_for: list[VehicleState]) -> bool:
+        """Return whether to go although `waits_for`, who stand as well, go first: they wait for somebody, too, or do not go.
+
+        It ends while nobody moves whom they or one oneself would meet, and later the more that one meets were created before.
+        """
+        me = seen.me
+        if self._released:
+            return True
+        moving = [other for other in seen.others if other.speed > MOVING and other.zone <= JUNCTION]
+        if me.zone is not ENTRANCE or me.speed > MOVING or any(self._concerns(seen, other, waits_for) for other in moving):
+            self._quiet_since = None
+            return False
+        if self._quiet_since is None:
+            self._quiet_since = seen.time
+        place = sum(other.zone is ENTRANCE and bool(self._meetings.of(other)) for other in seen.others[: seen.created])
+        self._released = seen.time - self._quiet_since >= PATIENCE + PATIENCE_STEP * place
+        return self._released
+
+    def _concerns(self, seen: Observation, moving: VehicleState, waits_for: list[VehicleState]) -> bool:
+        """Return whether one may be waiting because of `moving`: one meets it, or one of those does that one waits for."""
+        if self._meetings.of(moving):
+            return True
+        conflicts, ways = seen.junction.conflicts or (), seen.junction.by_turn
+        return any(
+            (one.key, two.key) in conflicts
+            for other in waits_for
+            for one in ways[other.entrance, other.turn]
+            for two in ways[moving.entrance, moving.turn]
+        )
+
+
+def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:
+    """Return the acceleration [m/s^2] that lets pass who is first where ways cross, in the junction; inf if none is.
+
+    Who will have left the place in time is not waited for; who drives into the same exit is followed instead.
+    """
+    me = seen.me
+    least = math.inf
+    for k, other in enumerate(seen.others):
+        if other.zone < JUNCTION:
+            continue
+        for (my, yours, merges), _, _, slow in meetings.of(other):
+            place = my.start
+            if merges or me.station >= place or other.station - other.length >= yours.end:
+                continue
+            mine = (place - me.station) / max(me.speed, 1.0)
+            theirs = max(yours.start - other.station, 0.0) / max(other.speed, 1.0)
+            first = theirs < mine or (theirs == mine and k < seen.created)
+            if first and _leaves(other, yours.end, slow) + LEEWAY > mine:
+                least = min(least, stop_before(me.speed, place - BEFORE - me.station))
+    return least
+
+
+def _stuck(seen: Observation) -> bool:
+    """Return whether somebody from the own lane stands in the junction, so that one would have to stop there as well."""
+    entrance = seen.me.entrance
+    return any(other.entrance == entrance and other.zone is JUNCTION and other.speed < 1.0 for other in seen.others)
+
+
+def _leaves(other: VehicleState, end: float, slow: float) -> float:
+    """Return when the body of `other` has left a place that ends at station `end` [s]; inf while it stands.
+
+    Args:
+        other: whom it is about.
+        end: [m].
+        slow: it is no faster than this in its bend [m/s].
+    """
+    if other.speed < MOVING:
+        return math.inf
+    return time_to(end + other.length - other.station, min(other.speed, slow), TARDY, min(CRAWL, slow))

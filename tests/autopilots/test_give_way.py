@@ -1,0 +1,198 @@
+"""The reference autopilot where signs differ, where there are none, where arms have several lanes, and in queues."""
+
+import math
+from dataclasses import replace
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pytest_rvads.drivers.give_way import GiveWay
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.order import Queue
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.traffic import POLICIES, TIE, traffic
+from pytest_rvads.drivers.way_ahead import Track
+from pytest_rvads.junctions.finder import find, load
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.maps.control import Sign
+from pytest_rvads.maps.segment import Turn
+from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Colour, VehicleState, Zone
+from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.simulators.simulator import simulate
+
+ROAD = partial(Reference, tie=TIE)
+NONE, STOP, YIELD, PRIORITY = Sign.NONE, Sign.STOP, Sign.YIELD, Sign.PRIORITY
+SIGNS = {
+    "right before left": (NONE, NONE, NONE, NONE),
+    "yield": (PRIORITY, YIELD, PRIORITY, YIELD),
+    "stop at the minor road": (NONE, STOP, NONE, STOP),
+    "one of each": (PRIORITY, STOP, YIELD, NONE),
+}
+LIMIT = 11.176
+
+
+def signed(*signs: Sign, base: str = "stop4") -> Junction:
+    """A built-in junction with other signs."""
+    place = find(base)
+    lanes = tuple(replace(lane, sign=sign) for lane, sign in zip(place.entrances, signs, strict=True))
+    return replace(place, name=f"{base}_{'_'.join(signs)}", entrances=lanes)
+
+
+def drive(place: Junction, code: str, **more: Any) -> Run:
+    run = simulate(Case(Scenario(place, code, **more), ROAD))
+    assert (run.fault, run.collisions, run.provenance["end"]) == (None, (), "left")
+    return run
+
+
+def entering(run: Run) -> list[str]:
+    """Names in the order in which they enter."""
+    first = [int(np.argmax(run.zone[:, k] >= Zone.JUNCTION)) for k in range(len(run.agents))]
+    return [run.agents[k].name for k in np.argsort(first, kind="stable")]
+
+
+def wrong(run: Run) -> list[str]:
+    """Rules of the road that are not kept although they can be."""
+    verdicts = {rule.name: check(run, rule) for rule in rules_for(("road",), run.junction.control)}
+    return [name for name, v in verdicts.items() if v.status in ("FAIL", "OPEN") and not (v.unavoidable or v.provoked)]
+
+
+def braking(run: Run, name: str) -> float:
+    """Hardest braking of an agent, over a tenth of a second [m/s^2]."""
+    (column,) = (k for k, agent in enumerate(run.agents) if agent.name == name)
+    speed = run.need("speed")[:, column]
+    return float((speed[:-10] - speed[10:]).max() / 0.1)
+
+
+def test_on_the_priority_road_it_does_not_brake_for_who_has_to_give_way() -> None:
+    run = drive(signed(*SIGNS["yield"]), "2200", distance=25, speed=8)
+    assert entering(run) == ["a0", "a1"]
+    assert braking(run, "a0") < 0.5
+    assert wrong(run) == []
+
+
+def test_at_a_yield_sign_it_does_not_stop_where_nobody_comes() -> None:
+    run = drive(signed(*SIGNS["yield"]), "0200", distance=25, speed=8)
+    assert float(run.need("speed").min()) > 7.5
+
+
+def test_at_a_stop_sign_it_stops_although_nobody_comes_and_across_from_it_nobody_does() -> None:
+    place = signed(*SIGNS["stop at the minor road"])
+    for code, stands in (("0200", True), ("2000", False)):
+        run = drive(place, code, distance=25, speed=8)
+        before = run.zone[:, 0] <= Zone.ENTRANCE
+        assert bool(run.need("speed")[before, 0].min() < 0.01) is stands
+        assert wrong(run) == []
+
+
+def test_right_goes_before_left_and_between_them_nobody_stops_in_the_junction() -> None:
+    run = drive(signed(*SIGNS["right before left"]), "2200", distance=25, speed=8)
+    assert entering(run) == ["a1", "a0"], "entrance 1 lies to the right of entrance 0"
+    assert braking(run, "a1") < 0.5
+    assert wrong(run) == []
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3), (2, 0, 3, 1)])
+def test_where_everybody_has_somebody_to_the_right_who_was_created_first_goes_first(order: tuple[int, ...]) -> None:
+    run = drive(signed(*SIGNS["right before left"]), "2222", distance=20, order=order)
+    ticks = np.argmax(run.zone >= Zone.JUNCTION, axis=0)
+    assert ticks[order[0]] == ticks.min(), "maybe together with who comes the other way, whom it does not meet"
+    assert not ((run.zone == Zone.JUNCTION) & (run.need("speed") < 0.05)).any()
+
+
+@pytest.mark.parametrize("signs", SIGNS.values(), ids=SIGNS)
+@pytest.mark.parametrize("code", ["1111", "2222", "3333", "1322", "2130"])
+def test_the_rules_of_the_road_are_kept_at_every_kind_of_sign(signs: tuple[Sign, ...], code: str) -> None:
+    assert wrong(drive(signed(*signs), code, distance=25, speed=8)) == []
+
+
+@pytest.mark.parametrize("base", ["stop4", "light4"])
+def test_who_follows_keeps_its_distance_and_stops_at_the_line_itself(base: str) -> None:
+    run = drive(find(base), "0200", distance=15, speed=5, followers=2)
+    station, speed = run.need("station"), run.need("speed")
+    there = run.zone < Zone.GONE
+    for ahead, behind in ((0, 1), (1, 2)):
+        both = there[:, ahead] & there[:, behind]
+        gap = station[both, ahead] - 4.6 - station[both, behind]
+        assert gap.min() > 1.0
+    assert wrong(run) == []
+    if base == "stop4":
+        stood = (run.zone == Zone.ENTRANCE) & (speed < 0.01)
+        assert stood.any(axis=0).all()
+        assert check(run, "p1").status != "FAIL"
+
+
+def test_who_has_time_goes_before_who_has_priority_and_else_does_not() -> None:
+    """From standing at the line of entrance 1 straight across one that comes on the priority road, by hand."""
+    place = signed(*SIGNS["yield"])
+    way = Itinerary.through(place, 1, 3)
+    shared = (place.stretches or {})[(1, 3), (0, 2)]
+    # It sets off after 0.35 s, gains 2.3 m/s^2, and has left with its 4.6 m; 1.6 s later the other one may be there.
+    seconds = 0.35 + math.sqrt(2.0 * (shared.mine.end + 4.6 + 0.5) / 2.3) + 1.6
+    for before, goes in ((0.3, True), (-0.3, False)):
+        me = VehicleState("a1", 1, Turn.STRAIGHT, Zone.ENTRANCE, -0.5, 0, 0, 0, 0.0, 0.0, 4.6, 1.86)
+        comes = me._replace(name="a0", entrance=0, zone=Zone.APPROACH, speed=LIMIT)
+        comes = comes._replace(station=shared.yours.start - LIMIT * seconds - before)
+        seen = Observation(0.0, me, (comes,), (Colour.NONE,) * 4, way, place, Vehicle(), LIMIT, created=1)
+        assert GiveWay(seen, Track(way, 3.65)).allows(seen) is goes
+
+
+def test_nobody_is_first_where_nobody_waits() -> None:
+    """As after a collision that pushed everybody away from the entrances."""
+    place = find("stop4")
+    away = VehicleState("a0", 0, Turn.STRAIGHT, Zone.JUNCTION, 2.0, 0, 0, 0, 0.0, 0.0, 4.6, 1.86)
+    seen = Observation(0.0, away, (), (), Itinerary.through(place, 0, 2), place, Vehicle(), LIMIT)
+    queue = Queue()
+    queue.watch(seen)
+    assert queue.first(seen) == ([], True)
+
+
+def test_of_a_queue_only_the_first_one_counts_at_an_entrance() -> None:
+    """Where the line is far before the vertex, two stand in the entrance zone."""
+    place = find("stop4")
+    first = VehicleState("a0", 0, Turn.STRAIGHT, Zone.ENTRANCE, -0.5, 0, 0, 0, 0.0, 0.0, 4.6, 1.86)
+    second = first._replace(name="a0+1", station=-7.5)
+    seen = Observation(0.0, first, (second,), (), Itinerary.through(place, 0, 2), place, Vehicle(), LIMIT)
+    queue = Queue()
+    queue.watch(seen)
+    assert queue.first(seen) == ([first], True)
+    behind = seen._replace(me=second, others=(first,), created=1)
+    assert queue.first(behind) == ([first], True)
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+def test_traffic_policies_drive_where_signs_differ_and_in_queues(policy: str) -> None:
+    case = Scenario(signed(*SIGNS["one of each"]), "2222", distance=15, subject=0, followers=1)
+    run = simulate(Case(case, ROAD, traffic=traffic(policy)))
+    assert run.fault is None
+    assert "a0" not in {name for hit in run.collisions for name in hit.agents} or policy in ("red_light_runner", "lgsvl")
+
+
+def test_lanes_of_an_arm_go_by_their_own_lights(shared: Path) -> None:
+    place = load(shared / "maps" / "multi_intersections.xodr").junction("146")
+    assert place.lanes == (1, 1, 1, 2)
+    for code in ("22020", "22003", "03203"):
+        run = simulate(Case(Scenario(place, code), ROAD))
+        assert (run.fault, run.collisions, run.provenance["end"]) == (None, (), "left")
+        assert wrong(run) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("signs", SIGNS.values(), ids=SIGNS)
+@pytest.mark.parametrize(("turn", "distance", "speed"), [(0, 20, 0), (1, 32, 9), (2, (12, 25, 20, 30), 6)])
+def test_every_occupancy_at_every_kind_of_sign(signs: tuple[Sign, ...], turn: int, distance: Any, speed: float) -> None:
+    """Every third one from each start."""
+    place = signed(*signs)
+    found = {}
+    for code in [*product(range(4), repeat=4)][1 + turn :: 3]:
+        found[code] = wrong(drive(place, "".join(map(str, code)), distance=distance, speed=speed))
+    assert {code: rules for code, rules in found.items() if rules} == {}
