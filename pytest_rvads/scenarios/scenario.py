@@ -118,7 +118,7 @@ class Scenario:
         duration = usual_duration(place) if duration is None else duration
         check_numbers(duration, aggression, wait)
         if subject is not None and not (_within(subject, count) and code[subject - rotation]):
-            raise ScenarioError(f"subject must be an occupied entrance of {label(rotate(code, rotation))}, got {subject!r}")
+            raise ScenarioError(f"subject must be an occupied entrance of {label(rotate(code, rotation), place.lanes)}, got {subject!r}")
         made = tuple(range(count)) if order is None else _order(order, count)
         if configuration is None:
             configuration = explicit_label(distances, speeds)
