@@ -46,15 +46,19 @@ class Orbits:
     """Whether slots may be empty, though not all of them."""
 
     @classmethod
-    def plain(cls, ways: int) -> Orbits:
-        """Return the full scenarios of the paper: one entrance per arm, from where movements lead to every other arm.
+    def plain(cls, ways: int, *, partial: bool = False) -> Orbits:
+        """Return the scenarios of the paper: one entrance per arm, from where movements lead to every other arm.
+
+        Args:
+            ways: number of arms.
+            partial: with arms on which nobody stands.
 
         Raises:
             ScenarioError: another number of ways than 3..8.
         """
         if ways not in WAYS:
             raise ScenarioError(f"the number of ways must be 3 to 8, got {ways!r}")
-        return _plain(ways)
+        return _plain(ways, partial)
 
     @classmethod
     def at(cls, place: Junction, occupancy: str = "arms", *, partial: bool = False) -> Orbits:
@@ -226,8 +230,8 @@ class Orbits:
 
 
 @lru_cache
-def _plain(ways: int) -> Orbits:
-    return Orbits((tuple((direction,) for direction in range(1, ways)),) * ways, ways)
+def _plain(ways: int, partial: bool) -> Orbits:
+    return Orbits((_letters([tuple(range(1, ways))], partial),) * ways, ways, partial)
 
 
 @lru_cache(maxsize=256)

@@ -28,6 +28,7 @@ __all__ = [
     "Scenario",
     "check_followers",
     "check_numbers",
+    "first_green",
     "usual_duration",
 ]
 
@@ -118,7 +119,9 @@ class Scenario:
         duration = usual_duration(place) if duration is None else duration
         check_numbers(duration, aggression, wait)
         if subject is not None and not (_within(subject, count) and code[subject - rotation]):
-            raise ScenarioError(f"subject must be an occupied entrance of {label(rotate(code, rotation), place.lanes)}, got {subject!r}")
+            raise ScenarioError(
+                f"subject must be an occupied entrance of {label(rotate(code, rotation), place.lanes)}, got {subject!r}"
+            )
         made = tuple(range(count)) if order is None else _order(order, count)
         if configuration is None:
             configuration = explicit_label(distances, speeds)
@@ -248,15 +251,8 @@ class Scenario:
         return tuple(Itinerary.through(self.place, *a.route.key) for a in self.agents())
 
     def signals(self) -> SignalPlan:
-        """Return the signal plan: at t = 0 the group of entrance 0 has green, or whichever the rotation takes it to.
-
-        With one lane per arm the groups change places for odd rotations, as in the paper, whether they do so on the map or not.
-        """
-        groups, count = self.place.phase_groups, len(self.directions)
-        if self.place.one_lane_each:
-            return SignalPlan(groups, self.rotation % 2 if len(groups) > 1 else 0)
-        moved = [frozenset((entrance + self.rotation) % count for entrance in group) for group in groups[:1]]
-        return SignalPlan(groups, next((groups.index(group) for group in moved if group in groups), 0))
+        """Return the signal plan, see `first_green`."""
+        return SignalPlan(self.place.phase_groups, first_green(self.place, self.rotation))
 
     def describe(self) -> str:
         """Return the start in one line: name, movements, distances, speeds."""
@@ -309,6 +305,18 @@ def _orbit(place: Junction, code: Directions) -> tuple[Orbits, int]:
         if number := orbits.number(code):
             return orbits, number
     return Orbits.at(place, partial=True), 0
+
+
+def first_green(place: Junction, rotation: int) -> int:
+    """Return the number of the phase group that has green at t = 0: that of entrance 0, or whichever the rotation takes it to.
+
+    With one lane per arm the groups change places for odd rotations, as in the paper, whether they do so on the map or not.
+    """
+    groups, count = place.phase_groups, len(place.entrances)
+    if place.one_lane_each:
+        return rotation % 2 if len(groups) > 1 else 0
+    moved = [frozenset((entrance + rotation) % count for entrance in group) for group in groups[:1]]
+    return next((groups.index(group) for group in moved if group in groups), 0)
 
 
 def usual_duration(place: Junction) -> float:
