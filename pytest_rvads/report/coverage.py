@@ -159,7 +159,8 @@ def _extent(ran: Sequence[Record], extent: Extent) -> Iterator[str]:
     for occupancy, totals in extent.classes.items():
         # Numbers alone are those of occupied arms.
         here = [record for record in ran if bool(record.orbit) == (occupancy == "lanes")]
-        yield from _classes(here, totals, extent.turns, f" of occupied {occupancy}" if len(extent.classes) > 1 else "")
+        where = {"arms": " with a vehicle per arm", "lanes": " with one per lane"}[occupancy] if len(extent.classes) > 1 else ""
+        yield from _classes(here, totals, extent.turns, where)
     for occupancy, total in extent.partial.items():
         alone = [record for record in ran if occupancy == "lanes" or _alone(record.scenario)]
         yield f"{len({record.orbit or record.cls for record in alone})}/{total} classes with partial ones"
