@@ -219,6 +219,15 @@ def test_the_braking_table_is_the_plant_s(capsys: pytest.CaptureFixture[str]) ->
             assert 0.5 * ideal < speed <= ideal
 
 
+def test_classes_of_a_junction_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["classes", "--junction", "stop4"]) == 0
+    named = capsys.readouterr().out
+    assert main(["classes", "4"]) == 0
+    assert capsys.readouterr().out == named
+    assert main(["classes", "4", "--map", "town.xodr"]) == 2
+    assert "--map is where --junction is looked for" in capsys.readouterr().err
+
+
 def test_an_autopilot_s_table_has_a_row_per_movement(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pytest_rvads.cli.simulate_commands._DISTANCES", (0.3, 500.0))
     assert main(["braking", "--autopilot", "reference", "--junction", "light3", "--json"]) == 0
