@@ -57,7 +57,10 @@ _DECLARED = {
     ),
     "run-limit": _Option("how long a run may take, in real time; 0 for no limit", "300", metavar="SECONDS"),
     "map": _Option("OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)"),
-    "cover": _Option("what to run of every class where a test does not say", choices=("class", "scenario", "rotation")),
+    "cover": _Option(
+        "what to run of every class, or of the scenarios of a junction, where a test does not say",
+        choices=("class", "scenario", "rotation", "partial", "pairs", "conflicts"),
+    ),
     "grid": _Option("configurations where a test does not say: 'paper', letters such as CD, or a grid of yours"),
     "max-items": _Option("refuse a test that would expand to more items than this", "10000"),
     "rules": _Option("file with rules of your own, see `rvads rules --file`"),

@@ -22,8 +22,14 @@ _SHOWN = 100
 
 def declare(commands: Subparsers) -> None:
     """Add the commands of this module."""
-    classes = commands.add_parser("classes", help="list the structural equivalence classes of an n-way junction")
-    classes.add_argument("ways", type=int, metavar="N", help="number of ways, 3 to 8")
+    classes = commands.add_parser(
+        "classes", help="list the structural equivalence classes of an n-way junction, or of one by name"
+    )
+    what = classes.add_mutually_exclusive_group(required=True)
+    what.add_argument("ways", type=int, nargs="?", metavar="N", help="number of ways, 3 to 8")
+    what.add_argument("--junction", metavar="NAME", help="built-in name, or id of a junction in --map")
+    classes.add_argument("--map", metavar="FILE", help="OpenDRIVE file of a junction given by id")
+    classes.add_argument("--occupancy", choices=("arms", "lanes"), default="arms", help="a vehicle on each arm, or on each lane")
     classes.add_argument("--all", action="store_true", help=f"list all classes, not only the first {_SHOWN}")
     classes.add_argument("--svg", metavar="OUT", help="also draw them into this file")
     classes.set_defaults(command=_classes)
@@ -38,20 +44,29 @@ def declare(commands: Subparsers) -> None:
 
 def _classes(options: argparse.Namespace) -> int:
     from pytest_rvads.draw.class_table import draw_classes
-    from pytest_rvads.scenarios.classes import class_label, classes, count_classes, count_scenarios, label, members
+    from pytest_rvads.errors import ScenarioError
+    from pytest_rvads.junctions.finder import find
+    from pytest_rvads.scenarios.classes import label
+    from pytest_rvads.scenarios.orbits import Orbits
 
-    ways, total = options.ways, count_classes(options.ways)
-    title = f"{count_scenarios(ways)} scenarios in {total} classes"
+    place = find(options.junction, options.map) if options.junction else None
+    if place is None and options.map:
+        raise ScenarioError("--map is where --junction is looked for: name the junction, or leave --map out")
+    orbits = Orbits.at(place, options.occupancy) if place else Orbits.plain(options.ways)
+    lanes, total = place.lanes if place else (), orbits.count
+    if options.svg and place and not place.one_lane_each:
+        raise ScenarioError(f"--svg draws junctions of one lane per arm, {place.name!r} has more: leave it out")
+    title = f"{orbits.scenarios} scenarios in {total} classes"
     shown = total if options.all else min(total, _SHOWN)
 
-    def listed() -> list[tuple[str, tuple[tuple[int, ...], ...]]]:
-        return [(class_label(ways, n), members(code)) for n, code in enumerate(islice(classes(ways), shown), start=1)]
+    def listed() -> Iterator[tuple[str, tuple[tuple[int, ...], ...]]]:
+        return ((orbits.label(n), orbits.members(code)) for n, code in enumerate(islice(orbits, shown), start=1))
 
     if options.svg:
-        write_file(Path(options.svg), draw_classes(ways, title, listed()).encode())
+        write_file(Path(options.svg), draw_classes(place.ways if place else options.ways, title, list(listed())).encode())
     print(title)
-    for number, code in enumerate(islice(classes(ways), shown), start=1):
-        print(f"{class_label(ways, number)}  {label(code)}  {' '.join(label(m) for m in members(code)[1:])}".rstrip())
+    for name, members in listed():
+        print(f"{name}  {label(members[0], lanes)}  {' '.join(label(m, lanes) for m in members[1:])}".rstrip())
     if shown < total:
         print(f"... and {total - shown} more: --all lists them", file=sys.stderr)
     return 0

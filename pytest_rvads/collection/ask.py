@@ -22,8 +22,9 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.options import Options
 from pytest_rvads.scenarios.classes import parse
 from pytest_rvads.scenarios.configurations import Configuration, explicit, grid, outside, per_entrance, plain
-from pytest_rvads.scenarios.scenario import check_numbers
-from pytest_rvads.scenarios.selection import COVERS, Selection
+from pytest_rvads.scenarios.orbits import OCCUPANCIES
+from pytest_rvads.scenarios.scenario import check_followers, check_numbers
+from pytest_rvads.scenarios.selection import CHOOSING, COVERS, Selection
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
 __all__ = ["Ask"]
@@ -43,6 +44,8 @@ class Ask:
     classes: tuple[int, ...] | None
     scenarios: tuple[str, ...] | None
     cover: str | None
+    occupancy: str
+    followers: tuple[int, ...]
     grid: tuple[str, ...] | None
     distances: Values | None
     speeds: Values | None
@@ -52,7 +55,7 @@ class Ask:
     traffic: tuple[Policy | None, ...]
     """None alone without a subject."""
     senses: tuple[Senses, ...]
-    duration: float
+    duration: float | None
     aggression: int
     wait: float
     requirement: tuple[str, ...]
@@ -78,7 +81,10 @@ class Ask:
             "traffic": (None,) if asked["subject"] is None else _policies(asked["traffic"]),
             "senses": Senses.grid(asked["senses"]) if isinstance(asked["senses"], Mapping) else checked["senses"] or (IDEAL,),
             "requirement": checked["requirement"] or (),
+            "followers": checked["followers"] or (0,),
         }
+        for count in checked["followers"]:
+            check_followers(count)
         return cls(place=place, **checked)
 
     def resolve(
@@ -91,13 +97,22 @@ class Ask:
         """
         place = find(*self._source(folder, options.map, added))
         configurations, left_out = self._configurations(place, options, added.grids, watch)
-        ways = len(place.entrances)
-        for code in self.scenarios or ():
-            if len(code) != ways:
-                raise ScenarioError(f"scenario {code!r} names {len(code)} entrances, junction {place.name!r} has {ways}")
-        codes, cover = [parse(code) for code in self.scenarios or ()], self.cover or options.cover
-        same = {name: getattr(self, name) for name in ("classes", "subject", "senses", "duration", "aggression", "wait")}
-        return Selection(place, configurations, cover, scenarios=tuple(codes) or None, left_out=left_out, **same)
+        entrances, codes = len(place.entrances), []
+        for text in self.scenarios or ():
+            codes.append(code := parse(text))
+            if len(code) != entrances:
+                raise ScenarioError(f"scenario {text!r} names {len(code)} entrances, junction {place.name!r} has {entrances}")
+        cover = self.cover or options.cover
+        if cover in CHOOSING and (self.classes or self.scenarios):  # that of the session is for tests that name none
+            cover = "class"
+        return Selection(
+            place,
+            configurations,
+            cover,
+            scenarios=tuple(codes) or None,
+            left_out=left_out,
+            **{name: getattr(self, name) for name in _SAME},
+        )
 
     def judged_by(self, place: Junction) -> tuple[Rule, ...]:
         """Return the rules to judge runs at a junction by.
@@ -157,11 +172,14 @@ class Ask:
         return [point for point in watch(points) if not outside(point, lambda d: vmax(d, self.aggression))]
 
 
+_SAME = ("occupancy", "classes", "subject", "followers", "senses", "duration", "aggression", "wait")
+"""The arguments that a selection takes as they are."""
 _SEVERAL: dict[str, tuple[Any, str]] = {
     "classes": (Integral, "class numbers"),
     "scenarios": (str, "direction strings such as '1133'"),
     "grid": (str, "letters of configurations or names of grids"),
     "rules": ((str, Rule), "rules or names of rules or rulebooks"),
+    "followers": (Integral, "numbers of vehicles that queue behind each"),
     "senses": (Senses, "rvads.Senses(...) or a dict of their fields"),
     "requirement": (str, "identifiers of requirements"),
 }
@@ -169,6 +187,7 @@ _SEVERAL: dict[str, tuple[Any, str]] = {
 _SINGLE: dict[str, tuple[Callable[[Any], bool], str]] = {
     "map": (lambda file: file is None or isinstance(file, str | os.PathLike), "the path of an OpenDRIVE file"),
     "cover": (lambda cover: cover in (None, *COVERS), f"one of {', '.join(COVERS)}"),
+    "occupancy": (lambda occupancy: occupancy in OCCUPANCIES, f"one of {', '.join(OCCUPANCIES)}"),
     "probe": (lambda probe: isinstance(probe, bool), "True or False"),
     "subject": (lambda subject: subject in (None, "all") or type(subject) is int, "an entrance, counted from 0, or 'all'"),
 }
@@ -186,6 +205,8 @@ def _refuse(asked: Mapping[str, Any]) -> None:
     given = {name for name, value in asked.items() if value is not None}
     if given >= {"classes", "scenarios"}:
         raise ScenarioError("give classes= or scenarios=, not both: a scenario names its class")
+    if given & {"classes", "scenarios"} and asked["cover"] in CHOOSING:
+        raise ScenarioError(f"cover={asked['cover']!r} chooses scenarios itself: leave classes= and scenarios= out, or the cover")
     if given >= {"grid", "distances"} or given & {"speeds", "distances"} == {"speeds"}:
         raise ScenarioError("give either grid=, or distances= with speeds=")
     if given & {"traffic", "subject"} == {"traffic"}:

@@ -45,27 +45,37 @@ class Cell:
 
 
 def cells_of(
-    selection: Selection, policies: Sequence[Policy | None], rules: Sequence[Rule | None], requirements: tuple[str, ...]
+    selection: Selection,
+    policies: Sequence[Policy | None],
+    rules: Sequence[Rule | None],
+    requirements: tuple[str, ...],
+    unfit: list[ScenarioError],
 ) -> Iterator[Cell]:
     """Yield the cells of a selection, the rule innermost; there are thousands, so what they share is worked out once.
 
-    Raises:
-        ScenarioError: a vehicle would start before its approach begins.
+    Args:
+        selection: the scenarios.
+        policies: what drives the traffic, one after the other.
+        rules: to judge by.
+        requirements: that the scenarios trace to.
+        unfit: takes, for every scenario that is left out since a vehicle would start before its approach begins, why.
     """
-    from pytest_rvads.scenarios.classes import label
-
     axis = [(rule, (*requirements, rule.requirement) if rule and rule.requirement else requirements) for rule in rules]
     place = selection.place
     longest = max(distance for configuration in selection.configurations for distance in configuration.distances)
-    fits = longest <= min(map(place.approach, range(len(place.entrances))))
+    fits = not any(selection.followers) and longest <= min(map(place.approach, range(len(place.entrances))))
     for scenario in selection:
         if not fits:
-            scenario.fit()
+            try:
+                scenario.starts()
+            except ScenarioError as error:
+                unfit.append(error)
+                continue
         name = scenario.name
         shared: dict[str, str | int] = {
             "junction": place.name,
             "cls": scenario.number,
-            "scenario": label(scenario.placed),
+            "scenario": scenario.label,
             "cfg": scenario.point,
             "rotation": scenario.rotation,
         }

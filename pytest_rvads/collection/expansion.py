@@ -22,14 +22,19 @@ if TYPE_CHECKING:
     from pytest_rvads.collection.ask import Ask
     from pytest_rvads.collection.extensions import Extensions
     from pytest_rvads.options import Options
+    from pytest_rvads.report.session_report import Extent
 
-__all__ = ["LEFT_OUT", "expand", "idle", "unused"]
+__all__ = ["EXTENTS", "LEFT_OUT", "UNFIT", "expand", "idle", "unused"]
 
 T = TypeVar("T")
 _POINTS, _CELLS = 10, 5000
 """From how many points or cells on a terminal shows how far the collection is."""
 LEFT_OUT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
 """Node id of a test to how many points of its grid are beyond v(d)max and were left out."""
+UNFIT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
+"""Likewise to how many scenarios were left out because a vehicle would start before its approach begins."""
+EXTENTS: pytest.StashKey[dict[str, Extent]] = pytest.StashKey()
+"""Junction to how much there is to cover, where its number of ways does not tell."""
 _KNOWN: pytest.StashKey[dict[Known, tuple[str, bool]]] = pytest.StashKey()
 """Known deficiencies: the node id they stand at, and whether they match a cell."""
 
@@ -122,7 +127,7 @@ def _cells(ask: Ask, metafunc: pytest.Metafunc, options: Options, added: Extensi
     watch = partial(watched, metafunc.config, "v(d)max of point", least=_POINTS)
     selection = ask.resolve(test.path.parent, options, added, watch)
     rules = ask.judged_by(selection.place) if takes_rule else (None,)
-    rows, points = selection.count(), len(selection.configurations) * len(selection.senses)
+    rows, points = selection.count(), selection.points
     total = rows * points * len(ask.traffic) * len(rules)
     if total > options.max_items:
         among = f" × {len(ask.traffic)} kinds of traffic" if len(ask.traffic) > 1 else ""
@@ -130,10 +135,19 @@ def _cells(ask: Ask, metafunc: pytest.Metafunc, options: Options, added: Extensi
             f"would expand to {total:,} items ({rows:,} scenarios × {points} points{among} × {len(rules)} rules): "
             "narrow the grid, use --rvads-cover=class, or raise --rvads-max-items"
         )
-    yield from cells_of(selection, ask.traffic, rules, ask.requirement)
-    if selection.left_out:
-        dropped = metafunc.config.stash.setdefault(LEFT_OUT, {})
-        dropped[test.nodeid] = dropped.get(test.nodeid, 0) + selection.left_out
+    unfit: list[ScenarioError] = []
+    yield from cells_of(selection, ask.traffic, rules, ask.requirement, unfit)
+    if len(unfit) == rows * points and unfit:
+        raise unfit[0]
+    stash = metafunc.config.stash
+    for key, count in ((LEFT_OUT, selection.left_out), (UNFIT, len(unfit))):
+        if count:
+            dropped = stash.setdefault(key, {})
+            dropped[test.nodeid] = dropped.get(test.nodeid, 0) + count
+    from pytest_rvads.collection.extents import extended
+
+    known: dict[str, Extent] = stash.setdefault(EXTENTS, {})
+    stash[EXTENTS] = extended(known, selection)
 
 
 def _add(cell: Cell, cells: dict[str, Cell]) -> None:

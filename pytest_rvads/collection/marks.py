@@ -27,6 +27,8 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
     classes: int | Iterable[int] | None = None,
     scenarios: str | Iterable[str] | None = None,
     cover: str | None = None,
+    occupancy: str = "arms",
+    followers: int | Iterable[int] | None = None,
     grid: str | Iterable[str] | None = None,
     distances: float | Sequence[Any] | NDArray[Any] | None = None,
     speeds: float | Sequence[Any] | NDArray[Any] | None = None,
@@ -35,7 +37,7 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
     subject: int | str | None = None,
     traffic: str | Factory | Iterable[str | Factory] | None = None,
     senses: Senses | Iterable[Senses] | Mapping[str, Any] | None = None,
-    duration: float = 60.0,
+    duration: float | None = None,
     aggression: int = 1,
     wait: float = 1.5,
     requirement: str | Iterable[str] | None = None,
@@ -49,8 +51,15 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
         map: OpenDRIVE file, looked for beside the test file, then in the working directory; by default the
             one of ``rvads_map``, if any.
         classes: numbers of structural equivalence classes; all by default.
-        scenarios: direction strings such as ``"1133"`` that stand at row 0 of their class, instead of `classes`.
+        scenarios: direction strings such as ``"1133"``, or ``"13_2_0_31"`` where arms have several lanes, that stand at row 0 of
+            their class, instead of `classes`.
         cover: ``"class"`` runs one scenario per class, ``"scenario"`` every distinct member, ``"rotation"`` all rows.
+            ``"partial"`` runs one per class of scenarios that may leave entrances empty, full ones included: 69 at four ways.
+            ``"pairs"`` runs as few scenarios as are easily found in which every pair of movements from different entrances
+            happens; ``"conflicts"`` likewise those that cross or merge.
+        occupancy: what a full scenario is: ``"arms"``, one vehicle on every arm, on any of its lanes; or ``"lanes"``, one on
+            every lane. The same with one lane per arm.
+        followers: how many vehicles queue behind each, 0 to 9, or several numbers to run one after the other.
         grid: ``"paper"``, or letters of the paper's configurations such as ``"CD"``.
         distances: instead of `grid`: metres to the stopping line, a number for all vehicles, a tuple with one
             per entrance, or a list of either, or an array, to run one after the other.
@@ -66,7 +75,7 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
             traffic system of your own, or several of these to run one after the other.
         senses: how imperfectly the vehicle under test sees and acts: `Senses`, several of them to run one after the other,
             or a dict of its fields, ``{"delay": [0, 0.1, 0.2], "range": 40}``; lists are multiplied out. Ideal by default.
-        duration: longest run [s].
+        duration: longest run [s]; 60 by default, or a cycle of the lights and 30 s where they have more than two phases.
         aggression: braking level 1, 2 or 3.
         wait: the random draw of autopilots that have one [s].
         requirement: identifier of the requirement that the scenario traces to, or several; see `--rvads-report=FILE.csv`.

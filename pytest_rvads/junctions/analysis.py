@@ -334,7 +334,8 @@ def _doubts(
     signs: Sequence[Sign],
     right_of: Pairs,
 ) -> Iterator[tuple[Doubt, str]]:
-    if not turns_in_order(((entrances[w.entrance].arm, exits[w.exit].arm, w.turning) for w in ways), len(entrances)):
+    arms = 1 + max(end.arm for end in (*entrances, *exits))
+    if not turns_in_order(((entrances[w.entrance].arm, exits[w.exit].arm, w.turning) for w in ways), arms):
         yield Doubt.ORDER, f"the movements of junction {id!r}, sorted by turn, do not follow the order of its exits"
     if not right_of:
         yield (

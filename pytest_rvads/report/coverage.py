@@ -8,12 +8,13 @@ traffic was asked exercises nothing, nor does NA, an error, or an item that did 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record
-from pytest_rvads.report.session_report import Cell, Report, cell_of
+from pytest_rvads.report.session_report import Cell, Extent, Report, cell_of
 
 __all__ = ["Coverage", "at_junctions", "dropped", "measure", "shortfall", "traced"]
 
@@ -72,12 +73,16 @@ def shortfall(report: Report, least: float) -> str:
 
 
 def dropped(report: Report) -> list[str]:
-    """Return a line on the points of grids that were left out because nobody could stop there, if there are any."""
-    if not report.left_out:
-        return []
-    tests = ", ".join(f"{count} of {test}" for test, count in report.left_out.items())
-    count = sum(report.left_out.values())
-    return [f"{count} point{'' if count == 1 else 's'} beyond v(d)max left out: {tests}"]
+    """Return a line on points of grids in which nobody could stop, and one on scenarios that did not fit, if there are any."""
+    return [
+        f"{sum(tests.values())} {what}{'' if sum(tests.values()) == 1 else 's'} {why} left out: "
+        + ", ".join(f"{count} of {test}" for test, count in tests.items())
+        for what, why, tests in (
+            ("point", "beyond v(d)max", report.left_out),
+            ("scenario", "that would start before an approach begins", report.unfit),
+        )
+        if tests
+    ]
 
 
 def traced(records: Sequence[Record]) -> list[str]:
@@ -89,32 +94,90 @@ def traced(records: Sequence[Record]) -> list[str]:
     return [f"requirement {name}: {_counted(found[name])}" for name in sorted(found)]
 
 
-def at_junctions(records: Sequence[Record], totals: Mapping[int, tuple[int, int]]) -> list[str]:
+def at_junctions(
+    records: Sequence[Record], totals: Mapping[int, tuple[int, int]], extents: Mapping[str, Extent] | None = None
+) -> list[str]:
     """Return a line per junction: what was exercised of it, and the verdicts by status.
 
     Args:
         records: of a session.
         totals: per number of ways, how many classes and how many full scenarios exist, where that is known.
+        extents: how much there is to cover at junctions of which that does not tell.
     """
     here: dict[str, list[Record]] = {}
     for record in records:
         here.setdefault(record.junction, []).append(record)
-    return [_at(junction, found, *totals.get(found[0].ways, ("?", "?"))) for junction, found in here.items()]
+    lines = []
+    for junction, found in here.items():
+        extent = (extents or {}).get(junction)
+        ran = [record for record in found if record.hash and record.status is not Outcome.ERROR]
+        if extent is None:
+            classes, scenarios = totals.get(found[0].ways, ("?", "?"))
+            covered = [*_classes(ran, (classes, scenarios, scenarios), found[0].ways)]
+        else:
+            covered = [*_extent(ran, extent)]
+        lines.append(_at(junction, found, ran, covered))
+    return lines
 
 
-def _at(junction: str, records: Sequence[Record], classes: int | str, scenarios: int | str) -> str:
-    ran = [record for record in records if record.hash and record.status is not Outcome.ERROR]
-    seen = {record.cls for record in ran} - {0}
-    members = {record.scenario for record in ran if record.cls}
-    # As seen from its seat, equal scenarios are rotations of each other; with a subject there are as many classes as scenarios.
-    seated = {r.scenario[r.seat :] + r.scenario[: r.seat] for r in ran if r.cls and r.seat is not None}
-    seats = f"{len(seated)}/{scenarios} classes with a subject, " if seated else ""
+def _at(junction: str, records: Sequence[Record], ran: Sequence[Record], covered: Sequence[str]) -> str:
     runs = {record.hash for record in ran}
     idle = sorted({record.asks for record in records} - {r.asks for r in records if r.status is not Outcome.NA})
-    return (
-        f"{junction}: {len(seen)}/{classes} classes, {seats}{len(members)}/{scenarios} scenarios, {len(runs)} runs, "
-        f"{len(records)} verdicts: {_counted(records)}" + (f"  (never applicable: {', '.join(idle)})" if idle else "")
+    return f"{junction}: {', '.join(covered)}, {len(runs)} runs, {len(records)} verdicts: {_counted(records)}" + (
+        f"  (never applicable: {', '.join(idle)})" if idle else ""
     )
+
+
+def _classes(ran: Sequence[Record], totals: tuple[int | str, int | str, int | str], turns: int, where: str = "") -> Iterator[str]:
+    """Yield what was exercised of full scenarios.
+
+    Args:
+        ran: records of runs; partial scenarios don't count.
+        totals: how many classes, full scenarios and classes with a subject there are.
+        turns: how many rotations the junction has.
+        where: which entrances are occupied.
+    """
+    full = [record for record in ran if record.cls]
+    classes, scenarios, seats = totals
+    yield f"{len({record.cls for record in full})}/{classes} classes{where}"
+    # As seen from its seat, equal scenarios are rotations of each other.
+    seated = {_seated(record.scenario, record.seat, turns) for record in full if record.seat is not None}
+    if seated:
+        yield f"{len(seated)}/{seats} classes with a subject{where}"
+    yield f"{len({record.scenario for record in full})}/{scenarios} scenarios{where}"
+
+
+def _seated(scenario: str, seat: int, turns: int) -> tuple[str, int]:
+    """Return the least of the rotations of a scenario and its seat."""
+    code = scenario.replace("_", "")
+    rows = range(0, len(code), len(code) // turns)
+    return min((code[len(code) - row :] + code[: len(code) - row], (seat + row) % len(code)) for row in rows)
+
+
+def _extent(ran: Sequence[Record], extent: Extent) -> Iterator[str]:
+    """Yield what was exercised, by occupancy, and of partial scenarios and pairs of movements where tests asked for them."""
+    for occupancy, totals in extent.classes.items():
+        # Numbers alone are those of occupied arms.
+        here = [record for record in ran if bool(record.orbit) == (occupancy == "lanes")]
+        where = {"arms": " with a vehicle per arm", "lanes": " with one per lane"}[occupancy] if len(extent.classes) > 1 else ""
+        yield from _classes(here, totals, extent.turns, where)
+    for occupancy, total in extent.partial.items():
+        alone = [record for record in ran if occupancy == "lanes" or _alone(record.scenario)]
+        yield f"{len({record.orbit or record.cls for record in alone})}/{total} classes with partial ones"
+    moves = [[(agent.entrance, agent.exit) for agent in record.agents] for record in ran]
+    made = {pair for found in moves for pair in combinations(sorted(set(found)), 2)}
+    apart = "lanes" not in extent.classes
+    for what, pairs in (("pairs of movements", extent.pairs), ("conflicting pairs", extent.conflicts)):
+        possible = [pair for pair in pairs if not (apart and pair[0][0][0] == pair[1][0][0])]
+        ruled_out = len(pairs) - len(possible)
+        if possible:
+            more = f" (and {ruled_out} of one arm, only with occupancy='lanes')" if ruled_out else ""
+            yield f"{len(made.intersection(possible))}/{len(possible)} {what}{more}"
+
+
+def _alone(scenario: str) -> bool:
+    """Return whether no two vehicles of a scenario stand on one arm."""
+    return "_" not in scenario or all(len(arm.replace("0", "")) <= 1 for arm in scenario.split("_"))
 
 
 def _counted(records: Sequence[Record]) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record
-from pytest_rvads.report.session_report import Cell, Report, in_order
+from pytest_rvads.report.session_report import Cell, Extent, Report, in_order
 
 __all__ = ["merge"]
 
@@ -49,7 +49,9 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
         _exitstatus([report for _, report in reports], merged, bool(clashes)),
         tuple(differences + notes),
         {test: count for _, report in reports for test, count in report.left_out.items()},
-        _seconds([report for _, report in reports]),
+        seconds=_seconds([report for _, report in reports]),
+        unfit={test: count for _, report in reports for test, count in report.unfit.items()},
+        extents=_extents([report for _, report in reports]),
         complete=all(report.complete for _, report in reports),
     )
 
@@ -78,6 +80,21 @@ def _versions(reports: Sequence[tuple[str, Report]]) -> tuple[dict[str, str], li
         if len(where) > 1
     ]
     return {package: ", ".join(where) for package, where in found.items()}, differences
+
+
+def _extents(reports: Sequence[Report]) -> dict[str, Extent]:
+    """Return how much there is to cover, by what any of the sessions asked for."""
+    found: dict[str, Extent] = {}
+    for name, extent in (entry for report in reports for entry in report.extents.items()):
+        known = found.get(name, extent)
+        found[name] = Extent(
+            turns=extent.turns,
+            classes=known.classes | extent.classes,
+            partial=known.partial | extent.partial,
+            pairs=known.pairs or extent.pairs,
+            conflicts=known.conflicts or extent.conflicts,
+        )
+    return found
 
 
 def _seconds(reports: Sequence[Report]) -> dict[str, float]:

@@ -115,7 +115,7 @@ def outline(report: Report, short: bool = False) -> list[Block]:
     lines = (
         *makers(records),
         *extremes(records),
-        *at_junctions(records, report.totals),
+        *at_junctions(records, report.totals, report.extents),
         *timing(records),
         *(slowest(report.seconds, 3, 1.0) if short else slowest(report.seconds, _SLOWEST)),
         *([] if short else traced(records)),

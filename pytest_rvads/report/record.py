@@ -196,6 +196,8 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The replay page, with the time of the violation."""
     change: str = ""
     """Since the baseline, where there is one."""
+    orbit: str = ""
+    """The least scenario of the class, where the number does not tell which one that is."""
 
     @property
     def took_part(self) -> str:
@@ -228,7 +230,7 @@ def planned_record(
         nodeid: of the item.
         line: of the test function in its file.
         test: name of the test function.
-        keys: what selects the cell: junction, cls, scenario, cfg, rotation, and seat, traffic, rule where there is one.
+        keys: what selects the cell: junction, cls, scenario, cfg, rotation, and seat, traffic, rule, orbit where there is one.
         ways: number of arms of the junction.
         requirements: identifiers of what scenario and rule trace to.
     """

@@ -7,18 +7,36 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from msgspec import Meta
+from msgspec import Meta, Struct
 
 from pytest_rvads.report.record import Record
 
-__all__ = ["UNFINISHED", "Cell", "Change", "Comparison", "Report", "begun", "cell_of", "in_order"]
+__all__ = ["UNFINISHED", "Cell", "Change", "Comparison", "Extent", "Move", "Report", "begun", "cell_of", "in_order"]
 
 UNFINISHED = 2
 """Exit status of a session that did not come to its end, as of one that was interrupted."""
 
-Cell = tuple[str, int, str, str, int | None, str | None]
+Cell = tuple[str, int | str, str, str, int | None, str | None]
 """Junction, class, configuration, rule, seat of the subject, traffic around it; where a test has no rule axis, its name stands
-for the rule."""
+for the rule, and where a number does not tell a class, its least member for that."""
+Move = tuple[tuple[int, int], tuple[int, int]]
+"""A movement: arm and lane that it comes from, arm and lane that it leads to."""
+
+
+class Extent(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """How much there is to cover at a junction."""
+
+    turns: Annotated[int, Meta(ge=1)]
+    """How many rotations keep its lanes, movements and signs."""
+    classes: dict[str, tuple[int, int, int]] = {}
+    """By the occupancy that tests asked for: how many classes of full scenarios exist, how many full scenarios, and how many
+    classes of scenarios with a subject."""
+    partial: dict[str, int] = {}
+    """By occupancy, how many classes exist with those of scenarios that leave entrances empty, where tests asked for them."""
+    pairs: tuple[tuple[Move, Move], ...] = ()
+    """Pairs of movements from different entrances, where they count."""
+    conflicts: tuple[tuple[Move, Move], ...] = ()
+    """Those of them that cross or merge."""
 
 
 _KINDS = {
@@ -109,6 +127,10 @@ class Report:
     """With the baseline, where there is one."""
     complete: bool = True
     """False from the beginning of a session until it has come to its end, whatever ended it; so for ever if it died."""
+    unfit: dict[str, int] = field(default_factory=dict)
+    """Test to how many scenarios were left out because a vehicle would start before its approach begins."""
+    extents: dict[str, Extent] = field(default_factory=dict)
+    """Junction to how much there is to cover, where `totals` do not tell."""
 
     @property
     def ended(self) -> int:
@@ -116,15 +138,28 @@ class Report:
         return self.exitstatus if self.complete else UNFINISHED
 
 
-def begun(records: Sequence[Record], totals: dict[int, tuple[int, int]], planned: Sequence[Cell]) -> Report:
+def begun(
+    records: Sequence[Record],
+    totals: dict[int, tuple[int, int]],
+    planned: Sequence[Cell],
+    extents: dict[str, Extent] | None = None,
+) -> Report:
     """Return the report of a session that has not ended, with what is to run, where that is known; arguments as its fields."""
     note = "INCOMPLETE: the session that writes this report has not ended, or died; `rvads report check` says what it has judged"
-    return Report(in_order(records), totals, tuple(planned), exitstatus=UNFINISHED, notes=(note,), complete=False)
+    return Report(
+        in_order(records),
+        totals,
+        tuple(planned),
+        exitstatus=UNFINISHED,
+        notes=(note,),
+        extents=extents or {},
+        complete=False,
+    )
 
 
 def cell_of(record: Record) -> Cell:
     """Return the cell of a table that a record belongs to; the rows of a class share it."""
-    return record.junction, record.cls, record.cfg, record.rule or record.test, record.seat, record.traffic
+    return record.junction, record.orbit or record.cls, record.cfg, record.rule or record.test, record.seat, record.traffic
 
 
 def in_order(records: Sequence[Record]) -> tuple[Record, ...]:

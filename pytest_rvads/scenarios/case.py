@@ -14,12 +14,7 @@ from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario
 
-__all__ = ["QUEUE_GAP", "QUEUE_TIME", "Case", "Fleet"]
-
-QUEUE_GAP = 2.0
-"""Between two vehicles of a queue, beside what they keep for their speed [m]."""
-QUEUE_TIME = 1.0
-"""Headway that followers start with [s]."""
+__all__ = ["Case", "Fleet"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,28 +85,10 @@ class Case:
     def starts(self) -> tuple[tuple[float, float], ...]:
         """Return per agent its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
 
-        Whoever follows starts as fast as the one ahead, `QUEUE_GAP` and `QUEUE_TIME` behind its body.
-
         Raises:
             ScenarioError: a vehicle would start before its approach begins.
         """
-        found: list[tuple[float, float]] = []
-        before: Agent | None = None
-        for agent in self.agents():
-            if before is None or before.entrance != agent.entrance:
-                distance, speed = self.scenario.start(agent.entrance)
-            else:
-                distance += self.fleet.of(before.name).length + QUEUE_GAP + QUEUE_TIME * speed
-            room = self.scenario.place.approach(agent.entrance)
-            if distance > room:
-                raise ScenarioError(
-                    f"{agent.name} would start {distance:g} m before the line, the approach of entrance {agent.entrance} of "
-                    f"junction {self.scenario.place.name!r} is {room:.1f} m long: choose a smaller distance, fewer followers, or "
-                    "another junction"
-                )
-            found.append((distance, speed))
-            before = agent
-        return tuple(found)
+        return self.scenario.starts(self.fleet.of)
 
     def agents(self) -> tuple[Agent, ...]:
         """Return the agents with their kinds and sizes, by entrance."""

@@ -4,25 +4,42 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Any
 
 from pytest_rvads.errors import ScenarioError, require
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
-from pytest_rvads.runs.lights import SignalPlan
+from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
 from pytest_rvads.runs.states import Agent
-from pytest_rvads.scenarios.classes import class_label, class_number, label, parse, rotate
+from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.classes import label, parse
 from pytest_rvads.scenarios.configurations import explicit_label, per_entrance
+from pytest_rvads.scenarios.orbits import OCCUPANCIES, Directions, Orbits, rotate
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
-__all__ = ["SPEED_LIMIT", "Scenario", "check_numbers"]
+__all__ = [
+    "MOST_FOLLOWERS",
+    "QUEUE_GAP",
+    "QUEUE_TIME",
+    "SPEED_LIMIT",
+    "Scenario",
+    "check_followers",
+    "check_numbers",
+    "first_green",
+    "usual_duration",
+]
 
 SPEED_LIMIT = 11.176
 """City speed limit of the paper, 25 mph [m/s]."""
 MOST_FOLLOWERS = 9
 """Most vehicles that queue behind each."""
+QUEUE_GAP = 2.0
+"""Between two vehicles of a queue, beside what they keep for their speed [m]."""
+QUEUE_TIME = 1.0
+"""Headway that followers start with [s]."""
 _IN_IDS = re.compile(r"[A-Za-z0-9_.-]+")
 
 
@@ -31,7 +48,7 @@ class Scenario:
     """One vehicle per occupied entrance of a junction, each with a direction, a distance and a speed.
 
     Everything is given per entrance as it stands before rotation; row `rotation` of the class moves directions,
-    distances, speeds and creation order on by that many entrances and, when odd, swaps the light phase.
+    distances, speeds and creation order on by that many entrances and takes the light phase along, see `signals`.
 
     Example:
         >>> Scenario(find("stop4"), "1133", distance=20, speed=10).name
@@ -41,7 +58,7 @@ class Scenario:
     place: Junction
     """Where it happens."""
     directions: tuple[int, ...]
-    """Per entrance before rotation: symbolic direction 1..n-1, 0 where nobody stands."""
+    """Per entrance before rotation: symbolic direction as of `Junction.by_direction`, 0 where nobody stands."""
     distances: tuple[float, ...]
     """Per entrance before rotation: reference point to stopping line [m]."""
     speeds: tuple[float, ...]
@@ -73,7 +90,7 @@ class Scenario:
         speed: float | Sequence[float] = 0.0,
         rotation: int = 0,
         configuration: str | None = None,
-        duration: float = 60.0,
+        duration: float | None = None,
         aggression: int = 1,
         wait: float = 1.5,
         subject: int | None = None,
@@ -81,10 +98,11 @@ class Scenario:
         senses: Senses = IDEAL,
         followers: int = 0,
     ) -> None:
-        """Describe a scenario; numbers may be given once for all entrances.
+        """Describe a scenario; numbers may be given once for all entrances, and the longest run is `usual_duration` by default.
 
         Raises:
-            ScenarioError: a direction, number or length that does not fit, or a junction that is none.
+            ScenarioError: a direction that the junction does not have there, a number or length that does not fit, or a junction
+                that is none.
         """
         require(place, Junction, "a scenario needs a junction, such as rvads.find('stop4')", ScenarioError)
         code = parse(directions)
@@ -93,14 +111,17 @@ class Scenario:
             raise ScenarioError(
                 f"directions {label(code)!r} describe {count} entrances, junction {place.name!r} has {len(place.entrances)}"
             )
-        if not _within(followers, MOST_FOLLOWERS + 1):
-            raise ScenarioError(f"followers must be a whole number from 0 to {MOST_FOLLOWERS}, got {followers!r}")
+        check_followers(followers)
         distances = per_entrance("distance", distance, count)
         speeds = per_entrance("speed", speed, count)
         _check_rotation(place, rotation)
+        _check_directions(place, rotate(code, rotation))
+        duration = usual_duration(place) if duration is None else duration
         check_numbers(duration, aggression, wait)
         if subject is not None and not (_within(subject, count) and code[subject - rotation]):
-            raise ScenarioError(f"subject must be an occupied entrance of {label(rotate(code, rotation))}, got {subject!r}")
+            raise ScenarioError(
+                f"subject must be an occupied entrance of {label(rotate(code, rotation), place.lanes)}, got {subject!r}"
+            )
         made = tuple(range(count)) if order is None else _order(order, count)
         if configuration is None:
             configuration = explicit_label(distances, speeds)
@@ -139,8 +160,19 @@ class Scenario:
 
     @property
     def number(self) -> int:
-        """Number of the structural equivalence class, 0 for a partial scenario."""
-        return class_number(self.directions)
+        """Number of the structural equivalence class, 0 for a partial scenario: one that is full in no sense of `OCCUPANCIES`."""
+        return _orbit(self.place, self.directions)[1]
+
+    @property
+    def orbit(self) -> str:
+        """Label of the least member of its class, where the number alone does not tell which one that is; else empty.
+
+        Numbers are those of scenarios with one vehicle on each arm, as long as these are meant by full ones.
+        """
+        orbits, number = _orbit(self.place, self.directions)
+        if number and orbits == Orbits.at(self.place):
+            return ""
+        return label(orbits.representative(self.directions), self.place.lanes)
 
     @property
     def creation(self) -> tuple[int, ...]:
@@ -155,8 +187,9 @@ class Scenario:
         if self.order != tuple(range(len(self.order))):
             turned += f".o{label(self.order)}"
         seat = "" if self.subject is None else f"-s{self.subject}"
-        scenario = f"{class_label(len(self.directions), self.number)}-as{self.label}{seat}"
-        return f"{self.place.name}-{scenario}-cfg{self.point}{turned}"
+        orbits, number = _orbit(self.place, self.directions)
+        cls = (orbits if number else Orbits.at(self.place)).label(number)
+        return f"{self.place.name}-{cls}-as{self.label}{seat}-cfg{self.point}{turned}"
 
     @property
     def point(self) -> str:
@@ -174,20 +207,34 @@ class Scenario:
         before = (entrance - self.rotation) % len(self.directions)
         return self.distances[before], self.speeds[before]
 
-    def fit(self) -> None:
-        """Check that every vehicle starts on its approach.
+    def starts(self, body: Callable[[str], Vehicle] = lambda _: Vehicle()) -> tuple[tuple[float, float], ...]:
+        """Return per agent its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
+
+        Whoever follows starts as fast as the one ahead, `QUEUE_GAP` and `QUEUE_TIME` behind its body.
+
+        Args:
+            body: the vehicle of the agent of a name; passenger cars by default.
 
         Raises:
-            ScenarioError: a distance is longer than the approach of its entrance.
+            ScenarioError: a vehicle would start before its approach begins.
         """
-        for entrance, direction in enumerate(self.placed):
-            distance, _ = self.start(entrance)
-            room = self.place.approach(entrance)
-            if direction and distance > room:
+        found: list[tuple[float, float]] = []
+        before: Agent | None = None
+        for agent in self.agents():
+            if before is None or before.entrance != agent.entrance:
+                distance, speed = self.start(agent.entrance)
+            else:
+                distance += body(before.name).length + QUEUE_GAP + QUEUE_TIME * speed
+            room = self.place.approach(agent.entrance)
+            if distance > room:
+                cure = "a smaller distance, fewer followers" if self.followers else "a smaller distance"
                 raise ScenarioError(
-                    f"distance {distance:g} m does not fit on entrance {entrance} of junction {self.place.name!r}: its approach "
-                    f"is {room:.1f} m long, choose a smaller distance or another junction"
+                    f"distance {distance:g} m does not fit on entrance {agent.entrance} of junction {self.place.name!r}, where "
+                    f"{agent.name} starts: its approach is {room:.1f} m long, choose {cure} or another junction"
                 )
+            found.append((distance, speed))
+            before = agent
+        return tuple(found)
 
     def agents(self) -> tuple[Agent, ...]:
         """Return the agents, by entrance; followers right behind the first one there."""
@@ -204,9 +251,8 @@ class Scenario:
         return tuple(Itinerary.through(self.place, *a.route.key) for a in self.agents())
 
     def signals(self) -> SignalPlan:
-        """Return the signal plan: the group of entrance 0 has green at t = 0 for an even rotation."""
-        groups = self.place.phase_groups
-        return SignalPlan(groups, self.rotation % 2 if len(groups) > 1 else 0)
+        """Return the signal plan, see `first_green`."""
+        return SignalPlan(self.place.phase_groups, first_green(self.place, self.rotation))
 
     def describe(self) -> str:
         """Return the start in one line: name, movements, distances, speeds."""
@@ -231,16 +277,55 @@ def _within(value: object, count: int) -> bool:
 
 
 def _check_rotation(place: Junction, rotation: int) -> None:
-    """Check that a row moves every entrance on by as many arms, to the same lane there."""
-    count = len(place.entrances)
+    """Check that a row moves the junction onto itself: lanes, movements and signs."""
+    count, rows = len(place.entrances), Orbits.at(place).rows
     if not _within(rotation, count):
         raise ScenarioError(f"rotation must be one of 0..{count - 1} for {count} entrances, got {rotation!r}")
-    pairs = zip(place.entrances, rotate(place.entrances, -rotation), strict=True) if rotation else ()
-    if len({((there.arm - here.arm) % place.ways, there.lane - here.lane) for here, there in pairs}) > 1:
+    if rotation not in rows:
         raise ScenarioError(
-            f"rotation {rotation} of junction {place.name!r} would take lanes of one arm to different arms or lanes, since its "
-            "arms don't have as many entrances each: give the directions as they stand on the map"
+            f"rotation must be one of {', '.join(map(str, rows))}, by so many entrances junction {place.name!r} keeps its lanes, "
+            f"movements and signs, got {rotation}: give the directions as they stand on the map"
         )
+
+
+def _check_directions(place: Junction, placed: Directions) -> None:
+    """Check that there is a movement for everybody."""
+    for entrance, direction in enumerate(placed):
+        if direction and (entrance, direction) not in place.by_direction:
+            try:
+                place.leads(entrance, direction)
+            except ScenarioError as refused:
+                raise ScenarioError(f"{refused}, and 0 is nobody, got {label(placed, place.lanes)!r}") from None
+
+
+@lru_cache(maxsize=4096)
+def _orbit(place: Junction, code: Directions) -> tuple[Orbits, int]:
+    """Return the full scenarios that `code` is one of, and the number of its class; partial ones and 0 where it is none."""
+    for orbits in (Orbits.at(place, occupancy) for occupancy in OCCUPANCIES):
+        if number := orbits.number(code):
+            return orbits, number
+    return Orbits.at(place, partial=True), 0
+
+
+def first_green(place: Junction, rotation: int) -> int:
+    """Return the number of the phase group that has green at t = 0: that of entrance 0, or whichever the rotation takes it to.
+
+    With one lane per arm the groups change places for odd rotations, as in the paper, whether they do so on the map or not.
+    """
+    groups, count = place.phase_groups, len(place.entrances)
+    if place.one_lane_each:
+        return rotation % 2 if len(groups) > 1 else 0
+    moved = [frozenset((entrance + rotation) % count for entrance in group) for group in groups[:1]]
+    return next((groups.index(group) for group in moved if group in groups), 0)
+
+
+def usual_duration(place: Junction) -> float:
+    """Return how long runs may take where nothing else is said [s]: 60, or more where lights need it.
+
+    A cycle of more than two groups takes longer; everybody is to have had green once, and then half a minute to leave.
+    """
+    groups = len(place.phase_groups)
+    return 60.0 if groups <= 2 else groups * (GREEN + YELLOW + CLEARANCE) + 30.0
 
 
 def _order(order: object, count: int) -> tuple[int, ...]:
@@ -249,8 +334,18 @@ def _order(order: object, count: int) -> tuple[int, ...]:
     raise ScenarioError(f"order must name each of the entrances 0..{count - 1} once, got {order!r}")
 
 
-def check_numbers(duration: float, aggression: int, wait: float) -> None:
-    """Check what does not depend on the junction, and raise a `ScenarioError` for what is out of range."""
+def check_followers(followers: int) -> None:
+    """Check how many vehicles queue behind each, and raise a `ScenarioError` where that is no such number."""
+    if not _within(followers, MOST_FOLLOWERS + 1):
+        raise ScenarioError(f"followers must be a whole number from 0 to {MOST_FOLLOWERS}, got {followers!r}")
+
+
+def check_numbers(duration: float | None, aggression: int, wait: float) -> None:
+    """Check what does not depend on the junction, and raise a `ScenarioError` for what is out of range.
+
+    A duration of None is the usual one.
+    """
+    duration = 60.0 if duration is None else duration
     if not (_within(aggression, 4) and aggression):
         raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")
     for name, seconds in (("duration", duration), ("wait", wait)):

@@ -1,25 +1,30 @@
-"""From what a test asks for to the scenarios to run: classes or members, rows, configurations."""
+"""From what a test asks for to the scenarios to run: classes, members, rows or pairs of movements, and configurations."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.scenarios.classes import Directions, classes, count_classes, count_scenarios, members, rotate, rotations, seats
 from pytest_rvads.scenarios.configurations import Configuration
+from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
+from pytest_rvads.scenarios.pairs import PAIRED, covering
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
-__all__ = ["COVERS", "Selection"]
+__all__ = ["CHOOSING", "COVERS", "Selection"]
 
-COVERS = ("class", "scenario", "rotation")
-"""One row per class; every distinct member; all n rows, as in the paper's tables."""
+CHOOSING = ("partial", *PAIRED)
+"""One row per class of scenarios that may leave entrances empty; enough scenarios for every pair of movements, or of those that
+conflict."""
+COVERS = ("class", "scenario", "rotation", *CHOOSING)
+"""One row per class; every distinct member; all rows, as in the paper's tables; and those that choose scenarios themselves."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Selection:
     """Abstract scenarios of one junction times configurations.
 
@@ -31,25 +36,33 @@ class Selection:
     configurations: tuple[Configuration, ...]
     cover: str = "class"
     """One of `COVERS`."""
+    occupancy: str = "arms"
+    """One of `pytest_rvads.scenarios.orbits.OCCUPANCIES`."""
     classes: tuple[int, ...] | None = None
     """Class numbers, or None for all."""
     scenarios: tuple[Directions, ...] | None = None
     """Scenarios that stand at row 0 of their class, or None for the representatives."""
     subject: int | str | None = None
     """Entrance of the vehicle under test among traffic, or ``"all"`` for every seat in turn."""
+    followers: tuple[int, ...] = (0,)
+    """How many vehicles queue behind each, one after the other, for every configuration."""
     senses: tuple[Senses, ...] = (IDEAL,)
-    """One after the other, for every configuration."""
-    duration: float = 60.0
+    """Likewise."""
+    duration: float | None = None
+    """Longest run [s]; `usual_duration` where None."""
     aggression: int = 1
     wait: float = 1.5
     left_out: int = 0
     """How many more configurations were asked for, in which nobody could stop."""
 
     def __post_init__(self) -> None:
-        entrances, total = self.entrances, count_classes(self.entrances)
+        entrances, total = self.entrances, self.orbits.count
         for number in self.classes or ():
             if not 1 <= number <= total:
-                raise ScenarioError(f"a {self.place.ways}-way junction has classes 1..{total}, got {number!r}")
+                many = "" if self.place.one_lane_each else f" of occupancy={self.occupancy!r}"
+                raise ScenarioError(f"a {self.place.ways}-way junction has classes 1..{total}{many}, got {number!r}")
+        if (self.classes is not None or self.scenarios is not None) and self.cover in CHOOSING:
+            raise ScenarioError(f"cover={self.cover!r} chooses scenarios itself: leave classes= and scenarios= out, or the cover")
         if self.subject not in (None, "all", *range(entrances)):
             raise ScenarioError(f"subject must be an entrance, 0 to {entrances - 1}, or 'all', got {self.subject!r}")
 
@@ -58,23 +71,37 @@ class Selection:
         """Number of entrances."""
         return len(self.place.entrances)
 
+    @property
+    def points(self) -> int:
+        """Number of runs per abstract scenario."""
+        return len(self.configurations) * len(self.followers) * len(self.senses)
+
+    @cached_property
+    def orbits(self) -> Orbits:
+        """The scenarios to choose from, and their classes."""
+        return Orbits.at(self.place, self.occupancy, partial=self.cover == "partial")
+
     def count(self) -> int:
-        """Return how many abstract scenarios (rows and seats) are selected, without listing a whole arity."""
-        if self.classes is None and self.scenarios is None:
-            seats_each = self.entrances if self.subject == "all" else 1
-            if self.cover == "rotation":
-                return count_classes(self.entrances) * self.entrances * seats_each
-            if self.cover == "scenario":
-                return count_scenarios(self.entrances) * seats_each
-            # By symmetry there are as many classes of (scenario, seat) as scenarios.
-            return count_classes(self.entrances) if self.subject is None else count_scenarios(self.entrances)
-        return sum(len(self._seated(first)) for first in self._firsts())
+        """Return how many abstract scenarios (rows and seats) are selected, without listing all classes."""
+        if self.classes is not None or self.scenarios is not None or self.cover in PAIRED:
+            return sum(len(self._seated(first)) for first in self._firsts())
+        orbits = self.orbits
+        once = self.cover in ("class", "partial")
+        if self.subject is None:
+            whole = orbits.scenarios if self.cover == "scenario" else orbits.count
+            return whole * orbits.blocks if self.cover == "rotation" else whole
+        seats = range(self.entrances) if self.subject == "all" else [int(self.subject)]
+        if self.cover == "rotation":
+            return sum(map(orbits.turned, seats))
+        # No rotation but that by nothing keeps a seat, so that every class of (scenario, seat) has as many members as there are.
+        seated = sum(map(orbits.seated, seats))
+        return seated // orbits.blocks if once and self.subject == "all" else seated
 
     def __iter__(self) -> Iterator[Scenario]:
         """Yield the scenarios, class by class, row by row, configuration by configuration."""
         for first in self._firsts():
             for row, subject in self._seated(first):
-                for configuration, senses in product(self.configurations, self.senses):
+                for configuration, followers, senses in product(self.configurations, self.followers, self.senses):
                     yield Scenario(
                         self.place,
                         first,
@@ -87,6 +114,7 @@ class Selection:
                         wait=self.wait,
                         subject=subject,
                         senses=senses,
+                        followers=followers,
                     )
 
     def _firsts(self) -> Iterator[Directions]:
@@ -94,33 +122,41 @@ class Selection:
         if self.scenarios is not None:
             yield from self.scenarios
             return
+        if self.cover in PAIRED:
+            yield from self._paired
+            return
         wanted = None if self.classes is None else frozenset(self.classes)
-        for number, code in enumerate(classes(self.entrances), start=1):
+        for number, code in enumerate(self.orbits, start=1):
             if wanted is None or number in wanted:
                 yield code
             if wanted is not None and number >= max(wanted):
                 return
 
+    @cached_property
+    def _paired(self) -> tuple[Directions, ...]:
+        seat = self.subject if isinstance(self.subject, int) else None
+        return covering(self.place, self.orbits, seat, conflicting=self.cover == "conflicts")
+
     def _seated(self, first: Directions) -> list[tuple[int, int | None]]:
         """Return rows and the entrance of the subject there.
 
-        With a subject, ``cover="class"`` runs every class of (scenario, seat) once: where the seat is fixed the scenario is
-        rotated through it, else the seat moves.
+        With a subject, classes are run once for every (scenario, seat): where the seat is fixed the scenario is rotated through
+        it, else the seat moves.
         """
+        once = self.cover in ("class", "partial") and self.scenarios is None
         if self.subject is None:
             return [(row, None) for row in self._rows(first)]
         if self.subject == "all":
-            if self.cover == "class":
-                return [(0, seat) for seat in seats(first)]
+            if self.cover in ("class", "partial"):
+                return [(0, seat) for seat in self.orbits.seats(first)]
             return [(row, seat) for row in self._rows(first) for seat, d in enumerate(rotate(first, row)) if d]
         seat = int(self.subject)
-        rows = range(len(members(first))) if self.cover == "class" and self.scenarios is None else self._rows(first)
-        return [(row, seat) for row in rows]
+        rows = self.orbits.rows[: len(self.orbits.members(first))] if once else self._rows(first)
+        # A scenario that is named stays as it is, and tells that nobody sits there.
+        return [(row, seat) for row in rows if self.scenarios is not None or rotate(first, row)[seat]]
 
     def _rows(self, first: Directions) -> Sequence[int]:
-        if self.cover == "class":
-            return (0,)
-        rows = rotations(first)
+        rows = self.orbits.rows
         if self.cover == "rotation":
-            return range(len(rows))
-        return [rows.index(member) for member in members(first)]
+            return rows
+        return rows[: len(self.orbits.members(first))] if self.cover == "scenario" else rows[:1]

@@ -26,7 +26,7 @@ from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.classes import label
-from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.scenario import Scenario, usual_duration
 from pytest_rvads.search.abstraction import Model
 from pytest_rvads.search.consistency import decide
 from pytest_rvads.search.space import Space, explored
@@ -254,10 +254,10 @@ def pasteable(scenario: Scenario, rule: str) -> str:
 
     place = scenario.place
     built_in = place.map is None
-    arguments = [repr(place.name if built_in else place.id), f"scenarios={label(scenario.directions)!r}"]
+    arguments = [repr(place.name if built_in else place.id), f"scenarios={label(scenario.directions, place.lanes)!r}"]
     arguments += [f"distances={text(scenario.distances)}", f"speeds={text(scenario.speeds)}", f"rules={rule!r}"]
     arguments += [] if built_in else [f"map={place.map!r}"]
-    for name, usual in (("subject", None), ("wait", 1.5), ("aggression", 1), ("duration", 60.0)):
+    for name, usual in (("subject", None), ("wait", 1.5), ("aggression", 1), ("duration", usual_duration(place))):
         if getattr(scenario, name) != usual:
             arguments.append(f"{name}={getattr(scenario, name)!r}")
     lines = [

@@ -15,7 +15,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.scenarios.classes import rotate
+from pytest_rvads.scenarios.orbits import rotate
 from pytest_rvads.search.metamorphic import judged
 from pytest_rvads.search.sidebyside import side_by_side
 from pytest_rvads.simulators.simulator import Simulator
@@ -86,7 +86,7 @@ def determinate(
 
     Raises:
         MetamorphicViolation: the continuation differs.
-        ScenarioError: lights, or a time at which somebody is past the line or gone.
+        ScenarioError: lights, followers, or a time at which somebody is past the line or gone.
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
@@ -95,6 +95,10 @@ def determinate(
     if junction.phase_groups:
         raise ScenarioError(
             f"a run at {junction.name} can't be restarted: its lights would start anew; choose one without lights"
+        )
+    if case.scenario.followers:
+        raise ScenarioError(
+            f"{case.scenario.name} can't be restarted: followers start at a fixed gap, not where they were; choose followers=0"
         )
     chosen = rules_for(rules, junction)
     run, before = judged(case, chosen, simulator)

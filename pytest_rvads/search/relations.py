@@ -19,7 +19,8 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.scenarios.classes import rotate
+from pytest_rvads.scenarios.orbits import Orbits, rotate
+from pytest_rvads.scenarios.scenario import first_green
 from pytest_rvads.search.remap import mirrored, moved
 from pytest_rvads.search.symmetry import broken_by, rotations_of
 
@@ -71,14 +72,28 @@ def rotation(case: Case) -> Iterator[Variant | Incomparable]:
     symmetries = {symmetry.arms: symmetry for symmetry in rotations_of(junction)}
     for arms in range(1, junction.ways):
         what, found = f"rotation by {arms}", symmetries.get(arms)
-        # Rows of a class swap the phase when they are odd; a junction may need something else.
         if found is None:
             yield Incomparable(what, f"{junction.name} has other {' and '.join(broken_by(junction, arms))} there")
-        elif len(junction.phase_groups) > 1 and found.swaps != bool(found.rows % 2):
+        elif not _lights_follow(junction, scenario.rotation, found.rows):
             yield Incomparable(what, f"the lights of {junction.name} do not follow the rotation")
         else:
             image = rotate(_same(case), -found.rows)
             yield Variant(what, _moved(case, image, rotation=(scenario.rotation + found.rows) % len(image)), image)
+
+
+def _lights_follow(junction: Junction, rotation: int, rows: int) -> bool:
+    """Return whether every group has green when the one did that is moved on to it by so many more rows.
+
+    Rows of a class change the phase in a way of their own; a junction may need another one.
+    """
+    groups, count = junction.phase_groups, len(junction.entrances)
+    if len(groups) < 2:
+        return True
+    now, then = (
+        rotate(groups, -first_green(junction, rotation)),
+        rotate(groups, -first_green(junction, (rotation + rows) % count)),
+    )
+    return all(frozenset((e + rows) % count for e in one) == other for one, other in zip(now, then, strict=True))
 
 
 def creation(case: Case) -> Iterator[Variant | Incomparable]:
@@ -147,7 +162,8 @@ def _moved(case: Case, image: tuple[int, ...], **changes: Any) -> Case:
     before = case.scenario
     after = before.but(subject=None if before.subject is None else image[before.subject], **changes)
     names = {before.place.vehicle_at(e): after.place.vehicle_at(there) for e, there in enumerate(image)}
-    others = {names[name]: vehicle for name, vehicle in case.fleet.others.items()}
+    queue = {name: name.partition("+") for name in case.fleet.others}  # a0+1 follows a0
+    others = {"".join((names[queue[name][0]], *queue[name][1:])): vehicle for name, vehicle in case.fleet.others.items()}
     return replace(case, scenario=after, fleet=replace(case.fleet, others=others))
 
 
@@ -167,18 +183,23 @@ def _elsewhere(
     image = tuple(numbers[arms[lane.arm], lane.lane] for lane in before.entrances)
     count = len(image)
     placed = [0] * count
+    exits = {(lane.arm, lane.lane): x for x, lane in enumerate(after.exits)}
+    directions = {movement.key: direction for (_, direction), movement in after.by_direction.items()}
     for e, direction in enumerate(scenario.placed):
         if direction:
-            arm = before.entrances[e].arm
-            placed[image[e]] = (arms[(arm + direction) % before.ways] - arms[arm]) % before.ways
+            exit = before.exits[before.leads(e, direction).exit]
+            placed[image[e]] = directions[image[e], exits[arms[exit.arm], exit.lane]]
     row = 0
     if before.phase_groups:
         green = frozenset(image[e] for e in before.phase_groups[scenario.signals().first])
         if green not in after.phase_groups:
             return Incomparable(what, "the lights are grouped in another way there")
-        row = after.phase_groups.index(green) % 2
+        rows = (row for row in Orbits.at(after).rows if after.phase_groups[first_green(after, row)] == green)
+        row = next(rows, -1)
+        if row < 0:
+            return Incomparable(what, "no rotation there begins with the same lights")
     starts = [scenario.start(image.index(e)) for e in range(count)]
-    # Row 1 of a class swaps the phase; everything else is turned back first, so that it ends where it has to be.
+    # A row of a class changes the phase; everything else is turned back first, so that it ends where it has to be.
     order = [image[(e + scenario.rotation) % count] for e in scenario.order]
     there = _moved(
         case,

@@ -30,7 +30,7 @@ class Space(TypedDict, total=False):
     pace: float
     wait: tuple[float, float]
     aggression: int
-    duration: float
+    duration: float | None
 
 
 def explored(junction: str | Junction, space: Space) -> Junction:
@@ -48,7 +48,7 @@ def explored(junction: str | Junction, space: Space) -> Junction:
             raise ScenarioError(f"{name} must be {_RIGHT[name][1]}, got {value!r}")
     if not isinstance(junction, str | Junction):
         raise ScenarioError(f"junction must be a name in quotes or what rvads.find returns, got {junction!r:.60}")
-    check_numbers(space.get("duration", 60.0), space.get("aggression", 1), wait=0.0)
+    check_numbers(space.get("duration"), space.get("aggression", 1), wait=0.0)
     if isinstance(junction, Junction) and space.get("map") is not None:
         raise ScenarioError(f"map= is where a junction is looked for by name, got it beside {junction.name!r}: leave it out")
     place = junction if isinstance(junction, Junction) else find(junction, space.get("map"))

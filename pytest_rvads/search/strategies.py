@@ -19,7 +19,7 @@ from pytest_rvads.junctions.finder import find, names
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.vehicle import Vehicle
-from pytest_rvads.scenarios.classes import WAYS, Directions
+from pytest_rvads.scenarios.orbits import Directions, Orbits
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.space import FARTHEST, NEAREST, Space, explored
 from pytest_rvads.simulators.simulator import Simulator, vmax
@@ -65,14 +65,13 @@ def abstract_scenarios(ways: int = 4, *, partial: bool = True) -> SearchStrategy
     Raises:
         ScenarioError: another number of ways than 3..8.
     """
-    if ways not in WAYS:
-        raise ScenarioError(f"the number of ways must be 3 to 8, got {ways!r}")
-    return _codes(ways, ways, partial=partial)
+    return _codes(Orbits.plain(ways, partial=partial))
 
 
-def _codes(ways: int, entrances: int, *, partial: bool) -> SearchStrategy[Directions]:
-    codes = st.tuples(*[st.integers(0 if partial else 1, ways - 1)] * entrances)
-    return codes.filter(any) if partial else codes
+def _codes(orbits: Orbits) -> SearchStrategy[Directions]:
+    letters = [st.integers(0, len(slot) - 1).map(slot.__getitem__) for slot in orbits.slots]
+    codes = st.tuples(*letters).map(lambda chosen: tuple(direction for letter in chosen for direction in letter))
+    return codes.filter(any) if orbits.partial else codes
 
 
 def distances(low: float = NEAREST, high: float = FARTHEST) -> SearchStrategy[float]:
@@ -112,7 +111,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     pace: float = PACE,
     wait: tuple[float, float] = (0.0, LONGEST_WAIT),
     aggression: int = 1,
-    duration: float = 60.0,
+    duration: float | None = None,
     vehicle: Vehicle | None = None,
     simulator: Simulator | None = None,
 ) -> SearchStrategy[Scenario]:
@@ -122,13 +121,13 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
         junction: built-in name, or id of a junction in `map`; or the junction itself.
         map: OpenDRIVE file of a junction given by id.
         subject: entrance of the vehicle under test among traffic; there is always one.
-        partial: with empty entrances.
+        partial: with arms on which nobody stands; else there is one vehicle on each, on any of its lanes.
         near: least distance to the stopping line [m].
         far: greatest distance [m]; no farther than the approach of an entrance reaches.
         pace: greatest speed as a share of v(d)max; at 1 a vehicle may have to brake with all it has from the first step on.
         wait: range of the draw of autopilots that have one [s].
         aggression: braking level 1, 2 or 3.
-        duration: longest run [s].
+        duration: longest run [s], as for `Scenario`.
         vehicle: whose v(d)max bounds the speeds; a passenger car by default.
         simulator: what will make the runs, as for `simulate`; v(d)max is its own.
 
@@ -140,8 +139,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     place = explored(junction, {**asked, "wait": wait, "aggression": aggression, "duration": duration})
     reach = [min(far, place.approach(e)) for e in range(len(place.entrances))]
     spans = [distances(near, room) for room in reach]
-    codes, delays = _codes(place.ways, len(place.entrances), partial=partial), waits(*wait)
-    codes = codes.filter(lambda code: all(not d or (e, d) in place.by_direction for e, d in enumerate(code)))
+    codes, delays = _codes(Orbits.at(place, partial=partial)), waits(*wait)
     if subject is not None:
         codes = codes.filter(lambda code: code[subject] > 0)
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby, product
+from itertools import groupby
 
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.scenarios.classes import Directions, label, rotate
+from pytest_rvads.scenarios.classes import label
+from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model, weak_orders
 from pytest_rvads.search.consistency import core, decide
@@ -57,7 +58,7 @@ def survey(
     Args:
         place: the junction.
         rules: those about another kind of junction don't count.
-        scenarios: abstract scenarios; by default all full ones.
+        scenarios: abstract scenarios; by default all full ones, with one vehicle on each arm.
         arrivals: when the vehicle at each entrance arrives [s]; all weak orders by default.
         progress: called with the number of pairs done and their total.
 
@@ -66,7 +67,7 @@ def survey(
         FormulaError: a rule that can't be monitored.
     """
     count = len(place.entrances)
-    chosen = list(product(*map(place.directions, range(count)))) if scenarios is None else list(scenarios)
+    chosen = list(Orbits.at(place).every()) if scenarios is None else list(scenarios)
     if arrivals is not None and len(arrivals) != count:
         raise ScenarioError(f"arrivals needs one time per entrance ({count}), got {len(arrivals)}: {tuple(arrivals)!r}")
     turns = [symmetry.rows for symmetry in rotations_of(place)]
@@ -114,7 +115,7 @@ def show(result: Survey) -> str:
     for rules, group in groupby(sorted(result.contradictions, key=lambda c: c.rules), key=lambda c: c.rules):
         members = list(group)
         orders = list(dict.fromkeys(map(show_order, members)))
-        codes = list(dict.fromkeys(label(m.directions) for m in members))
+        codes = list(dict.fromkeys(label(m.directions, result.junction.lanes) for m in members))
         lines.append(f"  {' + '.join(rules):20}  arrival {_some(orders, 'orders')}; scenario {_some(codes, 'scenarios')}")
     return "\n".join(lines)
 

@@ -18,8 +18,6 @@ class Symmetry:
     """Every arm moves on by this many."""
     rows: int
     """Every entrance moves on by this many."""
-    swaps: bool
-    """Phase groups change places, so the other one has to be green first."""
 
 
 @lru_cache(maxsize=64)
@@ -32,9 +30,7 @@ def rotations_of(junction: Junction) -> tuple[Symmetry, ...]:
     for arms in range(junction.ways):
         images = junction.image(arms)
         if images and not broken_by(junction, arms):
-            image = images[0]
-            swaps = any(image[e] not in group for group in junction.phase_groups[:1] for e in group)
-            found.append(Symmetry(arms, image[0], swaps))
+            found.append(Symmetry(arms, images[0][0]))
     return tuple(found)
 
 

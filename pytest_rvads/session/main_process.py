@@ -195,7 +195,16 @@ class Session:
 
         plan = self.planner.plan()
         records = in_order(list(self.records.values()))
-        report = Report(records, totals(records), tuple(plan.cells), versions(), left_out=plan.left_out, seconds=self._by_run())
+        report = Report(
+            records,
+            totals(records),
+            tuple(plan.cells),
+            versions(),
+            left_out=plan.left_out,
+            unfit=plan.unfit,
+            extents=plan.extents,
+            seconds=self._by_run(),
+        )
         if self.baseline:
             report = self._compare(report, self.baseline)
             if ended in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):

@@ -18,7 +18,7 @@ from pytest_rvads.wording import one_line
 if TYPE_CHECKING:
     from pytest_rvads.report.journal import Journal
     from pytest_rvads.report.record import Record
-    from pytest_rvads.report.session_report import Cell, Report
+    from pytest_rvads.report.session_report import Cell, Extent, Report
     from pytest_rvads.session.plan import Planner
 
 __all__ = ["Outputs", "claim", "told", "totals"]
@@ -83,12 +83,12 @@ class Outputs:
         """Say in the reports what is to run, so that nothing of it can be missing unnoticed; once, as soon as it is known."""
         if self._reports and not self._announced and (plan := planner.plan()).items:
             self._announced = True
-            self._provide(plan.items.values(), plan.cells)
+            self._provide(plan.items.values(), plan.cells, plan.extents)
 
-    def _provide(self, records: Collection[Record], planned: Iterable[Cell]) -> None:
+    def _provide(self, records: Collection[Record], planned: Iterable[Cell], extents: dict[str, Extent] | None = None) -> None:
         from pytest_rvads.report.session_report import begun
 
-        self._troubles = self._save(begun(list(records), totals(records), list(planned)), lambda _: True)
+        self._troubles = self._save(begun(list(records), totals(records), list(planned), extents), lambda _: True)
 
     def end(self, report: Report, ran: bool) -> tuple[list[str], bool]:
         """Write all that is to stay, what programs read last: it tells what else could not be written.

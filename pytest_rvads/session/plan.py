@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
-from pytest_rvads.collection.expansion import LEFT_OUT
+from pytest_rvads.collection.expansion import EXTENTS, LEFT_OUT, UNFIT
 
 if TYPE_CHECKING:
     from pytest_rvads.collection import Cell as Parameter
     from pytest_rvads.report.record import Record
-    from pytest_rvads.report.session_report import Cell
+    from pytest_rvads.report.session_report import Cell, Extent
 
 __all__ = ["Plan", "Planner", "in_part", "start"]
 
@@ -39,28 +39,38 @@ class Plan:
     """Every file that something was collected from, ours or not."""
     left_out: dict[str, int] = field(default_factory=dict)
     """Test to how many points of its grid were left out, because nobody could stop there."""
+    unfit: dict[str, int] = field(default_factory=dict)
+    """Test to how many scenarios were left out, because a vehicle would start before its approach begins."""
+    extents: dict[str, Extent] = field(default_factory=dict)
+    """Junction to how much there is to cover, where its number of ways does not tell."""
 
     def pack(self) -> str:
         """Return the plan as one string of JSON."""
-        named = sorted(self.deselected), sorted(self.files), self.left_out
+        named = sorted(self.deselected), sorted(self.files), self.left_out, self.unfit
         if not self.cells:  # nothing of ours, so nothing more is loaded
-            return json.dumps([[], [], [], *named])
+            return json.dumps([[], [], [], *named, {}])
         from pytest_rvads.decoding import encode
 
-        return encode([list(self.cells), *map(list, (self.items.values(), self.vanished.values())), *named]).decode()
+        ours = list(self.cells), *map(list, (self.items.values(), self.vanished.values()))
+        return encode([*ours, *named, self.extents]).decode()
 
     def unpack(self, text: str) -> None:
         """Take in a packed plan; all workers send the same one."""
-        cells, items, vanished, deselected, files, left_out = json.loads(text)
+        cells, items, vanished, deselected, files, left_out, unfit, extents = json.loads(text)
         if cells:
-            from pytest_rvads.report.record import received
+            from msgspec import convert
 
+            from pytest_rvads.report.record import received
+            from pytest_rvads.report.session_report import Extent
+
+            self.extents |= convert(extents, dict[str, Extent])
             self.cells |= {(*cell,): None for cell in cells}
             self.items |= {record.nodeid: record for record in map(received, items)}
             self.vanished |= {record.nodeid: record for record in map(received, vanished)}
         self.deselected |= set(deselected)
         self.files |= set(files)
         self.left_out |= left_out
+        self.unfit |= unfit
 
 
 def in_part(config: pytest.Config) -> bool:
@@ -75,7 +85,8 @@ def start(item: pytest.Item) -> Record | None:
     from pytest_rvads.report.record import planned_record
 
     cell = cast("Parameter", item.callspec.params["rvads_cell"])
-    return planned_record(item.nodeid, item.location[1] or 0, item.originalname, cell.keys, cell.scenario.ways, cell.requirements)
+    keys = {**cell.keys, "orbit": cell.scenario.orbit}
+    return planned_record(item.nodeid, item.location[1] or 0, item.originalname, keys, cell.scenario.ways, cell.requirements)
 
 
 class Planner:
@@ -104,8 +115,13 @@ class Planner:
         self._plan.deselected |= left
         self._plan.vanished |= {nodeid: starts[nodeid] for nodeid in starts if nodeid in left - self._told}
         self._plan.files |= {_file(item.nodeid) for item in self._collected}
-        left_out: dict[str, int] = self._config.stash.setdefault(LEFT_OUT, {})
+        stash = self._config.stash
+        left_out: dict[str, int] = stash.setdefault(LEFT_OUT, {})
+        unfit: dict[str, int] = stash.setdefault(UNFIT, {})
+        extents: dict[str, Extent] = stash.setdefault(EXTENTS, {})
         self._plan.left_out |= left_out
+        self._plan.unfit |= unfit
+        self._plan.extents |= extents
         self._collected, self._selected = [], []
         return self._plan
 

@@ -219,6 +219,27 @@ def test_the_braking_table_is_the_plant_s(capsys: pytest.CaptureFixture[str]) ->
             assert 0.5 * ideal < speed <= ideal
 
 
+def test_classes_of_a_junction_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["classes", "--junction", "stop4"]) == 0
+    named = capsys.readouterr().out
+    assert main(["classes", "4"]) == 0
+    assert capsys.readouterr().out == named
+    assert main(["classes", "4", "--map", "town.xodr"]) == 2
+    assert "--map is where --junction is looked for" in capsys.readouterr().err
+
+
+def test_an_autopilot_s_table_has_a_row_per_movement(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pytest_rvads.cli.simulate_commands._DISTANCES", (0.3, 500.0))
+    assert main(["braking", "--autopilot", "reference", "--junction", "light3", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [(row["entrance"], row["exit"]) for row in rows] == [(0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1)]
+    assert {*rows[0]} == {"entrance", "lane", "exit", "exit_lane", "turn", "vmax"}
+    # The plant's is 1.26 m/s; approaches of 120 m have no 500.
+    assert all(list(row["vmax"]) == ["0.3"] and 0.9 < row["vmax"]["0.3"] <= 1.26 for row in rows)
+    assert main(["braking", "--junction", "light3"]) == 2
+    assert "--junction goes with --autopilot" in capsys.readouterr().err
+
+
 ASCII = os.environ | {"PYTHONIOENCODING": "ascii", "PYTHONPATH": os.pathsep.join(sys.path)}
 
 

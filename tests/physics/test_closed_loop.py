@@ -9,6 +9,7 @@ from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError, ScenarioError
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.physics.braking import greatest_safe, vmax
 from pytest_rvads.simulators.closed_loop import closed_vmax
 
@@ -41,6 +42,24 @@ def test_the_reference_stays_below_the_plant() -> None:
         assert limit is not None
         assert found is not None
         assert 0.9 * limit <= found <= limit
+
+
+@pytest.mark.parametrize(("junction", "movement"), [("light4", (0, 2)), ("light4", (1, 0)), ("stop4", (0, 1)), ("stop4", (2, 1))])
+def test_every_movement_has_its_own(junction: str, movement: tuple[int, int]) -> None:
+    found, limit = closed_vmax(5.0, Reference, place=find(junction), movement=movement), vmax(5.0)
+    assert 0.9 * limit <= found <= limit, "entrance 0 has red, too, and who turns right on red has stopped before"
+
+
+def test_whoever_rolls_past_a_stop_sign_reaches_nothing_there() -> None:
+    class Rolls(Follower):
+        """Never below walking pace."""
+
+        def target_speed(self, seen: Observation) -> float:
+            return 2.0
+
+    assert closed_vmax(5.0, Rolls, place=find("stop4"), movement=(0, 2)) == 0.0, "it stood at the start, and never again"
+    with pytest.raises(ScenarioError, match=r"junction 'stop4' has no movement \(0, 0\): name entrance and exit of one of"):
+        closed_vmax(5.0, Rolls, place=find("stop4"), movement=(0, 0))
 
 
 def test_an_autopilot_that_fails_at_low_speeds_alone_is_not_called_safe() -> None:

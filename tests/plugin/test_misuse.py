@@ -38,7 +38,7 @@ def refused(pytester: pytest.Pytester, code: str, line: int, says: str) -> None:
         ('"stop4", map=3', "map must be the path of an OpenDRIVE file, got 3"),
         ('"stop4", clases=3', "@rvads.scenario takes junction, map, classes, "),
         ('"stop4", clases=3', "got 'clases'; did you mean 'classes'"),
-        ('"stop4", cover="all"', "cover must be one of class, scenario, rotation, got 'all'"),
+        ('"stop4", cover="all"', "cover must be one of class, scenario, rotation, partial, pairs, conflicts, got 'all'"),
         ('"stop4", probe="no"', "probe must be True or False, got 'no'"),
         ('"stop4", classes=1.0', "classes takes class numbers, one or several, got 1.0"),
         ('"stop4", classes=True', "classes takes class numbers, one or several, got True"),
@@ -62,6 +62,11 @@ def refused(pytester: pytest.Pytester, code: str, line: int, says: str) -> None:
         ('"stop4", duration=0', "duration must lie above 0 and up to 3600 s, got 0"),
         ('"stop4", duration="long"', "duration must be a number of seconds, got 'long'"),
         ('"stop4", aggression=4', "aggression must be 1, 2 or 3, got 4"),
+        ('"stop4", followers=10', "followers must be a whole number from 0 to 9, got 10"),
+        ('"stop4", followers="x"', "followers takes numbers of vehicles that queue behind each, one or several, got 'x'"),
+        ('"stop4", occupancy="all"', "occupancy must be one of arms, lanes, got 'all'"),
+        ('"stop4", cover="pairs", classes=3', "cover='pairs' chooses scenarios itself: leave classes= and scenarios= out"),
+        ('"stop4", cover="partial", scenarios="1020"', "cover='partial' chooses scenarios itself: leave classes= and"),
         ('"stop4", wait=-1', "wait must be 0 s or more, got -1"),
         ('"stop4", requirement=7', "requirement takes identifiers of requirements, one or several, got 7"),
     ],
@@ -84,7 +89,12 @@ def test_wrong_arguments_are_told_where_they_are_written(pytester: pytest.Pytest
         ('"stop4", distances=1, speeds=11', "every point of distances=[1], speeds=[11] is too fast to stop before the line"),
         ('"stop4", grid="Q"', "unknown configuration 'Q'"),
         ('"stop4", classes=25', "a 4-way junction has classes 1..24, got 25"),
-        ('"stop4", scenarios="1144"', "a direction at 4 entrances is one of 1..3, or 0 for nobody, got '1144'"),
+        (
+            '"stop4", scenarios="1144"',
+            "direction 4 is none of entrance 2 of junction 'stop4', its movements lead into 1, 2, 3, and 0 is",
+        ),
+        ('"stop4", scenarios="1a11"', "direction 10 is none of entrance 1 of junction 'stop4'"),
+        ('"stop4", followers=9, distances=70', "distance 122.8 m does not fit on entrance 0 of junction 'stop4', where a0+8"),
         ('"stop4", scenarios="113"', "scenario '113' names 3 entrances, junction 'stop4' has 4"),
         (
             '"stop4", cover="rotation", classes=range(1, 25), distances=list(range(40)), probe=True',
@@ -297,7 +307,9 @@ def test_wrong_ini(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("def test_nothing(): ...")
     result = pytester.runpytest()
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines(["*rvads_cover must be one of class, scenario, rotation, got 'everything'*"])
+    result.stderr.fnmatch_lines(
+        ["*rvads_cover must be one of class, scenario, rotation, partial, pairs, conflicts, got 'everything'*"]
+    )
 
 
 AUTOPILOTS = """

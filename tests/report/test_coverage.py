@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 from msgspec import structs
 
-from pytest_rvads.report.coverage import measure, shortfall
+from pytest_rvads.report.coverage import at_junctions, dropped, measure, shortfall
 from pytest_rvads.report.merge import merge
 from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import Record, conclude, planned_record
-from pytest_rvads.report.session_report import Report
+from pytest_rvads.report.record import AgentRecord, Record, conclude, planned_record
+from pytest_rvads.report.session_report import Extent, Report
 
 
 def record(cls: int, rule: str, status: str, *, row: int = 0, hash: str = "aa") -> Record:
@@ -114,3 +114,59 @@ def test_the_merged_exit_status_is_that_of_one_session() -> None:
     assert merge([("a", nothing)]).exitstatus == 5
     none = replace(nothing, exitstatus=5)
     assert [merge([("a", none), ("b", other)]).exitstatus for other in (none, good, bad)] == [5, 0, 1]
+
+
+def among(scenario: str, cls: int, orbit: str, *moves: tuple[tuple[int, int], tuple[int, int]]) -> Record:
+    """A run of a scenario with a vehicle on each of some movements: arm and lane it comes from and goes to."""
+    agents = tuple(AgentRecord(name=f"a{n}", kind="car", entrance=a, exit=b) for n, (a, b) in enumerate(moves))
+    return structs.replace(record(cls, "p1", "PASS", hash=scenario), scenario=scenario, orbit=orbit, agents=agents)
+
+
+RIGHT, LEFT, ACROSS = ((0, 0), (1, 0)), ((0, 1), (3, 0)), ((2, 0), (1, 0))
+EXTENT = Extent(
+    turns=2,
+    classes={"arms": (10, 18, 9)},
+    partial={"arms": 30},
+    pairs=((RIGHT, LEFT), (RIGHT, ACROSS), (LEFT, ACROSS)),
+    conflicts=((RIGHT, ACROSS),),
+)
+
+
+def test_a_junction_with_lanes_is_covered_in_classes_and_pairs() -> None:
+    runs = [among("10_10", 1, "", RIGHT, ACROSS), among("03_00", 0, "00_03", LEFT)]
+    (line,) = at_junctions(runs, {4: (24, 81)}, {"stop4": EXTENT})
+    assert line.startswith(
+        "stop4: 1/10 classes, 1/18 scenarios, 2/30 classes with partial ones, "
+        "1/2 pairs of movements (and 1 of one arm, only with occupancy='lanes'), 1/1 conflicting pairs, 2 runs, 2 verdicts"
+    )
+    both = structs.replace(EXTENT, classes={**EXTENT.classes, "lanes": (3, 4, 4)})
+    (line,) = at_junctions([*runs, among("13_10", 1, "10_13", RIGHT, LEFT, ACROSS)], {}, {"stop4": both})
+    assert "1/10 classes with a vehicle per arm, 1/18 scenarios with a vehicle per arm, 1/3 classes with one per lane" in line
+    assert "3/3 pairs of movements, 1/1 conflicting pairs, 3 runs" in line
+
+
+def test_seats_of_rotated_scenarios_are_the_same_class() -> None:
+    """Row 2 of two lanes on one arm and none on the next: half a turn takes 12_3 to 3_12 read on from there."""
+    one, other = (structs.replace(among(s, 1, ""), seat=seat) for s, seat in (("10_02", 0), ("02_10", 2)))
+    (line,) = at_junctions([one, other], {}, {"stop4": structs.replace(EXTENT, pairs=(), conflicts=(), partial={})})
+    assert line.startswith("stop4: 1/10 classes, 1/9 classes with a subject, 2/18 scenarios, 2 runs")
+
+
+def test_partial_classes_are_cells_of_their_own() -> None:
+    runs = report(among("0101", 0, "0101"), among("0102", 0, "0102"), planned=())
+    assert measure(runs).planned == 2
+
+
+def test_what_did_not_fit_is_told_like_what_could_not_stop() -> None:
+    lines = dropped(report(unfit={"t.py::a": 1}, left_out={"t.py::b": 2}))
+    assert lines == [
+        "2 points beyond v(d)max left out: 2 of t.py::b",
+        "1 scenario that would start before an approach begins left out: 1 of t.py::a",
+    ]
+
+
+def test_merged_sessions_tell_what_any_of_them_asked_for() -> None:
+    lanes = Extent(turns=2, classes={"lanes": (3, 4, 4)})
+    whole = merge([("a", report(extents={"x": EXTENT}, unfit={"t": 1})), ("b", report(extents={"x": lanes}))])
+    assert whole.extents == {"x": structs.replace(EXTENT, classes={**EXTENT.classes, **lanes.classes})}
+    assert whole.unfit == {"t": 1}

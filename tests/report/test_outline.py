@@ -171,6 +171,7 @@ SUMMED_UP = {
     "scenario": "rows are classes",
     "rotation": "rows are classes",
     "seat": "rows are classes",
+    "orbit": "rows are classes",
     "verdicts": "as causes, by what was violated",
     "outcome": "pytest tells it",
     "agents": "pictures and replays show them",

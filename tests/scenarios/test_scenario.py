@@ -95,6 +95,6 @@ def test_junction_and_directions_have_to_agree() -> None:
 
 
 def test_a_start_beyond_the_approach_is_refused_where_a_vehicle_stands() -> None:
-    Scenario(find("stop4"), "0111", distance=(500, 20, 20, 20)).fit()
+    Scenario(find("stop4"), "0111", distance=(500, 20, 20, 20)).starts()
     with pytest.raises(ScenarioError, match="distance 500 m does not fit on entrance 1"):
-        Scenario(find("stop4"), "1111", distance=(500, 20, 20, 20), rotation=1).fit()
+        Scenario(find("stop4"), "1111", distance=(500, 20, 20, 20), rotation=1).starts()

@@ -35,7 +35,7 @@ def test_full_scenarios_have_nobody_missing(code: tuple[int, ...]) -> None:
 @LAW
 @given(strategies.scenarios("light3", near=0.5, far=12, wait=(1, 2)))
 def test_scenarios_stay_in_range_and_inside_the_braking_envelope(scenario: rvads.Scenario) -> None:
-    scenario.fit()
+    scenario.starts()
     assert 1 <= scenario.wait <= 2
     for entrance in scenario.creation:
         distance, speed = scenario.start(entrance)

@@ -1,0 +1,50 @@
+"""How much there is to cover at the junctions of a session, where their number of ways does not tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.report.session_report import Extent, Move
+from pytest_rvads.scenarios.orbits import WAYS, Orbits
+from pytest_rvads.scenarios.pairs import PAIRED, pairs_at
+from pytest_rvads.scenarios.selection import Selection
+
+__all__ = ["extended"]
+
+
+def extended(extents: Mapping[str, Extent], selection: Selection) -> dict[str, Extent]:
+    """Return extents with what a selection chooses from; a junction of the paper has none as long as whole classes are chosen."""
+    place = selection.place
+    full, usual = Orbits.at(place, selection.occupancy), Orbits.at(place)
+    occupancy = "arms" if full == usual else selection.occupancy
+    if selection.cover in ("class", "scenario", "rotation") and place.ways in WAYS and full == Orbits.plain(place.ways):
+        return dict(extents)
+    before = extents.get(place.name, Extent(turns=full.blocks))
+    partial = {occupancy: selection.orbits.count} if selection.cover == "partial" else {}
+    seated = sum(map(full.seated, range(full.size))) // full.blocks
+    after = Extent(
+        turns=full.blocks,
+        classes=before.classes | {occupancy: (full.count, full.scenarios, seated)},
+        partial=before.partial | partial,
+        pairs=before.pairs,
+        conflicts=before.conflicts,
+    )
+    if selection.cover in PAIRED or not place.one_lane_each:
+        known = place.conflicts is not None
+        after = Extent(
+            turns=after.turns,
+            classes=after.classes,
+            partial=after.partial,
+            pairs=_moves(place, conflicting=False),
+            conflicts=_moves(place, conflicting=True) if known else (),
+        )
+    return {**extents, place.name: after}
+
+
+def _moves(place: Junction, *, conflicting: bool) -> tuple[tuple[Move, Move], ...]:
+    def move(key: tuple[int, int]) -> Move:
+        entrance, exit = place.entrances[key[0]], place.exits[key[1]]
+        return (entrance.arm, entrance.lane), (exit.arm, exit.lane)
+
+    return tuple((move(one), move(other)) for one, other in pairs_at(place, conflicting=conflicting))

@@ -1,0 +1,263 @@
+"""Orbits: abstract scenarios up to the rotations of their junction, counted and numbered without listing them.
+
+A scenario is a word of *slots*, each of which chooses a letter: what the vehicle on an arm does, or the one on a lane. The
+rotations that keep lanes, movements and signs move slots on by whole *blocks*, so that a scenario is a word of blocks, and its
+orbit under them a necklace: classes are numbered in the order of the lexicographically least words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property, lru_cache
+from itertools import product
+from math import gcd, prod
+from typing import TypeVar
+
+from pytest_rvads.errors import ScenarioError
+from pytest_rvads.junctions.junction import Junction
+
+__all__ = ["OCCUPANCIES", "WAYS", "Directions", "Orbits", "rotate"]
+
+T = TypeVar("T")
+Directions = tuple[int, ...]
+WAYS = range(3, 9)
+"""Arities the method is defined for here."""
+OCCUPANCIES = ("arms", "lanes")
+"""Which entrances are occupied in a full scenario: one on each arm, or all of them."""
+
+
+def rotate(code: tuple[T, ...], rows: int) -> tuple[T, ...]:
+    """Move every vehicle `rows` entrances on, keeping its symbolic direction; or whatever else is given per entrance."""
+    rows %= len(code)
+    return code[-rows:] + code[:-rows] if rows else code
+
+
+@dataclass(frozen=True)
+class Orbits:
+    """The abstract scenarios of a junction, and their classes under its rotations."""
+
+    slots: tuple[tuple[Directions, ...], ...]
+    """Per slot the directions at its entrances that can be chosen, in ascending order."""
+    blocks: int
+    """How many rotations there are; each moves every slot on by a multiple of as many slots as a block has."""
+    partial: bool = False
+    """Whether slots may be empty, though not all of them."""
+
+    @classmethod
+    def plain(cls, ways: int, *, partial: bool = False) -> Orbits:
+        """Return the scenarios of the paper: one entrance per arm, from where movements lead to every other arm.
+
+        Args:
+            ways: number of arms.
+            partial: with arms on which nobody stands.
+
+        Raises:
+            ScenarioError: another number of ways than 3..8.
+        """
+        if ways not in WAYS:
+            raise ScenarioError(f"the number of ways must be 3 to 8, got {ways!r}")
+        return _plain(ways, partial)
+
+    @classmethod
+    def at(cls, place: Junction, occupancy: str = "arms", *, partial: bool = False) -> Orbits:
+        """Return the scenarios of a junction.
+
+        Args:
+            place: the junction.
+            occupancy: ``"arms"``: one vehicle on every arm from which a movement leads, on any of its lanes; ``"lanes"``: one on
+                every such lane.
+            partial: with arms, or lanes, on which nobody stands.
+
+        Raises:
+            ScenarioError: another occupancy, or a junction without movements.
+        """
+        if occupancy not in OCCUPANCIES:
+            raise ScenarioError(f"occupancy must be one of {', '.join(OCCUPANCIES)}, got {occupancy!r}")
+        return _at(place, occupancy, partial)
+
+    @cached_property
+    def size(self) -> int:
+        """Number of entrances."""
+        return sum(len(letters[0]) for letters in self.slots)
+
+    @cached_property
+    def rows(self) -> range:
+        """By how many entrances each rotation moves vehicles on, 0 first."""
+        return range(0, self.size, self.size // self.blocks)
+
+    @cached_property
+    def scenarios(self) -> int:
+        """Number of abstract scenarios."""
+        return self._fixed(0) - self.partial
+
+    @cached_property
+    def count(self) -> int:
+        """Number of classes, by Burnside's lemma over the rotations."""
+        return sum(map(self._fixed, range(self.blocks))) // self.blocks - self.partial
+
+    def seated(self, entrance: int) -> int:
+        """Return in how many scenarios somebody stands at `entrance`."""
+        return int(self._fixed(0) * self._share(entrance))
+
+    def turned(self, entrance: int) -> int:
+        """Return in how many rotations of representatives somebody stands at `entrance`; those that coincide count each."""
+        return int(sum(map(self._fixed, range(self.blocks))) * self._share(entrance))
+
+    def __contains__(self, code: Directions) -> bool:
+        """Tell whether `code` is one of the scenarios."""
+        return len(code) == self.size and self._word(code) is not None and any(code)
+
+    def __iter__(self) -> Iterator[Directions]:
+        """Yield the representatives in order, class 1 first.
+
+        This is the algorithm of Fredricksen, Kessler and Maiorana for necklaces in lexicographic order; memory does not grow with
+        the number of classes.
+        """
+        length, top = self.blocks, self._top
+        word = [0] * (length + 1)
+        if not self.partial:  # else nobody stands anywhere in the first one
+            yield self._code(word[1:])
+        while True:
+            i = length
+            while i and word[i] == top:
+                i -= 1
+            if not i:
+                return
+            word[i] += 1
+            for j in range(i + 1, length + 1):
+                word[j] = word[j - i]
+            if length % i == 0:
+                yield self._code(word[1:])
+
+    def every(self) -> Iterator[Directions]:
+        """Yield all scenarios in lexicographic order."""
+        for letters in product(*self.slots):
+            code = tuple(direction for letter in letters for direction in letter)
+            if any(code):
+                yield code
+
+    def turns(self, code: Directions) -> tuple[Directions, ...]:
+        """Return the rotations of a scenario, row 0 first; some coincide when it is symmetric."""
+        return tuple(rotate(code, row) for row in self.rows)
+
+    def representative(self, code: Directions) -> Directions:
+        """Return the lexicographically least rotation."""
+        return min(self.turns(code))
+
+    def members(self, code: Directions) -> tuple[Directions, ...]:
+        """Return the distinct members of the class of `code`, in the order of the rows from `code` on."""
+        return tuple(dict.fromkeys(self.turns(code)))
+
+    def seats(self, code: Directions) -> tuple[int, ...]:
+        """Return the occupied entrances of `code` that no symmetry of it takes to an earlier one.
+
+        A vehicle under test among traffic breaks the symmetry of rotation: over all classes of full scenarios of the paper these
+        seats are as many as there are scenarios, 81 at four ways and 8 at three.
+        """
+        period = len(self.members(code)) * (self.size // self.blocks)
+        return tuple(seat for seat in range(period) if code[seat])
+
+    def number(self, code: Directions) -> int:
+        """Return the number of the class of `code`, 1 for the first; 0 where it is none of the scenarios.
+
+        What comes later is counted: words whose rotations are all at least the representative. They are the closed walks of an
+        automaton that has matched so many letters of it.
+        """
+        word = self._word(self.representative(code)) if code in self else None
+        if word is None:
+            return 0
+        length = self.blocks
+        step = [[0] * length for _ in range(length)]
+        for state, letter in enumerate(word):
+            step[state][state + 1 if state + 1 < length else _border(word)] += 1
+            step[state][0] += self._top - letter
+        powers = [step]
+        for _ in range(length - 1):
+            powers.append(_times(powers[-1], step))
+        traces = [sum(power[k][k] for k in range(length)) for power in powers]
+        rest = sum(traces[gcd(r, length) - 1] for r in range(1, length + 1)) // length
+        return self.count - rest + 1
+
+    def label(self, number: int) -> str:
+        """Return ``class07``: the number padded to the width of the count of classes, at least two digits."""
+        return f"class{number:0{max(2, len(str(self.count)))}d}"
+
+    @cached_property
+    def _top(self) -> int:
+        """The greatest letter of a block."""
+        return prod(len(letters) for letters in self.slots[: len(self.slots) // self.blocks]) - 1
+
+    def _fixed(self, turn: int) -> int:
+        """Return how many words a rotation by so many blocks leaves as they are."""
+        return int((self._top + 1) ** gcd(turn, self.blocks))
+
+    def _share(self, entrance: int) -> Fraction:
+        """Return in which share of the words of any period somebody stands at `entrance`."""
+        first = 0
+        for letters in self.slots:
+            here, first = entrance - first, first + len(letters[0])
+            if entrance < first:
+                return Fraction(sum(letter[here] > 0 for letter in letters), len(letters))
+        raise ScenarioError(f"entrances are numbered from 0 to {self.size - 1}, got {entrance!r}")
+
+    @cached_property
+    def _ranks(self) -> tuple[dict[Directions, int], ...]:
+        return tuple({letter: rank for rank, letter in enumerate(letters)} for letters in self.slots)
+
+    def _word(self, code: Directions) -> tuple[int, ...] | None:
+        """Return the scenario as letters of blocks; None where a slot does not have what is chosen."""
+        word, first, each = [0] * self.blocks, 0, len(self.slots) // self.blocks
+        for number, ranks in enumerate(self._ranks):
+            last = first + len(self.slots[number][0])
+            rank = ranks.get(code[first:last])
+            if rank is None:
+                return None
+            word[number // each] = word[number // each] * len(ranks) + rank
+            first = last
+        return tuple(word)
+
+    def _code(self, word: Sequence[int]) -> Directions:
+        each, code = len(self.slots) // self.blocks, []
+        for letter in word:
+            chosen: list[Directions] = []
+            for letters in self.slots[each - 1 :: -1]:
+                letter, rank = divmod(letter, len(letters))
+                chosen.append(letters[rank])
+            code += [direction for one in reversed(chosen) for direction in one]
+        return tuple(code)
+
+
+@lru_cache
+def _plain(ways: int, partial: bool) -> Orbits:
+    return Orbits((_letters([tuple(range(1, ways))], partial),) * ways, ways, partial)
+
+
+@lru_cache(maxsize=256)
+def _at(place: Junction, occupancy: str, partial: bool) -> Orbits:
+    if not place.movements:
+        raise ScenarioError(f"junction {place.name!r} has no movements, so nobody can be placed there: choose another one")
+    lanes = [[place.directions(entrance) for entrance in arm.entrances] for arm in place.arms]
+    if occupancy == "lanes":
+        slots = [_letters([lane], partial) for arm in lanes for lane in arm]
+    else:
+        slots = [_letters(arm, partial) for arm in lanes]
+    return Orbits(tuple(slots), len(place.rotations), partial)
+
+
+def _letters(lanes: Sequence[Directions], partial: bool) -> tuple[Directions, ...]:
+    """Return what one vehicle may do that stands on one of some lanes, as directions of all of them, in ascending order."""
+    nobody = (0,) * len(lanes)
+    found = [(*nobody[:k], direction, *nobody[k + 1 :]) for k, lane in enumerate(lanes) for direction in lane]
+    return tuple(sorted(found if found and not partial else [nobody, *found]))
+
+
+def _border(word: Sequence[int]) -> int:
+    """Return the length of the longest proper prefix of `word` that it also ends with."""
+    return next(k for k in range(len(word) - 1, -1, -1) if word[:k] == word[len(word) - k :])
+
+
+def _times(one: list[list[int]], other: list[list[int]]) -> list[list[int]]:
+    columns = list(zip(*other, strict=True))
+    return [[sum(a * b for a, b in zip(row, column, strict=True)) for column in columns] for row in one]

@@ -1,0 +1,127 @@
+"""Pairs of movements: which a junction has, and a few scenarios in which all of them happen.
+
+Classes are products over the entrances, pairs are not: a covering array has every pair in some row, and grows with the logarithm
+of the number of entrances. Scenarios are chosen one by one, each for as many new pairs as go with the first one that is missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from itertools import combinations, product
+
+from pytest_rvads.errors import ScenarioError
+from pytest_rvads.junctions.conflicts import Key
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.scenarios.orbits import Directions, Orbits
+
+__all__ = ["PAIRED", "Pair", "covering", "pairs_at", "pairs_in"]
+
+PAIRED = ("pairs", "conflicts")
+"""Every pair of movements from different entrances; those of them that cross or merge."""
+
+Pair = tuple[Key, Key]
+"""Two movements, the one from the entrance with the lower number first."""
+_Choice = tuple[int, int]
+"""A slot and the rank of a letter there."""
+
+
+def pairs_at(place: Junction, *, conflicting: bool = False) -> tuple[Pair, ...]:
+    """Return the pairs of movements from different entrances, in order; or only those that conflict.
+
+    Raises:
+        ScenarioError: conflicts are asked for, and it is not known where the lanes lie.
+    """
+    if conflicting and place.conflicts is None:
+        raise ScenarioError(f"the conflicts of junction {place.name!r} are not known, since it is not known where its lanes lie")
+    found = combinations(sorted(place.movements), 2)
+    return tuple(pair for pair in found if pair[0][0] != pair[1][0] and (not conflicting or pair in (place.conflicts or ())))
+
+
+def pairs_in(place: Junction, code: Directions) -> Iterator[Pair]:
+    """Yield the pairs of movements of an abstract scenario."""
+    keys = sorted(place.leads(entrance, direction).key for entrance, direction in enumerate(code) if direction)
+    yield from combinations(keys, 2)
+
+
+def covering(place: Junction, orbits: Orbits, seat: int | None = None, *, conflicting: bool = False) -> tuple[Directions, ...]:
+    """Return scenarios that have every pair of movements that some scenario has.
+
+    Args:
+        place: the junction.
+        orbits: its scenarios.
+        seat: an entrance at which somebody stands in all of them; None for no such one.
+        conflicting: only pairs of movements that conflict; whatever else happens is chosen for as many of them as possible.
+
+    Raises:
+        ScenarioError: no such pair is possible; or conflicts are asked for and not known.
+    """
+    wanted = frozenset(pairs_at(place, conflicting=conflicting))
+    slots = _placed(orbits, seat)
+    moves = [[_movement(place, first, letter) for letter in letters] for first, letters in slots]
+    missing = dict.fromkeys(pair for pair in _choices(moves) if _between(moves, *pair) in wanted)
+    if not missing:
+        what = "conflicting movements" if conflicting else "movements"
+        raise ScenarioError(f"no two {what} of junction {place.name!r} happen in one scenario: choose another cover")
+    found = []
+    while missing:
+        row = _row(list(map(len, moves)), missing)
+        for pair in combinations(enumerate(row), 2):
+            missing.pop(pair, None)
+        chosen = [letters[rank] for (_, letters), rank in zip(slots, row, strict=True)]
+        found.append(tuple(direction for letter in chosen for direction in letter))
+    return tuple(found)
+
+
+def _placed(orbits: Orbits, seat: int | None) -> list[tuple[int, Sequence[Directions]]]:
+    """Return per slot its first entrance and its letters, at the seat those with somebody there."""
+    found: list[tuple[int, Sequence[Directions]]] = []
+    first = 0
+    for letters in orbits.slots:
+        here = None if seat is None else seat - first
+        inside = here is not None and 0 <= here < len(letters[0])
+        kept = [letter for letter in letters if letter[here or 0]] if inside else list(letters)
+        if not kept:
+            raise ScenarioError(
+                f"no movement leads from entrance {seat}, so no vehicle under test can stand there: choose another one"
+            )
+        found.append((first, kept))
+        first += len(letters[0])
+    return found
+
+
+def _movement(place: Junction, first: int, letter: Directions) -> Key | None:
+    """Return the movement of a letter, which is one vehicle's; None where nobody stands."""
+    return next((place.leads(first + k, direction).key for k, direction in enumerate(letter) if direction), None)
+
+
+def _choices(moves: Sequence[Sequence[object]]) -> Iterator[tuple[_Choice, _Choice]]:
+    for i, j in combinations(range(len(moves)), 2):
+        yield from product(((i, rank) for rank in range(len(moves[i]))), [(j, rank) for rank in range(len(moves[j]))])
+
+
+def _between(moves: Sequence[Sequence[Key | None]], one: _Choice, other: _Choice) -> Pair | None:
+    """Return the movements of two letters of different slots, the first slot's first; its entrances come first, too."""
+    mine, yours = moves[one[0]][one[1]], moves[other[0]][other[1]]
+    return None if mine is None or yours is None else (mine, yours)
+
+
+def _row(sizes: Sequence[int], missing: Collection[tuple[_Choice, _Choice]]) -> list[int]:
+    """Return the ranks of the letters of one scenario: the first pair that is missing, and what adds most to it.
+
+    Args:
+        sizes: per slot its number of letters.
+        missing: pairs in the order in which they are looked for.
+    """
+    row = dict(next(iter(missing)))
+    while len(row) < len(sizes):
+        best = max(
+            ((slot, rank) for slot, size in enumerate(sizes) if slot not in row for rank in range(size)),
+            key=lambda choice: (_new(choice, row.items(), missing), -choice[0], -choice[1]),
+        )
+        row[best[0]] = best[1]
+    return [row[slot] for slot in range(len(sizes))]
+
+
+def _new(choice: _Choice, chosen: Iterable[_Choice], missing: Collection[tuple[_Choice, _Choice]]) -> int:
+    """Return how many missing pairs a choice adds to what is chosen."""
+    return sum(((choice, other) if choice < other else (other, choice)) in missing for other in chosen)
