@@ -91,7 +91,7 @@ class _Screen:
         long = [label for label in dict.fromkeys(cfg for cfg, _ in matrix.columns) if len(label) > _LONG]
         short = {label: f"#{n}" for n, label in enumerate(long, start=1)}
         for columns in _pages(matrix, short, self._width) if matrix.rows else ():
-            self._console.print(_table(matrix, columns, short, self._unicode))
+            self._console.print(_table(matrix, columns, short, self._width, self._unicode))
         if len(matrix.rows) < len(whole.rows):
             self._line(f" ... and {len(whole.rows) - len(matrix.rows)} more rows: --rvads-summary=full shows them all")
         for label in long:
@@ -123,9 +123,10 @@ def _wide(matrix: Matrix, column: int, short: dict[str, str]) -> int:
     )
 
 
-def _table(matrix: Matrix, columns: list[int], short: dict[str, str], unicode: bool) -> Table:
+def _table(matrix: Matrix, columns: list[int], short: dict[str, str], width: int, unicode: bool) -> Table:
     table = Table(box=box.SIMPLE_HEAD if unicode else box.ASCII2, show_edge=False)
-    table.add_column("class")
+    # Where it is narrow the classes are broken, not the names of rules.
+    table.add_column("class", max_width=max(width - 2 - sum(_wide(matrix, i, short) for i in columns), len("class")))
     previous = None
     for configuration, rule in (matrix.columns[i] for i in columns):
         head = short.get(configuration, configuration) if configuration != previous else ""
