@@ -58,12 +58,15 @@ def cells_of(
         policies: what drives the traffic, one after the other.
         rules: to judge by.
         requirements: that the scenarios trace to.
-        unfit: takes, for every scenario that is left out since a vehicle would start before its approach begins, why.
+        unfit: takes, for every scenario that is left out since a vehicle has no room where it would start, why.
     """
+    from pytest_rvads.scenarios.forks import forks
+
     axis = [(rule, (*requirements, rule.requirement) if rule and rule.requirement else requirements) for rule in rules]
     place = selection.place
     longest = max(distance for configuration in selection.configurations for distance in configuration.distances)
-    fits = not any(selection.followers) and longest <= min(map(place.approach, range(len(place.entrances))))
+    reach = min(map(place.approach, range(len(place.entrances))))
+    fits = not any(selection.followers) and longest <= reach and not forks(place)
     for scenario in selection:
         if not fits:
             try:

@@ -32,7 +32,7 @@ _POINTS, _CELLS = 10, 5000
 LEFT_OUT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
 """Node id of a test to how many points of its grid are beyond v(d)max and were left out."""
 UNFIT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
-"""Likewise to how many scenarios were left out because a vehicle would start before its approach begins."""
+"""Likewise to how many scenarios were left out because a vehicle has no room where it would start."""
 EXTENTS: pytest.StashKey[dict[str, Extent]] = pytest.StashKey()
 """Junction to how much there is to cover, where its number of ways does not tell."""
 _KNOWN: pytest.StashKey[dict[Known, tuple[str, bool]]] = pytest.StashKey()

@@ -1,7 +1,7 @@
 """The world: rigid bodies in the plane, integrated by pybullet, which also detects and resolves collisions.
 
-All vehicles are links of one multibody on a fixed base, each on three joints of its own (x, y, yaw). The joints
-carry nothing, so every body moves as a free body in the plane, and two calls per step read and drive all of them.
+Vehicles are links of multibodies on fixed bases, each on three joints of its own (x, y, yaw). The joints carry nothing,
+so every body moves as a free body in the plane, and two calls per step read and drive all that share a multibody.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ __all__ = ["BulletWorld", "Motion", "World"]
 
 _HELPER_MASS = 1e-6
 """Mass of the two links that carry the x and the y joint [kg]; a billionth of a vehicle."""
+_MOST = 40
+"""Vehicles in one multibody: the engine keeps 128 numbers for where it is, 7 of them for its base, and a vehicle needs 3."""
 
 
 class Motion(NamedTuple):
@@ -75,24 +77,33 @@ class BulletWorld:
     def __init__(self, vehicles: Sequence[Vehicle], starts: Sequence[Motion]) -> None:
         self._bullet, self._client = _acquire()
         self._open = True
-        self._joints = list(range(3 * len(starts)))
         bullet, client = self._bullet, self._client
         bullet.resetSimulation(physicsClientId=client)
         # A reset also resets the solver, so its settings are given again.
         bullet.setPhysicsEngineParameter(fixedTimeStep=DT, numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=client)
         bullet.setGravity(0, 0, 0, physicsClientId=client)
-        self._body = self._build(vehicles)
+        self._groups = [self._build(vehicles[first : first + _MOST]) for first in range(0, len(vehicles), _MOST)]
+        """Per multibody its number and its joints; it holds the next `_MOST` vehicles."""
+        self._first = {group: first for (group, _), first in zip(self._groups, range(0, len(vehicles), _MOST), strict=True)}
+        """First vehicle of each multibody."""
         for body, start in enumerate(starts):
-            for joint, (place, velocity) in enumerate(zip(start[:3], start[3:], strict=True)):
-                bullet.resetJointState(self._body, 3 * body + joint, place, velocity, physicsClientId=client)
+            group, link = self._link(body)
+            for joint, (place, velocity) in enumerate(zip(start[:3], start[3:], strict=True), start=link):
+                bullet.resetJointState(group, joint, place, velocity, physicsClientId=client)
         # Contacts are looked up before the first step too: two vehicles may stand inside each other.
         bullet.performCollisionDetection(physicsClientId=client)
 
-    def _build(self, vehicles: Sequence[Vehicle]) -> int:
+    def _link(self, body: int) -> tuple[int, int]:
+        """Return where `body` is: its multibody, and the first of its three joints there."""
+        return self._groups[body // _MOST][0], body % _MOST * 3
+
+    def _build(self, vehicles: Sequence[Vehicle]) -> tuple[int, list[int]]:
+        """Make a multibody of at most `_MOST` vehicles; return its number and its joints."""
         bullet, client = self._bullet, self._client
         boxes = {vehicle: self._box(vehicle) for vehicle in dict.fromkeys(vehicles)}
         count = len(vehicles)
         links = 3 * count
+        joints = list(range(links))
         body: int = bullet.createMultiBody(
             baseMass=0,
             baseCollisionShapeIndex=-1,
@@ -117,10 +128,8 @@ class BulletWorld:
             inertia = [vehicle.yaw_inertia] * 3
             bullet.changeDynamics(body, link, localInertiaDiagonal=inertia, restitution=0, physicsClientId=client)
         # Joints are born with a motor that holds them; without force it is gone.
-        bullet.setJointMotorControlArray(
-            body, self._joints, bullet.VELOCITY_CONTROL, forces=[0.0] * links, physicsClientId=client
-        )
-        return body
+        bullet.setJointMotorControlArray(body, joints, bullet.VELOCITY_CONTROL, forces=[0.0] * links, physicsClientId=client)
+        return body, joints
 
     def _box(self, vehicle: Vehicle) -> int:
         """Return a shape: the body reaches from the front bumper backwards, its link sits in the centre of gravity."""
@@ -135,18 +144,20 @@ class BulletWorld:
     def motions(self) -> list[Motion]:
         """Return the motion of every body, in the order in which they were given."""
         self._check()
-        joints = self._bullet.getJointStates(self._body, self._joints, physicsClientId=self._client)
+        states = self._bullet.getJointStates
+        found = [states(group, joints, physicsClientId=self._client) for group, joints in self._groups]
         return [
             Motion(x, y, yaw, vx, vy, rate)
+            for joints in found
             for (x, vx, _, _), (y, vy, _, _), (yaw, rate, _, _) in zip(*[iter(joints)] * 3, strict=True)
         ]
 
     def step(self, forces: Sequence[float]) -> None:
         """Advance by one step under `forces` (x [N], y [N], moment [N m] of every body, flat)."""
         self._check()
-        self._bullet.setJointMotorControlArray(
-            self._body, self._joints, self._bullet.TORQUE_CONTROL, forces=forces, physicsClientId=self._client
-        )
+        drive, kind = self._bullet.setJointMotorControlArray, self._bullet.TORQUE_CONTROL
+        for (group, joints), first in zip(self._groups, range(0, len(forces), 3 * _MOST), strict=True):
+            drive(group, joints, kind, forces=forces[first : first + 3 * _MOST], physicsClientId=self._client)
         self._bullet.stepSimulation(physicsClientId=self._client)
 
     def contacts(self) -> list[tuple[int, int]]:
@@ -156,20 +167,25 @@ class BulletWorld:
         when they overlap there, or when the step pushed them apart although a sliver of air was left between them.
         """
         self._check()
-        points = self._bullet.getContactPoints(self._body, self._body, physicsClientId=self._client)
+        points = self._bullet.getContactPoints(physicsClientId=self._client)
         if not points:
             return []
-        touching = {(point[3] // 3, point[4] // 3) for point in points if point[8] <= 0.0 or point[9] > 0.0}
+        first = self._first
+        touching = {
+            (first[point[1]] + point[3] // 3, first[point[2]] + point[4] // 3)
+            for point in points
+            if point[8] <= 0.0 or point[9] > 0.0
+        }
         return sorted({(min(pair), max(pair)) for pair in touching})
 
     def remove(self, body: int) -> None:
         """Take `body` out of the world: it stands still and touches nothing any more."""
         self._check()
-        link = 3 * body + 2
-        self._bullet.setCollisionFilterGroupMask(self._body, link, 0, 0, physicsClientId=self._client)
-        for joint in range(3 * body, link + 1):
-            place = self._bullet.getJointState(self._body, joint, physicsClientId=self._client)[0]
-            self._bullet.resetJointState(self._body, joint, place, 0.0, physicsClientId=self._client)
+        group, link = self._link(body)
+        self._bullet.setCollisionFilterGroupMask(group, link + 2, 0, 0, physicsClientId=self._client)
+        for joint in range(link, link + 3):
+            place = self._bullet.getJointState(group, joint, physicsClientId=self._client)[0]
+            self._bullet.resetJointState(group, joint, place, 0.0, physicsClientId=self._client)
 
     def close(self) -> None:
         """Give the engine back for the next world."""

@@ -79,7 +79,7 @@ def dropped(report: Report) -> list[str]:
         + ", ".join(f"{count} of {test}" for test, count in tests.items())
         for what, why, tests in (
             ("point", "beyond v(d)max", report.left_out),
-            ("scenario", "that would start before an approach begins", report.unfit),
+            ("scenario", "in which a vehicle has no room where it starts", report.unfit),
         )
         if tests
     ]

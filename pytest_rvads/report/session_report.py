@@ -128,7 +128,7 @@ class Report:
     complete: bool = True
     """False from the beginning of a session until it has come to its end, whatever ended it; so for ever if it died."""
     unfit: dict[str, int] = field(default_factory=dict)
-    """Test to how many scenarios were left out because a vehicle would start before its approach begins."""
+    """Test to how many scenarios were left out because a vehicle has no room where it would start."""
     extents: dict[str, Extent] = field(default_factory=dict)
     """Junction to how much there is to cover, where `totals` do not tell."""
 

@@ -86,7 +86,7 @@ class Case:
         """Return per agent its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
 
         Raises:
-            ScenarioError: a vehicle would start before its approach begins.
+            ScenarioError: a vehicle would start before its approach begins, or two in one lane too close to each other.
         """
         return self.scenario.starts(self.fleet.of)
 

@@ -7,7 +7,8 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 from pytest_rvads.errors import ScenarioError, require
 from pytest_rvads.junctions.junction import Junction
@@ -17,6 +18,7 @@ from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.classes import label, parse
 from pytest_rvads.scenarios.configurations import explicit_label, per_entrance
+from pytest_rvads.scenarios.forks import forks
 from pytest_rvads.scenarios.orbits import OCCUPANCIES, Directions, Orbits, rotate
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
@@ -40,7 +42,22 @@ QUEUE_GAP = 2.0
 """Between two vehicles of a queue, beside what they keep for their speed [m]."""
 QUEUE_TIME = 1.0
 """Headway that followers start with [s]."""
+_ROUNDING = 1e-9
+"""Distances that are sums of the same numbers may differ by so much [m]."""
 _IN_IDS = re.compile(r"[A-Za-z0-9_.-]+")
+
+
+class _Start(NamedTuple):
+    """Where a vehicle starts."""
+
+    name: str
+    entrance: int
+    length: float
+    """Of its body [m]."""
+    distance: float
+    """Reference point to stopping line [m]."""
+    speed: float
+    """[m/s]."""
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -210,17 +227,19 @@ class Scenario:
     def starts(self, body: Callable[[str], Vehicle] = lambda _: Vehicle()) -> tuple[tuple[float, float], ...]:
         """Return per agent its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
 
-        Whoever follows starts as fast as the one ahead, `QUEUE_GAP` and `QUEUE_TIME` behind its body.
+        Whoever follows starts as fast as the one ahead, `QUEUE_GAP` and `QUEUE_TIME` behind its body. Where the lanes of two
+        entrances are still one, whoever is behind in it has to keep as much: distances stay what they were asked to be.
 
         Args:
             body: the vehicle of the agent of a name; passenger cars by default.
 
         Raises:
-            ScenarioError: a vehicle would start before its approach begins.
+            ScenarioError: a vehicle would start before its approach begins, or two in one lane too close to each other.
         """
         found: list[tuple[float, float]] = []
         before: Agent | None = None
-        for agent in self.agents():
+        agents = self.agents()
+        for agent in agents:
             if before is None or before.entrance != agent.entrance:
                 distance, speed = self.start(agent.entrance)
             else:
@@ -234,7 +253,26 @@ class Scenario:
                 )
             found.append((distance, speed))
             before = agent
+        if forks(self.place):
+            self._check_forks([_Start(a.name, a.entrance, body(a.name).length, *at) for a, at in zip(agents, found, strict=True)])
         return tuple(found)
+
+    def _check_forks(self, starts: Sequence[_Start]) -> None:
+        """Check that vehicles of different entrances stand behind each other where their lanes are one."""
+        for (one, two), (here, there) in forks(self.place):
+            # Measured from where the lanes part, upstream; whoever has left the common lane stands in nobody's way.
+            lane = [(s.distance - here, s) for s in starts if s.entrance == one] + [
+                (s.distance - there, s) for s in starts if s.entrance == two
+            ]
+            queue = sorted((at, s) for at, s in lane if at + s.length > 0.0)
+            for (front, ahead), (at, behind) in pairwise(queue):
+                gap, least = at - front - ahead.length, QUEUE_GAP + QUEUE_TIME * behind.speed
+                if ahead.entrance != behind.entrance and gap < least - _ROUNDING:
+                    raise ScenarioError(
+                        f"{behind.name} would start {max(gap, 0.0):.1f} m behind {ahead.name}, where {least:.1f} m are needed: "
+                        f"entrances {one} and {two} of junction {self.place.name!r} are one lane from {max(here, 0.0):.1f} and "
+                        f"{max(there, 0.0):.1f} m before their lines on, choose smaller or different distances, or fewer vehicles"
+                    )
 
     def agents(self) -> tuple[Agent, ...]:
         """Return the agents, by entrance; followers right behind the first one there."""

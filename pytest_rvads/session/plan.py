@@ -40,7 +40,7 @@ class Plan:
     left_out: dict[str, int] = field(default_factory=dict)
     """Test to how many points of its grid were left out, because nobody could stop there."""
     unfit: dict[str, int] = field(default_factory=dict)
-    """Test to how many scenarios were left out, because a vehicle would start before its approach begins."""
+    """Test to how many scenarios were left out because a vehicle has no room where it would start."""
     extents: dict[str, Extent] = field(default_factory=dict)
     """Junction to how much there is to cover, where its number of ways does not tell."""
 

@@ -72,6 +72,32 @@ def test_of_four_bodies_those_that_touch_are_named() -> None:
     assert touched == [(1, 3)]
 
 
+def test_more_bodies_than_the_engine_moves_at_once_are_bodies_like_any_other() -> None:
+    count = 48
+    assert count > world_module._MOST
+    starts = [Motion(8.0 * k, 0.0, 0.01 * k, 0.0, 1.0 + k, 0.0) for k in range(count)]
+    starts[47] = Motion(0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    world = BulletWorld([CAR] * count, starts)
+    assert world.motions() == starts
+    assert world.contacts() == [(0, 47)], "of the first lot and the last"
+    world.remove(0)
+    world.step([CAR.mass, 0.0, CAR.yaw_inertia] * count)
+    moved, touched = world.motions(), world.contacts()
+    world.close()
+    assert touched == []
+    for k, (motion, start) in enumerate(zip(moved, starts, strict=True)):
+        if k:  # one step of 1 m/s^2 and 1 rad/s^2
+            assert (motion.vx, motion.vy, motion.yaw_rate) == pytest.approx((DT, start.vy, DT), rel=1e-6)
+            assert motion.yaw == pytest.approx(start.yaw + DT * DT, rel=1e-6)
+
+
+def test_ten_vehicles_on_each_of_eight_lanes_are_simulated() -> None:
+    place = find("lanes4")
+    code = [place.directions(entrance)[0] for entrance in range(8)]
+    run = simulate(Case(Scenario(place, code, distance=3, followers=9, duration=1.0), Reference))
+    assert (len(run.agents), run.fault, run.collisions, run.duration) == (80, None, (), 1.0)
+
+
 def test_the_body_reaches_from_the_front_bumper_backwards() -> None:
     reach = CAR.gravity_offset
     for gap, expected in ((0.01, []), (-0.01, [(0, 1)])):

@@ -161,7 +161,7 @@ def test_what_did_not_fit_is_told_like_what_could_not_stop() -> None:
     lines = dropped(report(unfit={"t.py::a": 1}, left_out={"t.py::b": 2}))
     assert lines == [
         "2 points beyond v(d)max left out: 2 of t.py::b",
-        "1 scenario that would start before an approach begins left out: 1 of t.py::a",
+        "1 scenario in which a vehicle has no room where it starts left out: 1 of t.py::a",
     ]
 
 

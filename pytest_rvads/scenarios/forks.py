@@ -1,0 +1,73 @@
+"""Forks: where lanes of a junction are still one lane upstream, so that vehicles for both have to start behind each other.
+
+Behind turn lanes several entrances share one lane, and a lane that begins on the way has no width there. Two vehicles at
+the same distance from their lines would stand inside each other.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.segment import Segment
+
+__all__ = ["Fork", "forks"]
+
+_BESIDE = 2.0
+"""Lanes whose centre lines are nearer than this are one [m]: cars, 1.86 m wide, have no room beside each other there."""
+_SPACING = 0.5
+"""Approaches are compared at points so far apart [m]."""
+
+
+class Fork(NamedTuple):
+    """Two entrances, the lower number first, whose approaches are one lane upstream."""
+
+    entrances: tuple[int, int]
+    """Their numbers."""
+    distances: tuple[float, float]
+    """How far before each stopping line the lanes part [m]; negative behind the line."""
+
+
+@lru_cache(maxsize=256)
+def forks(place: Junction) -> tuple[Fork, ...]:
+    """Return every two entrances of a junction whose approaches are one lane upstream; none where no lane is known."""
+    lines = {e: _sample(lane.approach) for e, lane in enumerate(place.entrances) if lane.approach}
+    found = []
+    for one, two in combinations(lines, 2):
+        parted = _parting(lines[one], lines[two])
+        if parted is None and (turned := _parting(lines[two], lines[one])) is not None:
+            parted = turned[1], turned[0]
+        if parted is not None:
+            first, second = (left - place.setbacks[e] for e, left in zip((one, two), parted, strict=True))
+            found.append(Fork((one, two), (first, second)))
+    return tuple(found)
+
+
+def _parting(one: NDArray[np.float64], two: NDArray[np.float64]) -> tuple[float, float] | None:
+    """Return how far before their ends two lines part [m], the first of which begins on the second one; None if it does not."""
+    if _apart(one[0], two).min() >= _BESIDE:
+        return None
+    mine = yours = 0
+    for k, point in enumerate(one):
+        apart = _apart(point, two)
+        if apart.min() >= _BESIDE:
+            break
+        mine, yours = k, int(apart.argmin())
+    return (len(one) - 1 - mine) * _SPACING, (len(two) - 1 - yours) * _SPACING
+
+
+def _apart(point: NDArray[np.float64], line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the distances of the points of a line from one point [m]."""
+    apart: NDArray[np.float64] = np.hypot(*(line - point).T)
+    return apart
+
+
+def _sample(line: Segment) -> NDArray[np.float64]:
+    """Return points of a line, the last one at its end, shape ``(k, 2)`` [m]."""
+    stations = np.arange(line.length, 0.0, -_SPACING)[::-1]
+    return np.column_stack([np.interp(stations, line.stations, line.points[:, axis]) for axis in (0, 1)])

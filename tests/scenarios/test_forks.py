@@ -1,0 +1,99 @@
+"""Lanes that are one upstream: vehicles of their entrances start behind each other there, or not at all."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pytest_rvads.collection.cells import Cell, cells_of
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.errors import ScenarioError
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.segment import Segment
+from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.configurations import explicit
+from pytest_rvads.scenarios.forks import forks
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.selection import Selection
+from pytest_rvads.simulators.simulator import simulate
+
+PARTED, ONE = 9.0, 15.0
+"""The lanes have their places up to so far before the vertex, and are one from so far on [m]."""
+
+
+def turn_lane(begins: bool = False) -> Junction:
+    """Return `lanes4` with a turn lane at entrance 0, that forks from the lane of entrance 1 or begins beside it."""
+    place = find("lanes4")
+    own, other = place.way_in(0), place.way_in(1)
+    upstream = ONE if begins else other.length
+    points = [
+        *(other.pose(other.length - back)[:2] for back in (upstream, ONE)),
+        *(own.pose(own.length - b)[:2] for b in (PARTED, 0)),
+    ]
+    lane = replace(place.entrances[0], approach=Segment("turn lane", np.array(points)))
+    return replace(place, name="fork4", entrances=(lane, *place.entrances[1:]))
+
+
+FORK = turn_lane()
+
+
+def scenario(*distances: float, speed: float = 0.0, followers: int = 0) -> Scenario:
+    both = [FORK.directions(entrance)[0] for entrance in (0, 1)]
+    near = [*distances, *[20.0] * 6]
+    return Scenario(FORK, [*both, *[0] * 6], distance=near, speed=speed, followers=followers, duration=0.5)
+
+
+@pytest.mark.parametrize("begins", [False, True])
+def test_where_lanes_part_is_found_and_told_from_the_line(begins: bool) -> None:
+    place = turn_lane(begins)
+    ((entrances, distances),) = forks(place)
+    assert entrances == (0, 1)
+    for distance, entrance in zip(distances, place.entrances, strict=False):
+        assert PARTED < distance + entrance.setback < ONE
+
+
+@pytest.mark.parametrize("name", ["stop4", "light3", "lanes4", "roundabout4"])
+def test_lanes_beside_each_other_are_no_fork(name: str) -> None:
+    assert forks(find(name)) == ()
+
+
+def test_vehicles_beside_each_other_and_behind_each_other_start() -> None:
+    for distances, speed in (((3.0, 3.0), 5.0), ((3.0, 30.0), 10.0), ((30.0, 36.7), 0.0), ((60.0, 20.0), 10.0)):
+        run = simulate(Case(scenario(*distances, speed=speed), Reference))
+        assert (run.fault, run.collisions) == (None, ())
+
+
+@pytest.mark.parametrize(
+    ("distances", "speed", "says"),
+    [
+        (
+            (20.0, 20.0),
+            0.0,
+            r"a0\.\d would start 0\.0 m behind a0\.\d, where 2\.0 m are needed: entrances 0 and 1 .* one lane from",
+        ),
+        ((30.0, 35.0), 0.0, r"a0\.1 would start [01]\.\d m behind a0\.0, where 2\.0 m"),
+        ((30.0, 40.0), 10.0, r"a0\.1 would start 5\.\d m behind a0\.0, where 12\.0 m"),
+        ((40.0, 30.0), 10.0, r"a0\.0 would start 4\.\d m behind a0\.1, where 12\.0 m"),
+    ],
+)
+def test_too_close_in_one_lane_is_refused(distances: tuple[float, float], speed: float, says: str) -> None:
+    with pytest.raises(ScenarioError, match=says):
+        scenario(*distances, speed=speed).starts()
+
+
+def test_followers_and_long_vehicles_count() -> None:
+    near = scenario(3.0, 3.0)
+    near.starts()
+    with pytest.raises(ScenarioError, match=r"a0\.1\+1 would start 0\.0 m behind a0\.0\+1"):
+        near.but(followers=1).starts()
+    with pytest.raises(ScenarioError, match=r"where 2\.0 m are needed"):
+        near.starts(lambda _: Vehicle(length=12.0))
+
+
+def test_what_does_not_fit_is_left_out_of_a_test_and_the_rest_stays() -> None:
+    selection = Selection(FORK, explicit([3.0, 20.0], 0.0, 8), scenarios=(scenario(3, 3).directions,))
+    unfit: list[ScenarioError] = []
+    cells: list[Cell] = list(cells_of(selection, [None], [None], (), unfit))
+    assert ([cell.scenario.distances[0] for cell in cells], len(unfit)) == ([3.0], 1)
