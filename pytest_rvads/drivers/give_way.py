@@ -85,6 +85,8 @@ class GiveWay:
             self._released, self._quiet_since = False, None
             return False
         waits_for = [other for k, other in self._relevant(seen) if self._blocked(seen, other, k < seen.created)]
+        if self._all_stop:
+            waits_for += self._came_first(seen)
         if any(other.speed > MOVING or other.zone is not ENTRANCE for other in waits_for) or exit_blocked(seen) or _stuck(seen):
             self._released, self._quiet_since = False, None
             return False
@@ -112,6 +114,21 @@ class GiveWay:
             elif other.entrance not in heads or heads[other.entrance][1].station < other.station:
                 heads[other.entrance] = k, other
         return found + list(heads.values())
+
+    def _came_first(self, seen: Observation) -> list[VehicleState]:
+        """Return who is at an entrance of another arm and enters first at an all-way stop, whether or not one meets it.
+
+        The order of arrival holds for all that stand there: nobody can tell from its line which ways will cross. Those in
+        the lanes beside the own one have the same line in front of them, and no place in that order.
+        """
+        me, entrances, right_of = seen.me, seen.junction.entrances, seen.junction.right_of
+        found = []
+        for other in seen.others:
+            if other.zone is ENTRANCE and entrances[other.entrance].arm != entrances[me.entrance].arm:
+                before = self._queue.before(other, me)
+                if before or (before is None and (other.entrance, me.entrance) in right_of):
+                    found.append(other)
+        return found
 
     def _blocked(self, seen: Observation, other: VehicleState, earlier: bool) -> bool:
         """Return whether one has to wait for `other`, which may have been created `earlier`."""
@@ -212,7 +229,8 @@ class GiveWay:
             return False
         if self._quiet_since is None:
             self._quiet_since = seen.time
-        place = sum(other.zone is ENTRANCE and bool(self._meetings.of(other)) for other in seen.others[: seen.created])
+        earlier = seen.others[: seen.created]
+        place = sum(other.zone is ENTRANCE and (other in waits_for or bool(self._meetings.of(other))) for other in earlier)
         self._released = seen.time - self._quiet_since >= PATIENCE + PATIENCE_STEP * place
         return self._released
 
