@@ -85,6 +85,8 @@ class GiveWay:
             self._released, self._quiet_since = False, None
             return False
         waits_for = [other for k, other in self._relevant(seen) if self._blocked(seen, other, k < seen.created)]
+        if self._all_stop:
+            waits_for += self._came_first(seen, me)
         if any(other.speed > MOVING or other.zone is not ENTRANCE for other in waits_for) or exit_blocked(seen) or _stuck(seen):
             self._released, self._quiet_since = False, None
             return False
@@ -113,6 +115,21 @@ class GiveWay:
                 heads[other.entrance] = k, other
         return found + list(heads.values())
 
+    def _came_first(self, seen: Observation, one: VehicleState) -> list[VehicleState]:
+        """Return who is at an entrance of another arm and enters before `one` at an all-way stop, whether or not they meet.
+
+        The order of arrival holds for all that stand there: nobody can tell from its line which ways will cross. Those in
+        the lanes beside the own one have the same line in front of them, and no place in that order.
+        """
+        entrances, right_of = seen.junction.entrances, seen.junction.right_of
+        arm, found = entrances[one.entrance].arm, []
+        for other in seen.everybody():
+            if other.zone is ENTRANCE and entrances[other.entrance].arm != arm:
+                before = self._queue.before(other, one)
+                if before or (before is None and (other.entrance, one.entrance) in right_of):
+                    found.append(other)
+        return found
+
     def _blocked(self, seen: Observation, other: VehicleState, earlier: bool) -> bool:
         """Return whether one has to wait for `other`, which may have been created `earlier`."""
         if other.zone >= JUNCTION:
@@ -138,6 +155,12 @@ class GiveWay:
             before = self._queue.before(other, me)
             if before is not None:
                 return before
+            right_of = seen.junction.right_of
+            if (me.entrance, other.entrance) in right_of:
+                return False
+            if (other.entrance, me.entrance) not in right_of and self._came_first(seen, other):
+                # Across from each other, a turn waits for who could go now, not for who has to let others go first.
+                return False
         elif seen.lights[me.entrance] is _RED:
             return True
         if meeting.mine or meeting.yours:
@@ -212,7 +235,8 @@ class GiveWay:
             return False
         if self._quiet_since is None:
             self._quiet_since = seen.time
-        place = sum(other.zone is ENTRANCE and bool(self._meetings.of(other)) for other in seen.others[: seen.created])
+        earlier = seen.others[: seen.created]
+        place = sum(other.zone is ENTRANCE and (self._all_stop or bool(self._meetings.of(other))) for other in earlier)
         self._released = seen.time - self._quiet_since >= PATIENCE + PATIENCE_STEP * place
         return self._released
 

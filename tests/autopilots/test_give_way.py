@@ -186,6 +186,18 @@ def test_lanes_of_an_arm_go_by_their_own_lights(shared: Path) -> None:
         assert wrong(run) == []
 
 
+def test_at_an_all_way_stop_of_several_lanes_who_came_first_goes_first_although_their_ways_do_not_meet() -> None:
+    """Right turns of opposite arms share nothing; the order of arrival is between all that stand there."""
+    place = signed(*[STOP] * 8, base="lanes4")
+    assert (place.by_direction[0, 1].key, place.by_direction[4, 1].key) not in (place.conflicts or ())
+    near, far = [12.0] * 8, [12.0] * 8
+    near[4], far[4] = 10.0, 15.0
+    for distances, order in ((near, ["a2.0", "a0.0"]), (far, ["a0.0", "a2.0"])):
+        run = drive(place, "10001000", distance=distances, speed=3)
+        assert entering(run) == order
+        assert {"first_come", "right_first"}.isdisjoint(wrong(run))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("signs", SIGNS.values(), ids=SIGNS)
 @pytest.mark.parametrize(("turn", "distance", "speed"), [(0, 20, 0), (1, 32, 9), (2, (12, 25, 20, 30), 6)])
