@@ -309,7 +309,7 @@ def test_beside_several_lanes_only_those_take_turns_whose_ways_meet(drive: Make)
 
 @pytest.mark.parametrize("signs", [(S, S, S, S), (P, Y, P, Y)])
 def test_who_is_gone_down_a_short_exit_road_is_in_nobodys_way(drive: Make, signs: Sequence[Sign]) -> None:
-    """Where an exit road ends after 4 m, the rear of a car of 4.6 m is still on the movement when it is gone: nothing is there."""
+    """Where an exit road ends after 4 m, the rear of a car of 4.6 m is still on the movement when it is gone."""
     place = signed(*signs)
     # a1 turns right into the exit road that a0 goes straight on to.
     way = place.leads(1, 1)
