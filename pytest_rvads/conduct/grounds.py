@@ -15,7 +15,7 @@ from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.runs.run import Run
 
-__all__ = ["Ground", "ground_of", "lit", "may_owe"]
+__all__ = ["Ground", "ground_of", "in_turn", "lit", "may_owe"]
 
 _MINOR = (Sign.STOP, Sign.YIELD)
 
@@ -61,6 +61,18 @@ def ground_of(junction: Junction, one: Key, other: Key) -> Ground | None:
         case Reason.TURN:
             return Ground.TURN
     return None
+
+
+def in_turn(junction: Junction, one: Key, other: Key) -> bool:
+    """Return whether at an all-way stop one of two movements waits for the other by the order of arrival.
+
+    With one entrance on each arm all take turns, as the law has it. Where an arm has several, whoever waited for all of them
+    would wait for vehicles that it never meets, and only those do whose ways cross or join; all of different arms, where it is
+    not known where the lanes lie.
+    """
+    if junction.entrances[one[0]].arm == junction.entrances[other[0]].arm:
+        return False
+    return max(junction.lanes) < 2 or junction.conflicts is None or (one, other) in junction.conflicts
 
 
 def may_owe(run: Run, agent: int, other: int) -> bool:

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.grounds import Ground, ground_of, lit, may_owe
+from pytest_rvads.conduct.grounds import Ground, ground_of, in_turn, lit, may_owe
 from pytest_rvads.conduct.lane import wrong_lanes
 from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.segment import Turn
@@ -56,6 +56,8 @@ class Static:
     geometry is not known."""
     owing: frozenset[tuple[int, int]] | None = None
     """Pairs of agents of which the first may owe the way to the second; None where that is left to the run."""
+    by_arrival: frozenset[tuple[int, int]] | None = None
+    """Pairs of agents that enter by the order of arrival at an all-way stop; None where all do."""
     choosing: frozenset[int] = frozenset()
     """Agents, by column, of whose arm a lane does not lead where they go."""
 
@@ -98,6 +100,7 @@ def _extract(run: Run) -> Static:
         junction.far,
         grounds,
         _owing(run) if grounds is not None and junction.control not in _BY_STATE else None,
+        _by_arrival(run) if max(junction.lanes) > 1 else None,
         frozenset(k for k, who in enumerate(run.agents) if wrong_lanes(junction, *who.route.key)),
     )
 
@@ -120,6 +123,12 @@ def _owing(run: Run) -> frozenset[tuple[int, int]]:
     conflicts, ways = run.junction.conflicts or (), [agent.route.key for agent in run.agents]
     pairs = permutations(range(len(ways)), 2)
     return frozenset((one, two) for one, two in pairs if (ways[one], ways[two]) in conflicts and may_owe(run, one, two))
+
+
+def _by_arrival(run: Run) -> frozenset[tuple[int, int]]:
+    ways = [agent.route.key for agent in run.agents]
+    pairs = permutations(range(len(ways)), 2)
+    return frozenset((one, two) for one, two in pairs if in_turn(run.junction, ways[one], ways[two]))
 
 
 def once(run: Run, work: Callable[[Run], _Result]) -> _Result:

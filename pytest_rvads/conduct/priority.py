@@ -232,6 +232,8 @@ class Encounter:
         there = front >= self._common.mine.start
         if self._common.merges:
             (_, rear), (ahead, _) = (before_exit(run, k) for k in (agent, other))
+        # Who is gone has left the way, though a short exit road may end before its rear has.
+        rear = np.where(run.zone[:, agent] == Zone.GONE, math.inf, rear)
         free = _unhindered(run, other)
         inside, speed = run.zone[:, agent] >= Zone.JUNCTION, run.need("speed")[:, other]
         columns = (inside, better, bound, touching, there, rear, ahead, speed, free)

@@ -13,7 +13,7 @@ from itertools import pairwise, permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.grounds import may_owe
+from pytest_rvads.conduct.grounds import in_turn, may_owe
 from pytest_rvads.conduct.predicates import once, ticks
 from pytest_rvads.conduct.priority import due, yields
 from pytest_rvads.conduct.standing import TIE
@@ -199,7 +199,7 @@ def _lets_pass(run: Run, agent: int, other: int, common: Shared | None) -> NDArr
         return found
     front = position(run, agent)[0]
     ahead = front < common.mine.start
-    there = on_stretch(run, other, common.yours) & (theirs != Zone.GONE)
+    there = on_stretch(run, other, common.yours)
     found |= there & (ahead | on_stretch(run, agent, common.mine))
     gives = yields(run, other, agent) if may_owe(run, other, agent) else np.zeros_like(found)
     found |= ahead & (theirs == Zone.JUNCTION) & (position(run, other)[0] < common.yours.start) & ~gives
@@ -212,9 +212,8 @@ def _lets_pass(run: Run, agent: int, other: int, common: Shared | None) -> NDArr
 
 
 def comes_first(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
-    """Both are at entrances of different arms and the other one goes first: clearly earlier there, or at once from the right."""
-    arms = [run.junction.entrances[run.agents[k].entrance].arm for k in (agent, other)]
-    if arms[0] == arms[1]:
+    """Both are at entrances and take turns, and the other one goes first: clearly earlier there, or at once from the right."""
+    if not in_turn(run.junction, run.agents[agent].route.key, run.agents[other].route.key):
         return np.zeros(run.steps, dtype=np.bool_)
     both = (run.zone[:, agent] == Zone.ENTRANCE) & (run.zone[:, other] == Zone.ENTRANCE)
     later = run.wt[:, other] - run.wt[:, agent]

@@ -12,6 +12,7 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import CONFLICT_WIDTH, Key, Shared, Stretch
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
 
 __all__ = ["before_exit", "meet", "on_stretch", "parting", "position", "shared"]
 
@@ -63,9 +64,12 @@ def position(run: Run, agent: int) -> tuple[NDArray[np.float64], NDArray[np.floa
 
 
 def on_stretch(run: Run, agent: int, stretch: Stretch) -> NDArray[np.bool_]:
-    """Return where part of the body of an agent is on a stretch of its movement, shape ``(steps,)``."""
+    """Return where part of the body of an agent is on a stretch of its movement, shape ``(steps,)``.
+
+    Who is gone is nowhere, though a short exit road may end before its rear has come off the stretch.
+    """
     front, rear = position(run, agent)
-    found: NDArray[np.bool_] = (front >= stretch.start) & (rear <= stretch.end)
+    found: NDArray[np.bool_] = (front >= stretch.start) & (rear <= stretch.end) & (run.zone[:, agent] != Zone.GONE)
     return found
 
 

@@ -204,7 +204,8 @@ class Junction:
     def yields(self) -> Mapping[tuple[Key, Key], Reason] | None:
         """Pairs (one, other) of conflicting movements of which the first gives way to the second, and why.
 
-        None without centre lines. See `pytest_rvads.junctions.yielding`.
+        Of two that have lights but never green together there is none: the light says who goes. None without centre lines. See
+        `pytest_rvads.junctions.yielding`.
         """
         if self.conflicts is None:
             return None
@@ -212,9 +213,7 @@ class Junction:
             [entrance.sign for entrance in self.entrances],
             [entrance.arm for entrance in self.entrances],
             [
-                next(
-                    (math.pi + m.path.pose(0.0).heading for m in self.movements.values() if m.path and m.entrance == number), 0.0
-                )
+                next((_outward(m.path) for m in self.movements.values() if m.path and m.entrance == number), 0.0)
                 for number in range(len(self.entrances))
             ],
             {key: movement.turn for key, movement in self.movements.items()},
@@ -223,7 +222,13 @@ class Junction:
             self.stated,
             self.left_hand,
         )
-        found = ((pair, precedence.why(*pair)) for pair in sorted(self.conflicts))
+        phases = [entrance.phase if entrance.sign is Sign.LIGHTS else None for entrance in self.entrances]
+        at_once = (
+            (one, other)
+            for one, other in sorted(self.conflicts)
+            if None in (phases[one[0]], phases[other[0]]) or phases[one[0]] == phases[other[0]]
+        )
+        found = ((pair, precedence.why(*pair)) for pair in at_once)
         return MappingProxyType({pair: reason for pair, reason in found if reason is not None})
 
     @cached_property
@@ -358,6 +363,12 @@ class Junction:
     def far(self) -> Turn:
         """The turn across oncoming traffic: left where traffic keeps right."""
         return Turn.RIGHT if self.left_hand else Turn.LEFT
+
+
+def _outward(path: Segment) -> float:
+    """Return the direction from the start of a movement against its traffic [rad]."""
+    (x, y), (u, v) = path.points[:2].tolist()
+    return math.pi + math.atan2(v - y, u - x)
 
 
 def _image(lanes: Sequence[Entrance | Exit], arms: int, ways: int) -> tuple[int, ...] | None:

@@ -31,6 +31,8 @@ class Doubt(StrEnum):
     """No pair of entrances is right-of another: a Y junction, where the priority rules say nothing."""
     ORDER = "order"
     """The movements of an entrance do not follow the cyclic order of the exits."""
+    BEND = "bend"
+    """A movement bends more tightly than a car can steer, so that whoever drives there cuts the corner or swings out."""
     SIDE = "side"
     """A road does not say on which side traffic keeps, or says the wrong one; what the lanes need was taken."""
     UNITS = "units"

@@ -61,6 +61,8 @@ MINOR, MAJOR = {Sign.STOP, Sign.YIELD}, {Sign.PRIORITY}
 def gives_way(junction: Junction, one: Key, other: Key) -> bool:
     """Return whether who makes the movement `one` gives way to who makes the conflicting one `other`, by the law."""
     mine, yours = (junction.entrances[entrance].sign for entrance, _ in (one, other))
+    if mine is yours is Sign.LIGHTS and not any({one[0], other[0]} <= group for group in junction.phase_groups):
+        return False  # one of them has red
     if (mine in MINOR) != (yours in MINOR):
         return mine in MINOR
     if (mine in MAJOR) != (yours in MAJOR):

@@ -15,10 +15,10 @@ import pytest_rvads as rvads
 from pytest_rvads.conduct.grounds import Ground, ground_of
 from pytest_rvads.conduct.lane import wrong_lanes
 from pytest_rvads.conduct.predicates import extract
-from pytest_rvads.conduct.priority import due, owes
+from pytest_rvads.conduct.priority import Encounter, due, owes
 from pytest_rvads.conduct.progress import comes_first, may_go
 from pytest_rvads.conduct.standing import stopped
-from pytest_rvads.conduct.stretches import shared
+from pytest_rvads.conduct.stretches import on_stretch, shared
 from pytest_rvads.junctions.junction import Entrance, Junction, Movement
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.prepare import prepare
@@ -28,7 +28,7 @@ from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Colour
+from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.search.remap import mirrored
 
 Make = Callable[..., Run]
@@ -288,9 +288,44 @@ def test_lanes_of_one_arm_do_not_wait_for_each_other(drive: Make) -> None:
     run = drive(place, {0: wait(1, 800), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (400, 8.0)])}, 1500)
     assert check(run, "first_come").status == "NA"
     assert not comes_first(run, 1, 0).any()
-    run = drive(place, {0: wait(1, 800), 2: (2, -2.5, [(0, 1.0), (200, 0.0), (400, 8.0)])}, 1500)
-    assert check(run, "first_come").responsible == ("a1",)
+    run = drive(place, {0: wait(1, 800), 4: (2, -2.5, [(0, 1.0), (200, 0.0), (400, 8.0)])}, 1500)
+    assert check(run, "first_come").responsible == ("a3",), "it goes where a0 turns to"
     assert extract(run).beside == {(0, 1), (1, 0)}
+
+
+def test_beside_several_lanes_only_those_take_turns_whose_ways_meet(drive: Make) -> None:
+    """From the kerb lane in the south to the east nobody meets who goes straight on from the east, but who does from the west."""
+    late, at_once = (2, -2.5, [(0, 1.0), (200, 0.0), (400, 8.0)]), (2, -0.5, [(0, 0.0), (400, 8.0)])
+    place = lanes(S, S, S, S)
+    for rule, way in (("first_come", late), ("right_first", at_once)):
+        meets, misses = (drive(place, {0: wait(1, 800), entrance: way}, 1500) for entrance in (4, 2))
+        assert [check(run, rule).status for run in (meets, misses)] == ["FAIL", "NA"], rule
+        assert not comes_first(misses, 1, 0).any()
+    # With one lane on each arm all take turns, as before.
+    misses = drive(signed(S, S, S, S), {0: wait(1, 800), 1: late}, 1500)
+    assert check(misses, "first_come").status == "FAIL"
+    assert comes_first(misses, 1, 0).any()
+
+
+@pytest.mark.parametrize("signs", [(S, S, S, S), (P, Y, P, Y)])
+def test_who_is_gone_down_a_short_exit_road_is_in_nobodys_way(drive: Make, signs: Sequence[Sign]) -> None:
+    """Where an exit road ends after 4 m, the rear of a car of 4.6 m is still on the movement when it is gone."""
+    place = signed(*signs)
+    # a1 turns right into the exit road that a0 goes straight on to.
+    way = place.leads(1, 1)
+    ticks = round((way.length + 4.0 + 0.5) / 8.0 * 100)
+    run = drive(place, {1: (1, -0.5, [(0, 8.0), (ticks, 0.0)]), 0: (2, -6.0, [(0, 8.0)])}, 700)
+    assert run.need("station")[-1, 0] - 4.6 < way.length
+    common = shared(run, 0, 1)
+    assert common is not None
+    zone = run.zone.copy()
+    zone[ticks:, 0] = Zone.GONE
+    stays, gone = run, replace(run, zone=zone)
+    assert [check(one, "no_conflict").status for one in (stays, gone)] == ["FAIL", "PASS"]
+    never = np.zeros(run.steps, dtype=np.bool_)
+    rears = [Encounter(one, 0, 1, common).rows(one, never, never, never)[-1][5] for one in (stays, gone)]
+    assert rears == [pytest.approx(run.need("station")[-1, 0] - 4.6 - way.length), np.inf]
+    assert not on_stretch(gone, 0, common.mine)[ticks:].any()
 
 
 def test_a_lane_that_does_not_lead_there_is_the_wrong_one(drive: Make) -> None:

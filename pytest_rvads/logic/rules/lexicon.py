@@ -75,6 +75,10 @@ def _may_owe(static: Static, one: f.Element, two: f.Element) -> bool | None:
     return None if static.owing is None or (one.index, two.index) in static.owing else False
 
 
+def _takes_turns(static: Static, one: f.Element, two: f.Element) -> bool:
+    return static.by_arrival is None or (one.index, two.index) in static.by_arrival
+
+
 def _one_lane(static: Static, agent: f.Element) -> bool | None:
     return True if agent.index not in static.choosing else None
 
@@ -183,6 +187,7 @@ BUILT_IN = Vocabulary.of(
         apart=True,
         symmetric=True,
     ),
+    _word("takes_turns", _TWO, decide=_takes_turns, static="agent", apart=True, symmetric=True),
     _word("stop_sign", ("entrance",), decide=lambda s, entrance: entrance.index in s.signs, static="entrance"),
     _word(
         "entex",

@@ -1,0 +1,38 @@
+"""Bends of movements that are tighter than a car can steer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pytest_rvads.junctions.graph import MetricGraph
+from pytest_rvads.junctions.ways import Way
+
+__all__ = ["LEAST_RADIUS", "tight_bends"]
+
+LEAST_RADIUS = 3.9
+"""Of the circle on which the rear axle of a car drives with its wheels turned as far as they go [m]: a wheelbase of 2.7 m over
+the tangent of 0.61 rad."""
+_CHORD = 4.0
+"""Bends are measured over so much of the centre line [m], about the turned part of a right turn: single vertices are no bends."""
+
+
+def tight_bends(graph: MetricGraph, ways: Sequence[Way]) -> list[tuple[float, Way]]:
+    """Return the ways that turn through a bend which the rear axle of a car can't follow, with its radius [m], tightest first."""
+    # Who turns by less in all has no such bend, but for jags that a car drives straight through.
+    found = [(_radius(graph, way), way) for way in ways if abs(way.turning) > _CHORD / LEAST_RADIUS]
+    return sorted((item for item in found if item[0] < LEAST_RADIUS), key=lambda item: item[0])
+
+
+def _radius(graph: MetricGraph, way: Way) -> float:
+    """Return the least radius of a way over `_CHORD` of it, or over all of it where it is shorter [m]."""
+    steps = np.diff(np.vstack([graph.edges[edge].points for edge in way.path.edges]), axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    steps, lengths = steps[lengths > 0.0], lengths[lengths > 0.0]
+    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    middles = np.cumsum(lengths) - lengths / 2
+    chord = min(_CHORD, float(lengths.sum()))
+    # A piece has its heading in its middle, and between two middles it changes evenly.
+    turned = np.abs(np.interp(middles + chord, middles, headings) - headings).max()
+    return chord / float(turned) if turned > 0.0 else np.inf
