@@ -9,7 +9,6 @@ from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.studies.mutants.sight import BlindAhead
 
-
 PLACE = rvads.find("stop4")
 FACING = {f"0{a}0{b}" for a, b in [*combinations("123", 2), *zip("123", "123", strict=True)]}
 """Two face to face: the only scenarios of two vehicles in which nobody comes from a side."""
