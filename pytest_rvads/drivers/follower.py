@@ -20,6 +20,10 @@ _FIRM = 3.0
 """Hardest braking for a bend [m/s^2]."""
 _HOLD = 2.5
 """Brake that ends a stop and keeps the vehicle standing [m/s^2]."""
+NARROW = 3.0
+"""In bends of a smaller radius the front swings out so far that its place on the way says nothing of the rear axle's [m]."""
+NARROW_LANE, LANE = 4.3, 3.5
+"""Likewise on lanes narrower than the second number, where a front that swings out meets who waits beside [m]."""
 STANDING = 0.01
 """A vehicle slower than this stands [m/s]."""
 
@@ -39,6 +43,10 @@ class Follower(Autopilot):
     _track: Track | None = None
     _wheels: tuple[float, float] | None = None
     """Reference point to rear axle, rear axle to front axle [m]: worked out once, the vehicle stays the same."""
+    _narrow = False
+    """Whether the way has a bend for which it has to steer by the rear axle."""
+    _axle: float | None = None
+    """Where the rear axle was last on a way with narrow bends [m]."""
     _piece = (math.inf, -math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
     """The piece of the path that it aims at: it stays the same for many steps."""
 
@@ -76,6 +84,7 @@ class Follower(Autopilot):
         """Return what is known of the way ahead; worked out once."""
         if self._track is None:
             self._track = Track(seen.itinerary, seen.vehicle.rear_axle_offset)
+            self._narrow = self._track.radius < (NARROW_LANE if seen.junction.lane_width < LANE else NARROW)
         return self._track
 
     def drive(self, seen: Observation, acceleration: float) -> Control:
@@ -96,15 +105,25 @@ class Follower(Autopilot):
         """Return the angle of the front wheels [rad] that leads the rear axle back to the itinerary."""
         me = seen.me
         if self._wheels is None:
+            self.track(seen)
             self._wheels = seen.vehicle.rear_axle_offset, seen.vehicle.wheelbase
         back, wheelbase = self._wheels
-        aim = me.station - back + lookahead(me.speed) + seen.itinerary.origin
+        axle = self._axle_station(seen, back) if self._narrow else me.station - back
+        aim = axle + lookahead(me.speed) + seen.itinerary.origin
         start, end, x, y, ux, uy, _ = self._piece
         if not start <= aim < end:
             self._piece = start, _, x, y, ux, uy, _ = seen.itinerary.path.piece(aim)
         aim -= start
         self._steering = steering = pursue(me, back, wheelbase, x + aim * ux, y + aim * uy)
         return steering
+
+    def _axle_station(self, seen: Observation, back: float) -> float:
+        """Return where the rear axle is on the itinerary by itself [m]: in a narrow bend the front swings out and lags behind."""
+        me = seen.me
+        near = me.station - back if self._axle is None else self._axle
+        x, y = me.x - back * math.cos(me.heading), me.y - back * math.sin(me.heading)
+        self._axle, _ = seen.itinerary.project(x, y, near)
+        return self._axle
 
 
 def resistance(vehicle: Vehicle, speed: float) -> float:

@@ -33,6 +33,9 @@ class Track:
         # little before the other ends counts as a bend.
         headings = [math.atan2(b.y - a.y, b.x - a.x) for a, b in zip(poses, poses[2:], strict=False)]
         changes = [(b - a + math.pi) % (2 * math.pi) - math.pi for a, b in zip(headings, headings[4:], strict=False)]
+        sharpest = max(map(abs, changes), default=0.0)
+        self.radius = 4.0 / sharpest if sharpest else math.inf
+        """Of its narrowest bend [m]."""
         raw = [math.sqrt(BEND * 4.0 / abs(change)) if abs(change) > 1e-3 else math.inf for change in changes]
         trail = math.ceil(axle)
         limits = [min(raw[max(k - trail, 0) : k + 1]) for k in range(len(raw))]

@@ -1,6 +1,7 @@
 """The helper that follows an itinerary: on its way, at its speed, to a stop where it should."""
 
 import math
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.way_ahead import BEND, Track
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.maps.segment import Pose, Turn
@@ -227,3 +229,12 @@ def test_places_of_a_way_reach_to_its_end() -> None:
     assert track.places(37.5, 10.0) == [(38.0, 0.0), (39.0, 0.0), (40.0, 0.0)]
     assert track.places(37.0, 2.0) == [(38.0, 0.0), (39.0, 0.0)]
     assert track.places(-5.0, 2.5) == [(0.0, 0.0), (1.0, 0.0)]
+
+
+@pytest.mark.parametrize(("file", "id", "code"), [("Town07", "907", "112"), ("sumo_skew4", "1", "1000")])
+def test_narrow_bends_are_driven_by_the_rear_axle(shared: Path, file: str, id: str, code: str) -> None:
+    """With the front followed instead, one ran into who waited beside its lane, the other one left its route."""
+    junction = find(id, shared / "maps" / f"{file}.xodr")
+    distances = [min(20.0, junction.approach(entrance) - 0.1) for entrance in range(len(junction.entrances))]
+    run = simulate(Case(Scenario(junction, code, distance=distances), Reference))
+    assert (run.provenance["end"], run.collisions) == ("left", ())
