@@ -224,7 +224,7 @@ class Scenario:
         before = (entrance - self.rotation) % len(self.directions)
         return self.distances[before], self.speeds[before]
 
-    def starts(self, body: Callable[[str], Vehicle] = lambda _: Vehicle()) -> tuple[tuple[float, float], ...]:
+    def starts(self, body: Callable[[str], Vehicle] | None = None) -> tuple[tuple[float, float], ...]:
         """Return per agent its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
 
         Whoever follows starts as fast as the one ahead, `QUEUE_GAP` and `QUEUE_TIME` behind its body. Where the lanes of two
@@ -239,11 +239,12 @@ class Scenario:
         found: list[tuple[float, float]] = []
         before: Agent | None = None
         agents = self.agents()
+        lengths = {agent.name: (body(agent.name) if body else Vehicle()).length for agent in agents}
         for agent in agents:
             if before is None or before.entrance != agent.entrance:
                 distance, speed = self.start(agent.entrance)
             else:
-                distance += body(before.name).length + QUEUE_GAP + QUEUE_TIME * speed
+                distance += lengths[before.name] + QUEUE_GAP + QUEUE_TIME * speed
             room = self.place.approach(agent.entrance)
             if distance > room:
                 cure = "a smaller distance, fewer followers" if self.followers else "a smaller distance"
@@ -254,7 +255,7 @@ class Scenario:
             found.append((distance, speed))
             before = agent
         if forks(self.place):
-            self._check_forks([_Start(a.name, a.entrance, body(a.name).length, *at) for a, at in zip(agents, found, strict=True)])
+            self._check_forks([_Start(a.name, a.entrance, lengths[a.name], *at) for a, at in zip(agents, found, strict=True)])
         return tuple(found)
 
     def _check_forks(self, starts: Sequence[_Start]) -> None:
