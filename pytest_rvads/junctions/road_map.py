@@ -66,6 +66,10 @@ class RoadMap:
         after = self.walk(way.path.exit, upstream=False)
         return Track([self.graph.segment(edge) for edge in (*before, *way.path.edges, *after)])
 
+    def relations(self, report: JunctionReport) -> Junction | None:
+        """Return a junction to ask for its relations, which needs no roads; None where it is unusable."""
+        return self._cut(report, report.id, roads=False) if report.usable else None
+
     def entex(self, id: str) -> dict[str, str]:
         """Return the paper's ``entex`` of junction `id`: per entrance vertex the neighbouring exit vertex.
 
@@ -107,22 +111,30 @@ class RoadMap:
             report = analyse(self.graph, cut(self.graph, id), report.objects, [], joints=self.joints, uturns=True)
         if report.reason is not None:
             raise MapError(f"junction {id!r} of map file {self.path} cannot be used: {report.reason}")
+        return self._cut(report, name or f"{Path(self.path).stem}.{id}", roads=True)
+
+    def _cut(self, report: JunctionReport, name: str, *, roads: bool) -> Junction:
+        """Return a junction; without the geometry of its `roads`, which takes longest to join, movements still have theirs."""
         movements: dict[tuple[int, int], Movement] = {}
         for way in reversed(report.movements):  # of several from one lane to another the shortest comes first
-            parts = [Segment(e, self.graph.edges[e].points, way.turn, id) for e in way.path.edges]
+            parts = [Segment(e, self.graph.edges[e].points, way.turn, report.id) for e in way.path.edges]
             path = self._joined(parts)
             movements[way.entrance, way.exit] = Movement(way.entrance, way.exit, way.turn, path.length, path.id, path)
         phases = {entrance: number for number, group in enumerate(report.phase_groups) for entrance in group}
         edges = [self.graph.edges[end.edge] for end in report.entrances]
         lanes = zip(report.entrances, report.signs, report.setbacks, report.sign_setbacks, strict=True)
+
+        def road(edge: str, *, upstream: bool) -> Segment | None:
+            return self._road(edge, upstream=upstream) if roads else None
+
         return Junction(
-            name or f"{Path(self.path).stem}.{id}",
-            id,
+            name,
+            report.id,
             tuple(
-                Entrance(end.arm, end.lane, sign, phases.get(k), back, self._road(end.edge, upstream=True), posted)
+                Entrance(end.arm, end.lane, sign, phases.get(k), back, road(end.edge, upstream=True), posted)
                 for k, (end, sign, back, posted) in enumerate(lanes)
             ),
-            tuple(Exit(end.arm, end.lane, self._road(end.edge, upstream=False)) for end in report.exits),
+            tuple(Exit(end.arm, end.lane, road(end.edge, upstream=False)) for end in report.exits),
             dict(sorted(movements.items())),
             lifted(report.right_of, report.entrances),
             lifted(report.opposite, report.entrances),
@@ -181,7 +193,7 @@ def describe(road_map: RoadMap) -> dict[str, Any]:
     """Return the JSON object of ``rvads map FILE --json``, as builtins."""
     return {
         "file": road_map.path,
-        "junctions": [_describe(r, road_map.junction(r.id) if r.usable else None) for r in road_map.junctions],
+        "junctions": [_describe(report, road_map.relations(report)) for report in road_map.junctions],
         "warnings": [warning.record() for warning in road_map.warnings],
     }
 
