@@ -294,13 +294,14 @@ class Scenario:
         return SignalPlan(self.place.phase_groups, first_green(self.place, self.rotation))
 
     def describe(self) -> str:
-        """Return the start in one line: name, movements, distances, speeds."""
-        agents = self.agents()
-        starts = [self.start(a.entrance) for a in agents]
-        movements = " ".join(f"{a.entrance}->{a.exit}" for a in agents)
+        """Return the start in one line: name, movements, distances, speeds of the first at each entrance, how many follow."""
+        occupied = [(entrance, direction) for entrance, direction in enumerate(self.placed) if direction]
+        starts = [self.start(entrance) for entrance, _ in occupied]
+        movements = " ".join(f"{e}->{self.place.leads(e, d).exit}" for e, d in occupied)
         distances = " ".join(f"{d:g}" for d, _ in starts)
         speeds = " ".join(f"{v:g}" for _, v in starts)
-        return f"{self.name} ({movements})  d=({distances}) m  v=({speeds}) m/s"
+        queue = f"  {self.followers} behind each" if self.followers else ""
+        return f"{self.name} ({movements})  d=({distances}) m  v=({speeds}) m/s{queue}"
 
     def record(self) -> dict[str, Any]:
         """Return the fields as builtins, for records and run files; of the junction its name and the file it is from."""

@@ -98,3 +98,9 @@ def test_a_start_beyond_the_approach_is_refused_where_a_vehicle_stands() -> None
     Scenario(find("stop4"), "0111", distance=(500, 20, 20, 20)).starts()
     with pytest.raises(ScenarioError, match="distance 500 m does not fit on entrance 1"):
         Scenario(find("stop4"), "1111", distance=(500, 20, 20, 20), rotation=1).starts()
+
+
+def test_the_start_is_told_of_the_first_ones_and_how_many_queue_behind() -> None:
+    """Who follows starts farther away than the first one, so that its distance is none of those."""
+    told = Scenario(find("stop4"), "1030", distance=(20, 0, 30, 0), followers=2).describe()
+    assert told.endswith("(0->1 2->1)  d=(20 30) m  v=(0 0) m/s  2 behind each")
