@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from msgspec.structs import replace
+
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.report.session_report import Extent, Move
 from pytest_rvads.scenarios.orbits import WAYS, Orbits
@@ -23,22 +25,12 @@ def extended(extents: Mapping[str, Extent], selection: Selection) -> dict[str, E
     before = extents.get(place.name, Extent(turns=full.blocks))
     partial = {occupancy: selection.orbits.count} if selection.cover == "partial" else {}
     seated = sum(map(full.seated, range(full.size))) // full.blocks
-    after = Extent(
-        turns=full.blocks,
-        classes=before.classes | {occupancy: (full.count, full.scenarios, seated)},
-        partial=before.partial | partial,
-        pairs=before.pairs,
-        conflicts=before.conflicts,
-    )
+    classes = before.classes | {occupancy: (full.count, full.scenarios, seated)}
+    after = replace(before, classes=classes, partial=before.partial | partial)
     if selection.cover in PAIRED or not place.one_lane_each:
         known = place.conflicts is not None
-        after = Extent(
-            turns=after.turns,
-            classes=after.classes,
-            partial=after.partial,
-            pairs=_moves(place, conflicting=False),
-            conflicts=_moves(place, conflicting=True) if known else (),
-        )
+        conflicts = _moves(place, conflicting=True) if known else ()
+        after = replace(after, pairs=_moves(place, conflicting=False), conflicts=conflicts)
     return {**extents, place.name: after}
 
 

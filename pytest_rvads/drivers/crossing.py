@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -65,8 +64,7 @@ class Meetings:
 
 @lru_cache(maxsize=4096)
 def _bend_speed(junction: Junction, key: Key) -> float:
-    track = Track(Itinerary.through(junction, *key), 0.0)
-    return min(track.speed(float(s)) for s in range(math.ceil(junction.movements[key].length) + 1))
+    return Track(Itinerary.through(junction, *key), 0.0).slowest(junction.movements[key].length)
 
 
 def ahead_in_lane(seen: Observation) -> VehicleState | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from pytest_rvads.drivers.at_light import EAGER, SET_OFF, YELLOW
 from pytest_rvads.drivers.crossing import Meeting, Meetings, exit_blocked, runs_through
 from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.interface import Observation
@@ -20,16 +21,10 @@ from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, Vehic
 
 __all__ = ["GiveWay", "clear_of_meetings"]
 
-YELLOW = 3.2
-"""Who can stop with this deceleration stops on yellow [m/s^2]; people do at 2.2 to 5.9."""
 DRIVE = 2.3
-"""Own acceleration counted on [m/s^2]."""
-EAGER = 3.0
-"""Acceleration that others, and the own vehicle where it must not be early, are believed capable of [m/s^2]."""
+"""Own acceleration counted on [m/s^2]; where it must not be early, `EAGER`."""
 TARDY, CRAWL = 1.5, 4.0
 """Acceleration [m/s^2], and speed [m/s], that others are believed to reach at least when they leave."""
-SET_OFF = 0.35
-"""Time that setting off takes, until the drive answers [s]."""
 MARGIN = 1.6
 """Time kept between leaving a place and the arrival there of one who goes first [s]: more than that of a near miss, 1 s."""
 MOVING = 0.15
@@ -67,7 +62,7 @@ class GiveWay:
         self._on_red = itinerary.turn is junction.near and entrance.lane == 0 and not junction.left_hand
         self._stop_signs = frozenset(k for k, lane in enumerate(junction.entrances) if lane.sign is Sign.STOP)
         # The slowest place decides how fast the junction is cleared.
-        self._cruise = min(track.speed(float(s)) for s in range(math.ceil(itinerary.length) + 1))
+        self._cruise = track.slowest(itinerary.length)
         self._stood_since: float | None = None
         self._quiet_since: float | None = None
         self._released = False

@@ -49,6 +49,10 @@ class Track:
         limits = self._limits
         return limits[k if 0 <= k < len(limits) else -1 if k > 0 else 0]
 
+    def slowest(self, length: float) -> float:
+        """Return the highest speed [m/s] that the whole of a movement of this length [m] may be taken with."""
+        return min(self.speed(float(station)) for station in range(math.ceil(length) + 1))
+
     def places(self, station: float, reach: float) -> list[tuple[float, float]]:
         """Return the places (x, y) [m] by the metre, beginning less than 1 m after `station`, up to `reach` beyond it [m]."""
         k = max(int(station - self._first) + 1, 0)

@@ -10,7 +10,6 @@ asked for here by a number of ways is about the junctions of the paper.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
 from itertools import accumulate
 from operator import index
 
@@ -20,7 +19,6 @@ from pytest_rvads.scenarios.orbits import WAYS, Directions, Orbits, rotate
 __all__ = [
     "WAYS",
     "Directions",
-    "class_label",
     "class_number",
     "classes",
     "count_classes",
@@ -111,9 +109,3 @@ def classes(ways: int) -> Iterator[Directions]:
 def class_number(code: Directions) -> int:
     """Return the number of the class of `code`, 1 for all-ones; 0 for a partial scenario."""
     return Orbits.plain(len(code)).number(code)
-
-
-@lru_cache(maxsize=4096)
-def class_label(ways: int, number: int) -> str:
-    """Return ``class07``: the number padded to the width of the count of classes, at least two digits."""
-    return Orbits.plain(ways).label(number)
