@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.predicates import once
 from pytest_rvads.runs.run import Collision, Run
-from pytest_rvads.runs.states import Zone
 
 __all__ = ["collide", "contacts", "overlap", "tick_of", "velocity"]
 
@@ -55,7 +54,7 @@ def tick_of(run: Run, collision: Collision) -> int:
 def overlap(run: Run, one: int, two: int) -> NDArray[np.bool_]:
     """Return where the rectangles of two bodies overlap, shape ``(steps,)``: no axis separates them (Gottschalk et al. 1996)."""
     pose = run.need("pose")
-    there: NDArray[np.bool_] = (run.zone[:, one] != Zone.GONE) & (run.zone[:, two] != Zone.GONE)
+    there: NDArray[np.bool_] = run.here[:, one] & run.here[:, two]
     boxes = [_box(pose[:, k], *run.size(k)) for k in (one, two)]
     apart = boxes[1][0] - boxes[0][0]
     for _, axes in boxes:

@@ -154,7 +154,7 @@ def describe(found: Kpis) -> list[str]:
 def _accelerations(run: Run, column: int) -> tuple[NDArray[np.float64], int]:
     """Return the mean acceleration over every window while the vehicle was there [m/s^2], and the window in steps."""
     step = max(ticks(run, WINDOW), 1)
-    driven = run.need("speed")[run.zone[:, column] != Zone.GONE, column]
+    driven = run.need("speed")[run.here[:, column], column]
     return (driven[step:] - driven[:-step]) / (step * run.dt), step
 
 
@@ -179,7 +179,7 @@ def _delay(run: Run, column: int) -> float | None:
 
 def _ttc(run: Run, one: int, two: int) -> float | None:
     """Return the shortest time until discs that cover the two bodies touch, at constant velocity."""
-    both = (run.zone[:, one] != Zone.GONE) & (run.zone[:, two] != Zone.GONE)
+    both = run.here[:, one] & run.here[:, two]
     sizes = run.size(one), run.size(two)
     reach = sum(float(np.hypot(length / _DISCS / 2, width / 2)) for length, width in sizes)
     first, second = (_discs(run, k, length)[both] for k, (length, _) in zip((one, two), sizes, strict=True))

@@ -63,7 +63,7 @@ def off_route(run: Run, agent: int) -> NDArray[np.bool_]:
     found = np.zeros(run.steps, dtype=np.bool_)
     # Projecting takes a while, so it is done where a look at the place at that station says that it is worth it.
     far = np.abs(_offset(way, pose[:, :2], station)) > MAX_OFFSET - 2 * _NEAR
-    for tick in np.flatnonzero(far & (run.zone[:, agent] != Zone.GONE)).tolist():
+    for tick in np.flatnonzero(far & run.here[:, agent]).tolist():
         x, y, heading = pose[tick].tolist()
         found[tick] = beside(way, x, y, heading, float(station[tick]), length)
     return found
@@ -86,7 +86,7 @@ def off_lane(run: Run, agent: int) -> NDArray[np.bool_]:
     over = (place <= 0.0) | (place >= way.length)
     over &= np.abs(_offset(way, np.concatenate(corners), place)) > half
     strayed = (run.zone[:, agent] == Zone.JUNCTION) & (np.abs(_offset(way, pose[:, :2], station)) > half)
-    found: NDArray[np.bool_] = (strayed | over.reshape(4, -1).any(axis=0)) & (run.zone[:, agent] != Zone.GONE)
+    found: NDArray[np.bool_] = (strayed | over.reshape(4, -1).any(axis=0)) & run.here[:, agent]
     return found
 
 

@@ -6,7 +6,7 @@ agent comes to, which light controls it) is gathered in `Static`, the paper's mo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 from typing import TypeVar
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.grounds import Ground, ground_of, in_turn, lit, may_owe
 from pytest_rvads.conduct.lane import wrong_lanes
+from pytest_rvads.conduct.presence import judged, together
 from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
@@ -60,6 +61,14 @@ class Static:
     """Pairs of agents that enter by the order of arrival at an all-way stop; None where all do."""
     choosing: frozenset[int] = frozenset()
     """Agents, by column, of whose arm a lane does not lead where they go."""
+    together: frozenset[tuple[int, int]] | None = None
+    """Pairs of agents, in both orders, that were there at the same time: no instance is about others. None: all were."""
+    judged: frozenset[int] | None = None
+    """Agents whose instances are judged in this run, see `Excerpt.judged`; None: all."""
+
+    def judges(self, agents: Sequence[int]) -> bool:
+        """Return whether an instance about these agents is judged in this run: where the last one to appear is."""
+        return self.judged is None or not agents or max(agents) in self.judged
 
     def turns(self, agent: int, direction: str) -> bool:
         """Return whether an agent turns ``left``, ``straight``, ``right``, or to the ``near`` or ``far`` side."""
@@ -102,6 +111,8 @@ def _extract(run: Run) -> Static:
         _owing(run) if grounds is not None and junction.control not in _BY_STATE else None,
         _by_arrival(run) if max(junction.lanes) > 1 else None,
         frozenset(k for k, who in enumerate(run.agents) if wrong_lanes(junction, *who.route.key)),
+        together(run),
+        judged(run),
     )
 
 
@@ -154,7 +165,8 @@ def at_entrance(run: Run, agent: int) -> NDArray[np.bool_]:
 
 def on_approach(run: Run, agent: int) -> NDArray[np.bool_]:
     """Return ``a@r`` for the road that leads to the agent's entrance; the entrance zone is part of it."""
-    found: NDArray[np.bool_] = run.zone[:, agent] <= Zone.ENTRANCE
+    zone = run.zone[:, agent]
+    found: NDArray[np.bool_] = (zone == Zone.APPROACH) | (zone == Zone.ENTRANCE)
     return found
 
 

@@ -52,7 +52,7 @@ def has_way(run: Run, agent: int) -> NDArray[np.bool_]:
 
 def due(run: Run, agent: int, stretch: Stretch) -> NDArray[np.bool_]:
     """The agent is on a stretch of its movement, would be there within `DUE` at its present speed, or is next at its line."""
-    found: NDArray[np.bool_] = (_coming(run, agent, stretch) | _next(run)[:, agent]) & (run.zone[:, agent] != Zone.GONE)
+    found: NDArray[np.bool_] = (_coming(run, agent, stretch) | _next(run)[:, agent]) & run.here[:, agent]
     return found
 
 
@@ -107,7 +107,7 @@ def _find_held(run: Run) -> NDArray[np.bool_]:
         for other in range(len(run.agents)):
             common = shared(run, agent, other) if may_owe(run, agent, other) else None
             if common is not None:
-                there = _coming(run, other, common.yours) & (run.zone[:, other] != Zone.GONE)
+                there = _coming(run, other, common.yours) & run.here[:, other]
                 found[:, agent] |= (there | first[:, other]) & yields(run, agent, other)
     return found
 
@@ -233,7 +233,7 @@ class Encounter:
         if self._common.merges:
             (_, rear), (ahead, _) = (before_exit(run, k) for k in (agent, other))
         # Who is gone has left the way, though a short exit road may end before its rear has.
-        rear = np.where(run.zone[:, agent] == Zone.GONE, math.inf, rear)
+        rear = np.where(run.here[:, agent], rear, math.inf)
         free = _unhindered(run, other)
         inside, speed = run.zone[:, agent] >= Zone.JUNCTION, run.need("speed")[:, other]
         columns = (inside, better, bound, touching, there, rear, ahead, speed, free)

@@ -97,7 +97,7 @@ def inside(run: Run, agent: int) -> NDArray[np.bool_]:
     """Part of the body of the agent is in the junction."""
     front, _ = position(run, agent)
     _, behind = before_exit(run, agent)
-    found: NDArray[np.bool_] = (front > 0.0) & (behind < 0.0) & (run.zone[:, agent] != Zone.GONE)
+    found: NDArray[np.bool_] = (front > 0.0) & (behind < 0.0) & run.here[:, agent]
     return found
 
 
@@ -147,11 +147,10 @@ def _work_out(run: Run) -> _Waiting:
 
 def _allowed(run: Run, agent: int) -> NDArray[np.bool_]:
     """Whether nothing but other vehicles can keep the agent from getting on; once far down its exit road, it has arrived."""
-    zone = run.zone[:, agent]
     arrived = before_exit(run, agent)[0] >= LEAVE
     facing = run.facing[:, agent]
     waits = _at_line(run, agent) & (facing != Colour.GREEN) & (facing != Colour.NONE)
-    found: NDArray[np.bool_] = (zone != Zone.GONE) & ~arrived & ~waits
+    found: NDArray[np.bool_] = run.here[:, agent] & ~arrived & ~waits
     return found
 
 
@@ -165,7 +164,7 @@ def _at_line(run: Run, agent: int) -> NDArray[np.bool_]:
 def _behind(run: Run, agent: int, other: int, common: Shared | None) -> NDArray[np.bool_]:
     """Whether the other one is slow and near ahead in the agent's lane, or leaves it no room on its exit road."""
     me, you = run.agents[agent], run.agents[other]
-    slow = (run.need("speed")[:, other] < PACE) & (run.zone[:, other] != Zone.GONE)
+    slow = (run.need("speed")[:, other] < PACE) & run.here[:, other]
     zone = run.zone[:, agent]
     found = np.zeros(run.steps, dtype=np.bool_)
     if me.entrance == you.entrance:

@@ -12,7 +12,6 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import CONFLICT_WIDTH, Key, Shared, Stretch
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Zone
 
 __all__ = ["before_exit", "meet", "on_stretch", "parting", "position", "shared"]
 
@@ -69,7 +68,7 @@ def on_stretch(run: Run, agent: int, stretch: Stretch) -> NDArray[np.bool_]:
     Who is gone is nowhere, though a short exit road may end before its rear has come off the stretch.
     """
     front, rear = position(run, agent)
-    found: NDArray[np.bool_] = (front >= stretch.start) & (rear <= stretch.end) & (run.zone[:, agent] != Zone.GONE)
+    found: NDArray[np.bool_] = (front >= stretch.start) & (rear <= stretch.end) & run.here[:, agent]
     return found
 
 

@@ -74,7 +74,9 @@ def _arrays(run: Run) -> Iterator[Finding]:
         ("station", run.station, shape),
         ("speed", run.speed, shape),
         ("pose", run.pose, (*shape, 3)),
+        ("spread", run.spread, shape),
     ]
+    known = run.zone != Zone.ABSENT if run.zone.shape == shape else np.ones(shape, dtype=np.bool_)
     if not run.steps:
         yield Finding("values", 0.0, "the run is empty: it has no states")
     if not (np.isfinite(run.dt) and run.dt > 0):
@@ -84,8 +86,8 @@ def _arrays(run: Run) -> Iterator[Finding]:
             continue
         if array.shape != wanted:
             yield Finding("values", 0.0, f"{name} must have shape {wanted}, got {array.shape}")
-        elif array.dtype.kind == "f" and not np.isfinite(array).all():
-            tick, column, *_ = np.argwhere(~np.isfinite(array))[0]
+        elif array.dtype.kind == "f" and not np.isfinite(array[known]).all():
+            tick, column, *_ = np.argwhere(~np.isfinite(array) & (known if array.ndim == 2 else known[..., None]))[0]
             time = float(tick) * run.dt
             yield Finding("values", time, f"{name} of {run.agents[column].name} at {time:.2f} s is not a finite number")
 
@@ -117,7 +119,8 @@ def _agents(run: Run) -> Iterator[Finding]:
 def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     """The zones of an itinerary follow each other: none is skipped, and nobody drives backwards through them."""
     zone = run.zone[:, column].astype(np.int64)
-    jumps = np.flatnonzero(~np.isin(np.diff(zone), (0, 1))) + 1
+    known = (zone != Zone.ABSENT)[1:] & (zone != Zone.ABSENT)[:-1]
+    jumps = np.flatnonzero(~np.isin(np.diff(zone), (0, 1)) & known) + 1
     if len(jumps):
         tick = int(jumps[0])
         before, after = (Zone(int(zone[t])).name.lower() for t in (tick - 1, tick))
@@ -135,7 +138,7 @@ def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         [Zone.APPROACH, Zone.ENTRANCE, Zone.JUNCTION],
         Zone.EXIT,
     )
-    wrong = np.flatnonzero((wanted != zone) & (zone != Zone.GONE))
+    wrong = np.flatnonzero((wanted != zone) & run.here[:, column])
     if len(wrong):
         tick = int(wrong[0])
         name = Zone(int(zone[tick])).name.lower()
@@ -159,7 +162,7 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
             f"{agent.name} drives {run.speed[fast[0], column]:.1f} m/s at {time:.2f} s: in {run.dt:g} s that is more than the "
             f"entrance zone of {ENTRANCE_ZONE:g} m, so rules may miss that it was there",
         )
-    here = (run.zone[1:, column] != Zone.GONE) & (run.zone[:-1, column] != Zone.GONE)
+    here = run.here[1:, column] & run.here[:-1, column]
     progress = np.diff(run.station[:, column])
     wanted = (run.speed[1:, column] + run.speed[:-1, column]) / 2 * run.dt
     absolute, relative = PROGRESS_TOLERANCE
@@ -186,8 +189,8 @@ def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         yield Finding("itinerary", 0.0, f"{agent.name} has no itinerary: {error}")
         return
     for tick in range(0, run.steps, _EVERY):
-        if run.zone[tick, column] == Zone.GONE:
-            return
+        if not run.here[tick, column]:
+            continue
         x, y, _ = run.pose[tick, column]
         _, offset = itinerary.project(float(x), float(y), float(run.station[tick, column]))
         if abs(offset) > OFFSET_LIMIT:

@@ -7,7 +7,6 @@ from collections.abc import Collection
 from pytest_rvads.draw.scene import Scene, body, inks, path
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.wording import markup
 
@@ -45,7 +44,7 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
     for column, colour in enumerate(colours):
         parts.append(f'<polyline class="trail" stroke="{colour}" points="{path(run.pose[: tick + 1 : 5, column, :2])}"/>')
     for column, agent in enumerate(run.agents):
-        if run.zone[tick, column] != Zone.GONE:
+        if run.here[tick, column]:
             parts.append(body(run.pose[tick, column], agent, size(run, column), colours[column], agent.name in broken))
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide * 10:.0f}" height="{(high + 5) * 10:.0f}" '

@@ -61,6 +61,8 @@ class Outcome(StrEnum):
     """Violated, and nobody could have kept the rule."""
     PROVOKED = "PROVOKED", 60, "passed", "provoked", "cyan", "doubt", False, "provoked by traffic"
     """Violated or open by the doing of the traffic, not of the subject."""
+    UNSURE = "UNSURE", 65, "idle", "unsure", "blue", "doubt", False, "", "?"
+    """Another reading of what was recorded, within its accuracy, would change the verdict."""
     NA = "NA", 80, "idle", "NA", "dim", "none", False, "", "n"
     ERROR = "ERROR", 0, "error", "ERROR", "bold magenta", "bad"
     FLAKY = "FLAKY", 10, "flaky", "FLAKY", "bold magenta", "bad"

@@ -9,8 +9,10 @@ from msgspec import Meta
 
 from pytest_rvads.errors import RunError
 
-__all__ = ["MOST_LANES", "Name", "Size", "Step", "check_size"]
+__all__ = ["FARTHEST", "MOST_LANES", "Name", "Size", "Step", "check_size"]
 
+FARTHEST = 1e9
+"""Largest number in an array that is still a place, a speed or a command."""
 MOST_LANES = _MOST_AGENTS = 100
 """Most vehicles of a run, and most entrances, or exits, of a junction."""
 _MOST_WORK = 320_000_000

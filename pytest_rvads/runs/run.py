@@ -20,7 +20,7 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.states import Agent, Zone
 
-__all__ = ["ARRAYS", "DT", "FAULT", "LATE", "Collision", "Facts", "Fault", "Halt", "Positive", "Run"]
+__all__ = ["ARRAYS", "DT", "FAULT", "LATE", "Collision", "Excerpt", "Facts", "Fault", "Halt", "Positive", "Run"]
 
 DT = 0.01
 """Time between two states, and the physics step [s]."""
@@ -100,6 +100,21 @@ class Facts:
 _FACTS = get_type_hints(Facts, include_extras=True)
 
 
+@dataclass(frozen=True, slots=True)
+class Excerpt:
+    """Which part of a recording a run is, and how exact that is; part of a run's hash."""
+
+    start: float = 0.0
+    """Time of the first state on the clock of the recording [s]."""
+    judged: tuple[str, ...] | None = None
+    """Names of the vehicles whose instances are judged here: those of which the last one to appear is one of these. The others
+    are there because they were seen at the same time, and are judged in another excerpt. None: all."""
+    position_accuracy: float = 0.0
+    """Standard deviation of a position beside the way [m]; along the way see `Run.spread`."""
+    speed_accuracy: float = 0.0
+    """Standard deviation of a speed [m/s]."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Run:
     """A run of the system: states every `dt` seconds, as arrays with one row per state.
@@ -131,11 +146,15 @@ class Run:
     """None where nobody recorded them: they are then worked out from poses and sizes."""
     fault: Fault | None = None
     facts: Facts = Facts()
+    excerpt: Excerpt | None = None
+    """Of a recording with vehicles that come and go; None where all that was recorded is this run."""
+    spread: NDArray[np.float64] | None = None
+    """How far before or behind its station the reference point may have been, shape ``(steps, agents)`` [m]; None: exact."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
     """Where the run comes from, as builtins: the scenario's fields, what drove, versions. Nobody who judges reads it."""
 
     def __post_init__(self) -> None:
-        for name in ARRAYS:
+        for name in (*ARRAYS, "spread"):
             array = getattr(self, name)
             if array is not None:
                 own = array.copy()
@@ -168,7 +187,7 @@ class Run:
 
     @property
     def times(self) -> NDArray[np.float64]:
-        """Time of every state, shape ``(steps,)`` [s]."""
+        """Time of every state since the first, shape ``(steps,)`` [s]."""
         return np.arange(self.steps, dtype=np.float64) * np.float64(self.dt)
 
     @cached_property
@@ -224,7 +243,32 @@ class Run:
         found.update(json.dumps([head, tail, fault]).encode())
         for array in (getattr(self, name) for name in ARRAYS):
             found.update(b"-" if array is None else str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
+        if self.excerpt is not None:
+            found.update(json.dumps(astuple(self.excerpt)).encode())
+        if self.spread is not None:
+            found.update(np.ascontiguousarray(self.spread).tobytes())
         return found.hexdigest()
+
+    @property
+    def start(self) -> float:
+        """Time of the first state on the clock of the recording that the run is an excerpt of, else 0 [s]."""
+        return 0.0 if self.excerpt is None else self.excerpt.start
+
+    @cached_property
+    def here(self) -> NDArray[np.bool_]:
+        """Who is in the run, neither absent nor gone, shape ``(steps, agents)``."""
+        there: NDArray[np.bool_] = (self.zone != Zone.GONE) & (self.zone != Zone.ABSENT)
+        there.flags.writeable = False
+        return there
+
+    @cached_property
+    def spans(self) -> NDArray[np.int64]:
+        """First tick of every agent in the run, and the one after its last, shape ``(agents, 2)``; both 0 if it never is."""
+        known = self.zone != Zone.ABSENT
+        last = np.where(known.any(axis=0), self.steps - known[::-1].argmax(axis=0), 0)
+        found = np.stack((known.argmax(axis=0), last), axis=1) if self.steps else np.zeros((len(self.agents), 2), np.int64)
+        found.flags.writeable = False
+        return found
 
     @property
     def subject(self) -> str | None:

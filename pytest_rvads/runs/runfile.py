@@ -1,8 +1,8 @@
 """The project's own file of a run: an npz archive with a JSON header, versioned.
 
 Entries: ``header`` (UTF-8 bytes of JSON, see `_Header`), ``zone``, ``lights``, those of ``station``, ``speed``, ``pose``,
-``controls`` that the run holds, with the shapes and units of `Run`, and ``line_<k>``: the centre lines that the header refers
-to, shape ``(points, 2)`` [m]. Nothing is pickled.
+``controls``, ``spread`` that the run holds, with the shapes and units of `Run`, and ``line_<k>``: the centre lines that the
+header refers to, shape ``(points, 2)`` [m]. Nothing is pickled.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import reprlib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -21,13 +21,12 @@ from numpy.typing import NDArray
 
 from pytest_rvads.decoding import decode, typed
 from pytest_rvads.errors import MapError, RunError, require
-from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
-from pytest_rvads.maps.control import Sign
-from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.maps.segment import Segment
 from pytest_rvads.runs.archive import MOST_BYTES, unpack
-from pytest_rvads.runs.bounds import MOST_LANES, Name, Size, Step, check_size
+from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step, check_size
 from pytest_rvads.runs.itineraries import Itinerary
-from pytest_rvads.runs.run import Collision, Facts, Fault, Run
+from pytest_rvads.runs.junctionfile import JunctionRecord, Key, get_junction, put_junction
+from pytest_rvads.runs.run import Collision, Excerpt, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Kind
 from pytest_rvads.storage import read_file, write_file
 from pytest_rvads.wording import one_line
@@ -35,78 +34,14 @@ from pytest_rvads.wording import one_line
 __all__ = ["FORMAT", "VERSION", "load_run", "save_run"]
 
 FORMAT, VERSION = "rvads-run", 3
-_ARRAYS = {"zone": "i", "lights": "i", "station": "f", "speed": "f", "pose": "f", "controls": "f"}
+_ARRAYS = {"zone": "i", "lights": "i", "station": "f", "speed": "f", "pose": "f", "controls": "f", "spread": "f"}
 """The arrays of a run: of which kind of numbers they are."""
 _MOST_HEADER = 2**20
-_MOST_POINTS = 100_000
-"""Of all centre lines together."""
-_LONGEST = 10_000
-"""All movements of a junction together [m]; finding out where they meet takes seconds then."""
-_FARTHEST = 1e9
-"""Largest number in an array that is still a place, a speed or a command."""
-_Count = Annotated[int, msgspec.Meta(ge=0, le=1_000_000)]
-_Length = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
-"""[m]."""
-
-
-_Key = tuple[_Count, _Count]
-"""A movement: entrance and exit."""
-_MOST_PAIRS = 100_000
-"""Pairs of movements that the map states priority for; of 64 movements there are 4,032."""
-
-
-class _Line(msgspec.Struct, frozen=True):
-    """A centre line: the number of its array, and what its segment says of itself."""
-
-    number: _Count
-    id: str
-    turn: Turn
-    junction: str | None
-
-
-class _Entrance(msgspec.Struct, frozen=True, omit_defaults=True):
-    arm: _Count
-    lane: _Count
-    sign: Sign
-    phase: _Count | None
-    setback: _Length
-    approach: _Line | None
-    sign_setback: _Length | None = None
-    """Left out where there is none, as files before it have it."""
-
-
-class _Exit(msgspec.Struct, frozen=True):
-    arm: _Count
-    lane: _Count
-    road: _Line | None
-
-
-class _Movement(msgspec.Struct, frozen=True):
-    entrance: _Count
-    exit: _Count
-    turn: Turn
-    length: _Length
-    segment: str
-    path: _Line | None
-
-
-class _Junction(msgspec.Struct, frozen=True, omit_defaults=True):
-    name: Name
-    id: Name
-    entrances: Annotated[list[_Entrance], msgspec.Meta(max_length=MOST_LANES)]
-    exits: Annotated[list[_Exit], msgspec.Meta(max_length=MOST_LANES)]
-    movements: Annotated[list[_Movement], msgspec.Meta(max_length=MOST_LANES**2)]
-    right_of: list[tuple[_Count, _Count]]
-    opposite: list[tuple[_Count, _Count]]
-    left_hand: bool
-    lane_width: Size
-    stated: Annotated[list[tuple[_Key, _Key]], msgspec.Meta(max_length=_MOST_PAIRS)] = []
-    """Likewise."""
 
 
 class _Agent(msgspec.Struct, frozen=True):
     name: Name
-    route: _Key
+    route: Key
     """Entrance and exit."""
     kind: Kind
     size: tuple[Size, Size] | None
@@ -118,11 +53,12 @@ class _Header(msgspec.Struct, frozen=True):
     label: Name
     dt: Step
     agents: list[_Agent]
-    junction: _Junction
+    junction: JunctionRecord
     collisions: list[Collision] | None
     fault: Fault | None
     facts: Facts
     provenance: dict[str, Any]
+    excerpt: Excerpt | None = None
 
 
 def save_run(run: Run, path: str | Path) -> None:
@@ -145,11 +81,12 @@ def save_run(run: Run, path: str | Path) -> None:
         run.label,
         run.dt,
         [_Agent(a.name, a.route.key, a.kind, a.size) for a in run.agents],
-        _put(run.junction, lines),
+        put_junction(run.junction, lines),
         None if run.collisions is None else list(run.collisions),
         run.fault and replace(run.fault, detail=""),
         run.facts,
         {},
+        run.excerpt,
     )
     try:
         values = msgspec.to_builtins(header) | {"provenance": dict(run.provenance)}
@@ -169,27 +106,6 @@ def save_run(run: Run, path: str | Path) -> None:
         write_file(path, content.getvalue())
     except OSError as error:
         raise RunError(f"{path}: can't be written: {error.strerror}") from error
-
-
-def _put(junction: Junction, lines: list[Segment]) -> _Junction:
-    def put(line: Segment | None) -> _Line | None:
-        if line is None:
-            return None
-        lines.append(line)
-        return _Line(len(lines) - 1, line.id, line.turn, line.junction)
-
-    return _Junction(
-        junction.name,
-        junction.id,
-        [_Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, put(e.approach), e.sign_setback) for e in junction.entrances],
-        [_Exit(e.arm, e.lane, put(e.road)) for e in junction.exits],
-        [_Movement(*m.key, m.turn, m.length, m.segment, put(m.path)) for m in junction.movements.values()],
-        sorted(junction.right_of),
-        sorted(junction.opposite),
-        junction.left_hand,
-        junction.lane_width,
-        sorted(junction.stated),
-    )
 
 
 def load_run(path: str | Path) -> Run:
@@ -231,7 +147,7 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]], path: Path) -> Run
     check_size(str(path), [(steps, len(names), lanes)])
     each = (steps, len(names))
     _check_arrays(arrays, {"zone": each, "lights": (steps, lanes), "pose": (*each, 3), "controls": (*each, 3)}, each)
-    junction = _get(header.junction, arrays)
+    junction = get_junction(header.junction, arrays)
     agents = []
     for agent in header.agents:
         if agent.route not in junction.movements:
@@ -248,7 +164,7 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]], path: Path) -> Run
     for collision in header.collisions or ():
         if not ({*collision.agents} <= {*names} and 0 <= round(collision.time / header.dt) < steps):
             raise ValueError(f"a collision must be one of its vehicles while it lasts, got {collision}")
-    optional = {name: arrays.get(name) for name in ("station", "speed", "pose", "controls")}
+    optional = {name: arrays.get(name) for name in ("station", "speed", "pose", "controls", "spread")}
     return Run(
         header.label,
         junction,
@@ -260,6 +176,7 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]], path: Path) -> Run
         collisions=None if header.collisions is None else tuple(header.collisions),
         fault=header.fault,
         facts=header.facts,
+        excerpt=header.excerpt,
         provenance=header.provenance,
     )
 
@@ -271,39 +188,5 @@ def _check_arrays(arrays: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple
         if array is not None and (array.shape, array.dtype.kind) != (shape, kind):
             what = "whole numbers" if kind == "i" else "numbers"
             raise ValueError(f"{name} must be {what} in the shape {shape}, got {array.dtype} in {array.shape}")
-        if array is not None and kind == "f" and (np.abs(array) > _FARTHEST).any():
-            raise ValueError(f"{name} holds numbers beyond {_FARTHEST:g}")
-
-
-def _get(record: _Junction, arrays: Mapping[str, NDArray[Any]]) -> Junction:
-    points = 0
-
-    def get(line: _Line | None) -> Segment | None:
-        nonlocal points
-        if line is None:
-            return None
-        along = arrays[f"line_{line.number}"]
-        points += along.size // 2
-        if points > _MOST_POINTS or (np.abs(along) > _FARTHEST).any():
-            raise ValueError(f"its centre lines have more than {_MOST_POINTS:,} points, or some beyond {_FARTHEST:g} m")
-        return Segment(line.id, along, line.turn, line.junction)
-
-    movements = [Movement(m.entrance, m.exit, m.turn, m.length, m.segment, get(m.path)) for m in record.movements]
-    length = sum(m.path.length for m in movements if m.path is not None)
-    if length > _LONGEST:
-        raise ValueError(f"its movements are {length:,.0f} m long together, expected at most {_LONGEST:,} m")
-    ways = {m.key: m for m in movements}
-    if unknown := [key for pair in record.stated for key in pair if key not in ways]:
-        raise ValueError(f"its junction states a priority of movements that lead somewhere, got {unknown[0]}, where none leads")
-    return Junction(
-        record.name,
-        record.id,
-        tuple(Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, get(e.approach), e.sign_setback) for e in record.entrances),
-        tuple(Exit(e.arm, e.lane, get(e.road)) for e in record.exits),
-        ways,
-        frozenset(record.right_of),
-        frozenset(record.opposite),
-        record.left_hand,
-        record.lane_width,
-        stated=frozenset(record.stated),
-    )
+        if array is not None and kind == "f" and (np.abs(array) > FARTHEST).any():
+            raise ValueError(f"{name} holds numbers beyond {FARTHEST:g}")

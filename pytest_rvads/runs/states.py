@@ -14,6 +14,7 @@ from pytest_rvads.junctions.junction import Movement
 from pytest_rvads.maps.segment import Turn
 
 __all__ = [
+    "ABSENT",
     "APPROACH",
     "ENTRANCE",
     "EXIT",
@@ -40,9 +41,11 @@ class Zone(IntEnum):
     """On the exit road, from the exit vertex on."""
     GONE = 4
     """Past the end of the itinerary: the vehicle has left the run."""
+    ABSENT = -1
+    """Not in the recording, before its first or after its last sample: nothing is known of it, and its numbers are NaN."""
 
 
-APPROACH, ENTRANCE, JUNCTION, EXIT, GONE = Zone
+APPROACH, ENTRANCE, JUNCTION, EXIT, GONE, ABSENT = Zone
 """The zones by themselves, for what asks thousands of times a second: looking one up in its class takes 20 times as long."""
 
 

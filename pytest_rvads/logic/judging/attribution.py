@@ -79,7 +79,7 @@ def companions(rule: Rule, run: Run, book: RuleBook) -> tuple[Template, ...]:
 
 def _overall(found: Iterable[Judgement]) -> Status:
     statuses = {j.status for j in found}
-    return next((s for s in (Status.FAIL, Status.OPEN, Status.PASS) if s in statuses), Status.NA)
+    return next((s for s in (Status.FAIL, Status.OPEN, Status.UNSURE, Status.PASS) if s in statuses), Status.NA)
 
 
 def _with_companions(found: Sequence[Judgement], rule: Rule, run: Run, book: RuleBook) -> list[Template]:

@@ -6,7 +6,7 @@ part is already decided are never written out; it yields the same as ``simplify(
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from math import prod
@@ -81,6 +81,19 @@ def domain(sort: str, static: Static) -> tuple[f.Element, ...]:
             return tuple(f.Element(sort, i, f"r{i}") for i in range(static.entrances + static.exits))
 
 
+def _beside(elements: Iterable[f.Element], bound: Iterable[f.Element], static: Static) -> Iterable[f.Element]:
+    """Leave out agents that were never near the junction together with those that other variables stand for."""
+    if static.together is None:
+        return elements
+    there = _columns(bound)
+    return [e for e in elements if e.sort != Sort.AGENT or all(k == e.index or (k, e.index) in static.together for k in there)]
+
+
+def _columns(elements: Iterable[f.Element]) -> tuple[int, ...]:
+    """Return the columns of the agents among elements."""
+    return tuple(e.index for e in elements if e.sort == Sort.AGENT)
+
+
 def unfold(formula: f.Formula, static: Static) -> Grounding:
     """Eliminate all quantifiers: one instance per choice of elements for the outermost universal variables.
 
@@ -96,7 +109,10 @@ def _unfold(formula: f.Formula, static: Static, binding: Binding, budget: Budget
     if isinstance(formula, f.Forall):
         first, rest = formula.variables[0], formula.variables[1:]
         body = f.Forall(rest, formula.body) if rest else formula.body
-        return [i for e in domain(first.sort, static) for i in _unfold(body, static, (*binding, (first.name, e)), budget)]
+        chosen = _beside(domain(first.sort, static), [e for _, e in binding], static)
+        return [i for e in chosen for i in _unfold(body, static, (*binding, (first.name, e)), budget)]
+    if not static.judges(_columns(e for _, e in binding)):
+        return []
     return [Instance(binding, _reduce(formula, dict(binding), static, budget, decide=False, itinerary=False))]
 
 
@@ -130,7 +146,9 @@ def ground(formula: f.Formula, static: Static, *, itinerary: bool = True) -> Gro
 
 def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Binding, found: list[Instance], budget: Budget) -> int:
     if not isinstance(formula, f.Forall):
-        reduced = _reduce(formula, {}, static, budget, decide=True, itinerary=itinerary)
+        if not static.judges(_columns(e for _, e in binding)):
+            return 0
+        reduced = _reduce(formula, dict(binding), static, budget, decide=True, itinerary=itinerary)
         if reduced == f.TRUE:
             return 1
         found.append(Instance(binding, reduced))
@@ -138,7 +156,7 @@ def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Bindin
     first, rest = formula.variables[0], formula.variables[1:]
     body: f.Formula = f.Forall(rest, formula.body) if rest else formula.body
     collapsed = 0
-    for element in domain(first.sort, static):
+    for element in _beside(domain(first.sort, static), [e for _, e in binding], static):
         # Inner variables may hide the name; they are handled by _reduce.
         reduced = _reduce(body, {first.name: element}, static, budget, decide=True, itinerary=itinerary)
         bound = (*binding, (first.name, element))
@@ -181,7 +199,8 @@ def _reduce(
                 first, rest = variables[0], variables[1:]
                 kind = type(node)
                 inner_body = kind(rest, body) if rest else body
-                parts = [go(inner_body, {**env, first.name: e}, False) for e in domain(first.sort, static)]
+                chosen = _beside(domain(first.sort, static), env.values(), static)
+                parts = [go(inner_body, {**env, first.name: e}, False) for e in chosen]
                 if decide:
                     return conj(parts) if kind is f.Forall else disj(parts)
                 if not parts:

@@ -21,6 +21,8 @@ class Status(StrEnum):
     """Violated, whatever would have followed."""
     OPEN = "OPEN"
     """An obligation was still open when the run ended."""
+    UNSURE = "UNSURE"
+    """Another reading of what was recorded, within its accuracy, would change the verdict."""
     NA = "NA"
     """The rule is about something else, or was never triggered."""
     ERROR = "ERROR"
@@ -46,16 +48,20 @@ class InstanceVerdict:
     """How long before it was allowed the bound vehicle acted, negative when it waited; seconds of overlap where two
     must never be together [s]. None where one of the two events is missing."""
 
-    def record(self, dt: float) -> dict[str, Any]:
-        """Return builtins, with times [s] instead of ticks."""
+    hangs: str = ""
+    """Of what is UNSURE, what it hangs on, and by how much."""
+
+    def record(self, dt: float, start: float = 0.0) -> dict[str, Any]:
+        """Return builtins, with times on the clock of the recording [s] instead of ticks."""
         return {
             "binding": dict(self.binding),
             "status": self.status.value,
             "responsible": list(self.responsible),
-            "trigger": None if self.trigger is None else round(self.trigger * dt, 9),
-            "failed": None if self.failed is None else round(self.failed * dt, 9),
+            "trigger": None if self.trigger is None else round(start + self.trigger * dt, 9),
+            "failed": None if self.failed is None else round(start + self.failed * dt, 9),
             "broken": list(self.broken),
             "margin": self.margin,
+            **({"hangs": self.hangs} if self.hangs else {}),
         }
 
 
@@ -110,6 +116,8 @@ class Verdict:
     requirement: str | None = None
     dt: float = 0.01
     """Time between two states [s]."""
+    start: float = 0.0
+    """Time of the first state on the clock of the recording, which `time` and the records are on [s]; ticks count from it."""
     subject: str | None = None
     """The vehicle under test, where the others are traffic; the status is then that of what it is to blame for, if anything."""
     provoked: bool = False
@@ -123,6 +131,10 @@ class Verdict:
             raise RunError(
                 f"the verdict of {self.rule} is NA ({self.reason}), neither true nor false: "
                 "ask for verdict.status, or choose a scenario to which the rule applies"
+            )
+        if self.status is Status.UNSURE:
+            raise RunError(
+                f"the verdict of {self.rule} is UNSURE ({self.reason}), neither true nor false: ask for verdict.status"
             )
         if self.status is Status.ERROR:
             raise RunError(
@@ -153,11 +165,11 @@ class Verdict:
             "counts": dict(self.counts),
             "collapsed": self.collapsed,
             "responsible": list(self.responsible),
-            "instances": [i.record(self.dt) for i in self.instances],
+            "instances": [i.record(self.dt, self.start) for i in self.instances],
             "near": self.near
             and {
                 "binding": dict(self.near.binding),
-                "time": round(self.near.tick * self.dt, 9),
+                "time": round(self.start + self.near.tick * self.dt, 9),
                 "missing": list(self.near.missing),
                 "steps": self.near.steps,
             },

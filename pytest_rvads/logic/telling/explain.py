@@ -42,7 +42,7 @@ def tell(story: Story) -> Verdict:
     time = None
     if worst is not None:
         tick = worst.failed if worst.failed is not None else worst.trigger
-        time = None if tick is None else round(tick * run.dt, 9)
+        time = None if tick is None else round(run.start + tick * run.dt, 9)
     return Verdict(
         rule.name,
         story.status,
@@ -62,6 +62,7 @@ def tell(story: Story) -> Verdict:
         explanation="\n".join(block(story, worst, miss)),
         requirement=rule.requirement,
         dt=run.dt,
+        start=run.start,
         subject=story.subject,
         provoked=story.provoked,
     )

@@ -20,8 +20,8 @@ Naming = Callable[[f.Element], str]
 
 
 def clock(run: Run, tick: int) -> str:
-    """Return the time of a tick, with as many digits as the step needs and at least two."""
-    return f"{tick * run.dt:.{max(2, ceil(-log10(run.dt) - 1e-9))}f}"
+    """Return the time of a tick on the clock of the recording, with as many digits as the step needs and at least two."""
+    return f"{run.start + tick * run.dt:.{max(2, ceil(-log10(run.dt) - 1e-9))}f}"
 
 
 def place(element: f.Element) -> str:
@@ -159,6 +159,7 @@ def zone(agent: Agent, where: Zone) -> str:
         Zone.JUNCTION: "junction",
         Zone.EXIT: f"exit {agent.exit}",
         Zone.GONE: "gone",
+        Zone.ABSENT: "absent",
     }[where]
 
 

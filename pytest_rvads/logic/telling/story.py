@@ -20,8 +20,8 @@ from pytest_rvads.runs.run import Run
 
 __all__ = ["Story", "bound_names", "happened"]
 
-_ORDER = (Status.FAIL, Status.OPEN, Status.PASS, Status.NA)
-_WORDS = {Status.FAIL: "fail", Status.OPEN: "open", Status.PASS: "pass", Status.NA: "not triggered"}
+_ORDER = (Status.FAIL, Status.OPEN, Status.UNSURE, Status.PASS, Status.NA)
+_WORDS = {Status.FAIL: "fail", Status.OPEN: "open", Status.UNSURE: "unsure", Status.PASS: "pass", Status.NA: "not triggered"}
 
 
 @dataclass(slots=True)

@@ -1,0 +1,149 @@
+"""A junction in a file: its lanes, signs and movements as JSON, and its centre lines as arrays beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
+from pytest_rvads.maps.control import Sign
+from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.runs.bounds import FARTHEST, MOST_LANES, Name, Size
+
+__all__ = ["Count", "JunctionRecord", "Key", "get_junction", "put_junction"]
+
+_MOST_POINTS = 100_000
+"""Of all centre lines together."""
+_LONGEST = 10_000
+"""All movements of a junction together [m]; finding out where they meet takes seconds then."""
+
+Count = Annotated[int, msgspec.Meta(ge=0, le=1_000_000)]
+_Length = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
+"""[m]."""
+
+
+Key = tuple[Count, Count]
+"""A movement: entrance and exit."""
+_MOST_PAIRS = 100_000
+"""Pairs of movements that the map states priority for; of 64 movements there are 4,032."""
+
+
+class _Line(msgspec.Struct, frozen=True):
+    """A centre line: the number of its array, and what its segment says of itself."""
+
+    number: Count
+    id: str
+    turn: Turn
+    junction: str | None
+
+
+class _Entrance(msgspec.Struct, frozen=True, omit_defaults=True):
+    arm: Count
+    lane: Count
+    sign: Sign
+    phase: Count | None
+    setback: _Length
+    approach: _Line | None
+    sign_setback: _Length | None = None
+    """Left out where there is none, as files before it have it."""
+
+
+class _Exit(msgspec.Struct, frozen=True):
+    arm: Count
+    lane: Count
+    road: _Line | None
+
+
+class _Movement(msgspec.Struct, frozen=True):
+    entrance: Count
+    exit: Count
+    turn: Turn
+    length: _Length
+    segment: str
+    path: _Line | None
+
+
+class JunctionRecord(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A junction as JSON."""
+
+    name: Name
+    id: Name
+    entrances: Annotated[list[_Entrance], msgspec.Meta(max_length=MOST_LANES)]
+    exits: Annotated[list[_Exit], msgspec.Meta(max_length=MOST_LANES)]
+    movements: Annotated[list[_Movement], msgspec.Meta(max_length=MOST_LANES**2)]
+    right_of: list[tuple[Count, Count]]
+    opposite: list[tuple[Count, Count]]
+    left_hand: bool
+    lane_width: Size
+    stated: Annotated[list[tuple[Key, Key]], msgspec.Meta(max_length=_MOST_PAIRS)] = []
+    """Likewise."""
+
+
+def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
+    """Return a junction as JSON, and add its centre lines to `lines`: those to be kept beside it."""
+
+    def put(line: Segment | None) -> _Line | None:
+        if line is None:
+            return None
+        lines.append(line)
+        return _Line(len(lines) - 1, line.id, line.turn, line.junction)
+
+    return JunctionRecord(
+        junction.name,
+        junction.id,
+        [_Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, put(e.approach), e.sign_setback) for e in junction.entrances],
+        [_Exit(e.arm, e.lane, put(e.road)) for e in junction.exits],
+        [_Movement(*m.key, m.turn, m.length, m.segment, put(m.path)) for m in junction.movements.values()],
+        sorted(junction.right_of),
+        sorted(junction.opposite),
+        junction.left_hand,
+        junction.lane_width,
+        sorted(junction.stated),
+    )
+
+
+def get_junction(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junction:
+    """Return the junction of a file.
+
+    Args:
+        record: what its header says.
+        arrays: with ``line_<k>``, the centre lines.
+
+    Raises:
+        ValueError: what it says does not fit together.
+    """
+    points = 0
+
+    def get(line: _Line | None) -> Segment | None:
+        nonlocal points
+        if line is None:
+            return None
+        along = arrays[f"line_{line.number}"]
+        points += along.size // 2
+        if points > _MOST_POINTS or (np.abs(along) > FARTHEST).any():
+            raise ValueError(f"its centre lines have more than {_MOST_POINTS:,} points, or some beyond {FARTHEST:g} m")
+        return Segment(line.id, along, line.turn, line.junction)
+
+    movements = [Movement(m.entrance, m.exit, m.turn, m.length, m.segment, get(m.path)) for m in record.movements]
+    length = sum(m.path.length for m in movements if m.path is not None)
+    if length > _LONGEST:
+        raise ValueError(f"its movements are {length:,.0f} m long together, expected at most {_LONGEST:,} m")
+    ways = {m.key: m for m in movements}
+    if unknown := [key for pair in record.stated for key in pair if key not in ways]:
+        raise ValueError(f"its junction states a priority of movements that lead somewhere, got {unknown[0]}, where none leads")
+    return Junction(
+        record.name,
+        record.id,
+        tuple(Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, get(e.approach), e.sign_setback) for e in record.entrances),
+        tuple(Exit(e.arm, e.lane, get(e.road)) for e in record.exits),
+        ways,
+        frozenset(record.right_of),
+        frozenset(record.opposite),
+        record.left_hand,
+        record.lane_width,
+        stated=frozenset(record.stated),
+    )

@@ -1,0 +1,177 @@
+"""Recorded traffic: vehicles that come and go, each with samples of its own, at one junction; cut into runs where it is busy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary
+from pytest_rvads.runs.periods import Period, busy_periods
+from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
+from pytest_rvads.runs.states import Agent, Colour, Zone
+
+__all__ = ["Changes", "Recording", "Track", "zones"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """What was recorded of one vehicle near the junction; arrays have one row per sample."""
+
+    agent: Agent
+    """Its name, way, kind and size."""
+    times: NDArray[np.float64]
+    """On the clock of the recording, increasing, at least two, shape ``(samples,)`` [s]."""
+    station: NDArray[np.float64]
+    """Reference point (centre of the front bumper) along its itinerary, 0 at the entrance vertex, likewise [m]."""
+    speed: NDArray[np.float64]
+    """Forward, likewise [m/s]."""
+    pose: NDArray[np.float64]
+    """x [m], y [m], heading [rad] of the reference point, shape ``(samples, 3)``."""
+    spread: NDArray[np.float64] | None = None
+    """How far before or behind its station it may have been, shape ``(samples,)`` [m]; None: exact."""
+    offset: float = 0.0
+    """How far beside its itinerary it drove, root mean square [m]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Changes:
+    """The light of one entrance: a colour holds until the next change; before the first one it is not known."""
+
+    times: NDArray[np.float64]
+    """On the clock of the recording, increasing, shape ``(changes,)`` [s]."""
+    colours: NDArray[np.int8]
+    """`Colour` from then on, likewise."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Sequence[Run]):
+    """Recorded traffic at a junction. As a sequence it holds its busy periods, each a run that is made when it is asked for.
+
+    A long busy period is several runs: each vehicle is judged in one of them, and those that were there with it are in it too.
+    """
+
+    label: str
+    """Begins the labels of its runs."""
+    junction: Junction
+    tracks: tuple[Track, ...]
+    """In the order in which they begin."""
+    lights: Mapping[int, Changes] = field(default_factory=dict)
+    """By entrance."""
+    facts: Facts = field(default_factory=Facts)
+    position_accuracy: float = 0.0
+    """Standard deviation of a position [m]; 0: exact."""
+    speed_accuracy: float = 0.0
+    """Of a speed [m/s]."""
+    dt: float = DT
+    """Time between two states of its runs [s]."""
+    left_out: tuple[tuple[str, str], ...] = ()
+    """Vehicles that were recorded and are not in it, and why."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tracks", tuple(sorted(self.tracks, key=lambda track: (track.times[0], track.agent.name))))
+
+    def __repr__(self) -> str:
+        return f"<Recording {self.label}: {len(self.tracks)} vehicles, {len(self)} busy periods>"
+
+    def __len__(self) -> int:
+        return len(self.periods)
+
+    @overload
+    def __getitem__(self, index: int) -> Run: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Run]: ...
+
+    def __getitem__(self, index: int | slice) -> Run | Sequence[Run]:
+        if isinstance(index, slice):
+            return [self._run(period) for period in self.periods[index]]
+        return self._run(self.periods[index])
+
+    def __iter__(self) -> Iterator[Run]:
+        return map(self._run, self.periods)
+
+    @cached_property
+    def periods(self) -> tuple[Period, ...]:
+        """When vehicles were near the junction, and which."""
+        spans = [(track.times, track.station, track.speed) for track in self.tracks]
+        ways = [self._itinerary(track) for track in self.tracks]
+        return busy_periods(spans, [way.line for way in ways], [way.leave for way in ways])
+
+    def _itinerary(self, track: Track) -> Itinerary:
+        return Itinerary.through(self.junction, *track.agent.route.key)
+
+    def _run(self, period: Period) -> Run:
+        """Return a busy period as a run: everything sampled with one clock, by interpolation."""
+        first = np.floor(period.begin / self.dt)
+        steps = int(np.ceil(period.end / self.dt) - first) + 1
+        ticks = (first + np.arange(steps)) * self.dt
+        tracks = [self.tracks[column] for column in period.present]
+        count = len(tracks)
+        zone = np.full((steps, count), Zone.ABSENT, dtype=np.int8)
+        station, speed, spread = (np.full((steps, count), np.nan) for _ in range(3))
+        pose = np.full((steps, count, 3), np.nan)
+        for column, track in enumerate(tracks):
+            begin, end = np.searchsorted(ticks, track.times[0]), np.searchsorted(ticks, track.times[-1], side="right")
+            here = slice(int(begin), int(end))
+            at = ticks[here]
+            station[here, column] = _along(track, at)
+            speed[here, column] = np.interp(at, track.times, track.speed)
+            turned = np.column_stack((track.pose[:, :2], np.unwrap(track.pose[:, 2])))
+            pose[here, column] = np.stack([np.interp(at, track.times, values) for values in turned.T], axis=1)
+            spread[here, column] = 0.0 if track.spread is None else np.interp(at, track.times, track.spread)
+            zone[here, column] = zones(self._itinerary(track), station[here, column])
+        lights = np.zeros((steps, len(self.junction.entrances)), dtype=np.int8)
+        for entrance, changes in self.lights.items():
+            known = np.concatenate(([Colour.NONE], changes.colours)).astype(np.int8)
+            lights[:, entrance] = known[np.searchsorted(changes.times, ticks, side="right")]
+        judged = tuple(self.tracks[column].agent.name for column in period.judged)
+        return Run(
+            f"{self.label} at {period.busy:.1f} s",
+            self.junction,
+            tuple(track.agent for track in tracks),
+            zone,
+            lights,
+            self.dt,
+            station,
+            speed,
+            pose,
+            facts=self.facts,
+            excerpt=Excerpt(float(ticks[0]), judged, self.position_accuracy, self.speed_accuracy),
+            spread=None if all(track.spread is None for track in tracks) else spread,
+            provenance={"recording": self.label},
+        )
+
+
+def zones(way: Itinerary, station: NDArray[np.float64]) -> NDArray[np.int8]:
+    """Return the zones of a vehicle at stations along its way, shape ``(steps,)``; each is left for good.
+
+    Whoever stands at a border and rolls, or is measured, to and fro over it has crossed it the last time.
+    """
+    borders = (way.line - ENTRANCE_ZONE, np.nextafter(0.0, 1.0), way.length, way.end)
+    found = np.searchsorted(borders, station, side="right").astype(np.int8)
+    return np.minimum.accumulate(found[::-1])[::-1]
+
+
+def _along(track: Track, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the stations at times between samples: a cubic where the speeds agree with the way made, else a straight line."""
+    times, station, speed = track.times, track.station, track.speed
+    piece = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
+    long = np.diff(times)[piece]
+    begin, end, v0, v1 = station[piece], station[piece + 1], speed[piece], speed[piece + 1]
+    part = (at - times[piece]) / long
+    straight = begin + part * (end - begin)
+    bend = part * (1 - part) * long
+    curved = straight + bend * ((1 - part) * (v0 - (end - begin) / long) - part * (v1 - (end - begin) / long))
+    smooth = np.abs((v0 + v1) / 2 * long - (end - begin)) <= _AGREE * np.abs(end - begin)
+    found: NDArray[np.float64] = np.where(smooth, curved, straight)
+    return found
+
+
+_AGREE = 0.1
+"""By what share speed times time may differ from the way made between two samples, for speeds to be believed."""
