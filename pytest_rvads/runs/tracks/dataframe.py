@@ -16,7 +16,7 @@ __all__ = ["is_table", "read_table"]
 
 _AT_ONCE = 200_000
 """Rows that are looked at together."""
-_WHERE = "the table"
+_WHERE = "table"
 
 
 def is_table(source: object) -> bool:
@@ -44,7 +44,7 @@ def _names(table: Any) -> list[str]:
         names = table.keys() if isinstance(table, Mapping) else table.__dataframe__().column_names()
         return [str(name) for name in names]
     except Exception as error:  # of a library that we do not know
-        raise RunError(f"{_WHERE} can't be read: {one_line(str(error))}") from error
+        raise RunError(f"{_WHERE}: can't be read: {one_line(str(error))}") from error
 
 
 def _values(table: Any, name: str) -> Any:

@@ -86,9 +86,9 @@ class Column:
 class Rows:
     """The rows of a table, by field."""
 
-    numbers: dict[str, NDArray[np.float64]]
+    numbers: Mapping[str, NDArray[np.float64]]
     """Of shape ``(rows,)``, NaN where there is none."""
-    texts: dict[str, Sequence[str]]
+    texts: Mapping[str, Sequence[str]]
     """Those of `TEXTS`."""
     lines: NDArray[np.int64]
     """Number of each row, as messages count them, shape ``(rows,)``."""
