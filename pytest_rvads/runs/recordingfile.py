@@ -39,8 +39,8 @@ _MOST_BYTES = 2**30
 """Of a file, and of all its arrays together: ten million samples."""
 _MOST_HEADER = 2**26
 _MOST_TRACKS = 200_000
-_LONGEST = 1e6
-"""From the first to the last sample of a vehicle [s]: more than a week."""
+_LONGEST = 1e5
+"""From the first to the last sample of a vehicle [s]: more than a day."""
 _ARRAYS = {"times": (), "station": (), "speed": (), "pose": (3,), "spread": (), "light_times": (), "light_colours": ()}
 """Shape of an entry of each array."""
 _Accuracy = Annotated[float, msgspec.Meta(ge=0.0, le=100.0)]

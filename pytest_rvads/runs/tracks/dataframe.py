@@ -20,8 +20,8 @@ _WHERE = "table"
 
 
 def is_table(source: object) -> bool:
-    """Return whether a value is a table: one with the dataframe interchange protocol, or a mapping of columns."""
-    return hasattr(source, "__dataframe__") or isinstance(source, Mapping)
+    """Return whether a value is a table: one with an interchange protocol, of dataframes or Arrow, or a mapping of columns."""
+    return isinstance(source, Mapping) or hasattr(source, "__dataframe__") or hasattr(source, "__arrow_c_stream__")
 
 
 def read_table(table: Any, columns: Mapping[str, str] | None, *, strict: bool, preset: str | None = None) -> Log:
@@ -41,7 +41,8 @@ def read_table(table: Any, columns: Mapping[str, str] | None, *, strict: bool, p
 
 def _names(table: Any) -> list[str]:
     try:
-        names = table.keys() if isinstance(table, Mapping) else table.__dataframe__().column_names()
+        # Arrow calls them column_names; pandas and polars columns, which are the arrays themselves in Arrow.
+        names = table.keys() if isinstance(table, Mapping) else getattr(table, "column_names", None) or table.columns
         return [str(name) for name in names]
     except Exception as error:  # of a library that we do not know
         raise RunError(f"{_WHERE}: can't be read: {one_line(str(error))}") from error

@@ -30,12 +30,15 @@ _COLOURS = {
 }
 _COLOUR = {word: colour for colour, words in _COLOURS.items() for word in words}
 _MOST_CHANGES = 5_000_000
+_ENTRANCE = "entrance "
+"""Begins the names of entrances, which may be the ids of signals, too."""
 
 
 def read_lights(path: Path) -> dict[str, Changes]:
     """Return the colours of signals by what a file calls them: ids of the map, or entrances as in ids (``0``, ``0.1``).
 
-    A CSV file has the columns time [s], signal or entrance, and colour; a colour holds until the next row of that signal. A file
+    A CSV file has the columns time [s], signal or entrance, and colour; a colour holds until the next row of that signal. In a
+    column of signals an entrance counts where no signal of the map is called so; one of entrances gives ``entrance 0``. A file
     ending in ``.xml`` holds ``<tlsState>`` of SUMO (``SaveTLSStates``); its link ``k`` of light ``C`` is called ``C_k``, as SUMO
     calls the signal when it writes OpenDRIVE.
 
@@ -55,21 +58,17 @@ def changes_of(rows: Mapping[str, list[tuple[float, Colour]]]) -> dict[str, Chan
 
 
 def signals_at(junction: Junction) -> dict[str, tuple[int, ...]]:
-    """Return the entrances that a name of a signal is for: labels of entrances, and ids of signals as far as its map is there."""
-    found: dict[str, tuple[int, ...]] = {
-        junction.vehicle_at(number).removeprefix("a"): (number,) for number in range(len(junction.entrances))
-    }
+    """Return the entrances that each signal is for: by its id in the map, and entrances by what they are called."""
+    labels = {junction.vehicle_at(number).removeprefix("a"): (number,) for number in range(len(junction.entrances))}
+    found: dict[str, tuple[int, ...]] = {f"{_ENTRANCE}{label}": numbers for label, numbers in labels.items()}
     map = junction.map or (path_of(junction.name) if junction.name in LAYOUTS else None)
-    if map is None:
-        return found
-    report = load(map).report(junction.id)
-    edges = [end.edge for end in report.entrances]
-    for item in report.objects:
-        if item.kind is ObjectKind.LIGHT and item.edge in edges and item.id not in found:
-            found[item.id] = tuple(
-                k for k, edge in enumerate(edges) if edge in {o.edge for o in report.objects if o.id == item.id}
-            )
-    return found
+    if map is not None:
+        report = load(map).report(junction.id)
+        for item in report.objects:
+            at = tuple(number for number, end in enumerate(report.entrances) if end.edge == item.edge)
+            if item.kind is ObjectKind.LIGHT:
+                found[item.id] = tuple(sorted({*found.get(item.id, ()), *at}))
+    return {**labels, **found}
 
 
 def lights_at(junction: Junction, shown: Mapping[str, Changes]) -> dict[int, Changes]:
@@ -104,11 +103,12 @@ def _table(path: Path) -> dict[str, Changes]:
         if "time" not in names or signal is None or colour is None:
             listed = one_line(", ".join(names), 200)
             raise RunError(f"{source.where}: row 1 must name the columns time, signal or entrance, and colour, got {listed}")
+        before = _ENTRANCE if signal == "entrance" else ""
         for count, (line, cells) in enumerate(rows):
             if len(cells) != len(names):
                 raise RunError(f"{source.where}: row {line}: expected {len(names)} cells as in row 1, got {len(cells)}")
             row = dict(zip(names, (cell.strip() for cell in cells), strict=True))
-            _show(shown, row["time"], row[signal], row[colour], f"{source.where}: row {line}")
+            _show(shown, row["time"], before + row[signal], row[colour], f"{source.where}: row {line}")
             _limit(count, source.where)
     return changes_of(shown)
 

@@ -31,6 +31,8 @@ _STEP = 2.0
 """The track is looked at every so often [m], so that standing counts no more than driving."""
 _GAP = 2.0
 """Not seen for longer [s], and for more than five usual steps: seen again it counts as another vehicle."""
+_LONGEST_GAP = 10.0
+"""However seldom it is usually seen [s]: where it was meanwhile is not known."""
 _AGAINST = -0.3
 """Cosine of the angle to a way from which on a vehicle drives against it."""
 
@@ -105,7 +107,7 @@ class Matcher:
         self._lines = [_Line.of(Itinerary.through(junction, *key)) for key in sorted(junction.movements)]
         inner = np.vstack([movement.path.points for movement in junction.movements.values() if movement.path is not None])
         self.centre = inner.mean(axis=0)
-        self._radius = float(np.hypot(*(inner - self.centre).T).max()) + _STRAY
+        self._radius = float(np.hypot(*(inner - self.centre).T).max()) + _CLOSE
 
     def match(self, vehicle: Samples, points: _Values, heading: _Values) -> Iterator[Matched | str]:
         """Yield each pass of a vehicle through the junction, or why there is none.
@@ -202,7 +204,7 @@ def evenly(points: _Values) -> NDArray[np.int64]:
 def _unbroken(times: _Values) -> list[slice]:
     """Return the parts of a track between gaps."""
     steps = np.diff(times)
-    limit = max(_GAP, 5.0 * float(np.median(steps))) if len(steps) else _GAP
+    limit = min(max(_GAP, 5.0 * float(np.median(steps))), _LONGEST_GAP) if len(steps) else _GAP
     bounds = [0, *(np.flatnonzero(steps > limit) + 1).tolist(), len(times)]
     return [slice(begin, end) for begin, end in pairwise(bounds)]
 
