@@ -58,8 +58,8 @@ def declare(commands: Subparsers) -> None:
 
 def _import(options: argparse.Namespace) -> int:
     from pytest_rvads.runs.recordingfile import save_recording
-    from pytest_rvads.runs.tracks.formats import read_log
     from pytest_rvads.runs.tracks.importing import Intake, explain_empty, light_log, recording_of, unlit
+    from pytest_rvads.runs.tracks.logformats import read_log
     from pytest_rvads.runs.tracks.table import parse_columns
 
     junctions = _junctions(options)
@@ -172,7 +172,7 @@ def _lines(told: dict[str, Any], *, verbose: bool) -> list[str]:
     offset, accuracy, clock, out = told["offset"], told["accuracy"], told["clock"], told["left_out"]
     known = "stated" if accuracy["stated"] else "estimated"
     lines = [
-        f"{told['file']}: {told['vehicles']} vehicles at {told['junction']}, {told['periods']} busy periods",
+        f"{told['file']}: {_counted(told['vehicles'], 'vehicle')} at {told['junction']}, {_counted(told['periods'], 'busy period')}",
         f"from {clock['begin']:g} to {clock['end']:g} s, a sample every {clock['step']:g} s, now every {clock['resampled']:g} s",
         "; ".join(f"{count} from {way}" for way, count in told["movements"].items()),
         f"beside their ways by {offset['mean']:.2f} m on average, at most {offset['worst']:.2f} m ({offset['vehicle']})",
@@ -189,3 +189,7 @@ def _lines(told: dict[str, Any], *, verbose: bool) -> list[str]:
     if verbose:
         lines += [f"  {name}: {why}" for name, why in out.items()]
     return lines
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"

@@ -1,4 +1,4 @@
-"""Whatever happens to a file of tracks, it is read or refused in one sentence that names the file and, of a row, row and column."""
+"""Whatever happens to a file of tracks, it is read or refused in one sentence that names the file, and of a row where it is."""
 
 import json
 from pathlib import Path
@@ -49,10 +49,8 @@ def fcd_seed() -> bytes:
     lines = ["<fcd-export>"]
     for time, name, x, y, heading, speed in samples(PLACE):
         angle = 90 - np.degrees(heading)
-        lines.append(
-            f'<timestep time="{time}"><vehicle id="{name}" x="{x}" y="{y}" angle="{angle}" speed="{speed}" length="4.6" width="1.8"/>'
-            "</timestep>"
-        )
+        vehicle = f'<vehicle id="{name}" x="{x}" y="{y}" angle="{angle}" speed="{speed}" length="4.6" width="1.8"/>'
+        lines.append(f'<timestep time="{time}">{vehicle}</timestep>')
     return "\n".join([*lines, "</fcd-export>"]).encode()
 
 

@@ -8,8 +8,8 @@ import pytest
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find, names
 from pytest_rvads.runs.recording import Recording
-from pytest_rvads.runs.tracks.formats import Point
 from pytest_rvads.runs.tracks.importing import read_tracks
+from pytest_rvads.runs.tracks.logformats import Point
 
 from .drives import LENGTH, WIDTH, Drive, drive, write_csv
 

@@ -20,8 +20,8 @@ from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.states import AXLE, Agent, Kind
 from pytest_rvads.runs.tracks.cleaning import accuracy_of, track_of
-from pytest_rvads.runs.tracks.formats import Point, read_log
 from pytest_rvads.runs.tracks.lightlog import lights_at, read_lights, signals_at
+from pytest_rvads.runs.tracks.logformats import Point, read_log
 from pytest_rvads.runs.tracks.matching import NEVER, STANDS, Matched, Matcher, directions
 from pytest_rvads.runs.tracks.samples import Log, Samples
 from pytest_rvads.wording import one_line
