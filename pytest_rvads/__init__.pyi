@@ -45,8 +45,11 @@ from pytest_rvads.search.rationality import determinate as determinate, rational
 from pytest_rvads.runs.itineraries import Itinerary as Itinerary
 from pytest_rvads.conduct.kpis import Kpis as Kpis, kpis as kpis
 from pytest_rvads.runs.recorded import read_recorded as read_recorded
+from pytest_rvads.runs.recording import Recording as Recording
+from pytest_rvads.runs.recordingfile import load_recording as load_recording, save_recording as save_recording
 from pytest_rvads.runs.run import Collision as Collision, Facts as Facts, Fault as Fault, Run as Run
 from pytest_rvads.runs.runfile import load_run as load_run, save_run as save_run
+from pytest_rvads.runs.tracks.importing import read_tracks as read_tracks
 from pytest_rvads.runs.states import Agent as Agent, Colour as Colour, Kind as Kind, VehicleState as VehicleState, Zone as Zone
 from pytest_rvads.drivers.interface import (
     Acceleration as Acceleration,

@@ -6,32 +6,44 @@ import errno
 import os
 import stat
 from pathlib import Path
+from typing import BinaryIO
 from uuid import uuid4
 
-__all__ = ["read_file", "write_file"]
+__all__ = ["open_file", "read_file", "write_file"]
 
 
-def read_file(path: Path, most: int) -> bytes:
-    """Return the content of a regular file.
-
-    Args:
-        path: of the file; a pipe or device, which may never end, is refused and not waited for.
-        most: how much is read at all [bytes].
+def open_file(path: Path) -> BinaryIO:
+    """Open a regular file to read; a pipe or device, which may never end, is refused and not waited for.
 
     Raises:
-        OSError: it can't be read, is no regular file, or holds more; ``strerror`` says which.
+        OSError: it can't be read or is no regular file; ``strerror`` says which.
     """
     try:
         # Without waiting for somebody to write, as opening a pipe would.
         number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except ValueError as error:
         raise OSError(errno.EINVAL, f"no file has such a name: {error}", ascii(str(path))) from error
-    with open(number, "rb") as file:
-        status = os.fstat(number)
-        if not stat.S_ISREG(status.st_mode):
-            raise OSError(errno.EINVAL, "it is a pipe or device, expected a regular file", str(path))
-        content = file.read() if status.st_size <= most else b""
-    if max(status.st_size, len(content)) > most:
+    file = open(number, "rb")  # noqa: SIM115 - who asked for it closes it
+    if not stat.S_ISREG(os.fstat(number).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "it is a pipe or device, expected a regular file", str(path))
+    return file
+
+
+def read_file(path: Path, most: int) -> bytes:
+    """Return the content of a regular file.
+
+    Args:
+        path: of the file, see `open_file`.
+        most: how much is read at all [bytes].
+
+    Raises:
+        OSError: it can't be read, is no regular file, or holds more; ``strerror`` says which.
+    """
+    with open_file(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        content = file.read() if size <= most else b""
+    if max(size, len(content)) > most:
         raise OSError(errno.EFBIG, f"it is too large, expected at most {most:,} bytes", str(path))
     return content
 

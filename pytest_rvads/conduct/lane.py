@@ -12,7 +12,7 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Zone
+from pytest_rvads.runs.states import AXLE, Zone
 
 __all__ = ["LANE_TOLERANCE", "MAX_OFFSET", "beside", "itinerary", "lane_allows", "off_lane", "off_route", "wrong_lanes"]
 
@@ -22,8 +22,6 @@ MAX_OFFSET = 3.0
 """A vehicle whose front is this far to the side of its itinerary, and whose rear axle is half as far, is off its route [m].
 
 The front alone swings out by 2 m in narrow bends."""
-_AXLE = 0.8
-"""The rear axle of a car, as a share of its length behind the front bumper."""
 _NEAR = 0.75
 """How far around its station the front of a vehicle is looked for on its itinerary [m]."""
 _AROUND = 5.0
@@ -50,7 +48,7 @@ def beside(way: Itinerary, x: float, y: float, heading: float, station: float, l
     _, front = way.path.project(x, y, station + way.origin, _NEAR)
     if abs(front) <= MAX_OFFSET:
         return False
-    back = _AXLE * length
+    back = AXLE * length
     axle_x, axle_y = x - back * math.cos(heading), y - back * math.sin(heading)
     _, axle = way.path.project(axle_x, axle_y, station + way.origin - back, _AROUND)
     return abs(axle) > MAX_OFFSET / 2
@@ -130,7 +128,7 @@ def _way(run: Run, agent: int) -> Itinerary:
 
 def _offset(way: Itinerary, points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how far points are to the left of the itinerary where it is at these stations, shape ``(steps,)`` [m]."""
-    place, ahead = _centre(way, station)
+    place, ahead = way.centre(station)
     apart = points - place
     found: NDArray[np.float64] = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
     return found
@@ -139,15 +137,6 @@ def _offset(way: Itinerary, points: NDArray[np.float64], station: NDArray[np.flo
 def _nearest(way: Itinerary, points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the stations of points, given about where they are, shape ``(steps,)`` [m]."""
     for _ in range(3):
-        place, ahead = _centre(way, station)
+        place, ahead = way.centre(station)
         station = station + ((points - place) * ahead).sum(axis=1)
     return station
-
-
-def _centre(way: Itinerary, station: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the points of the itinerary at stations, and the direction there, each of shape ``(steps, 2)``."""
-    points, arc = way.path.points, way.path.stations
-    along = station + way.origin
-    piece = np.clip(np.searchsorted(arc, along, side="right") - 1, 0, len(arc) - 2)
-    ahead = (points[piece + 1] - points[piece]) / (arc[piece + 1] - arc[piece])[:, None]
-    return points[piece] + (along - arc[piece])[:, None] * ahead, ahead

@@ -6,15 +6,18 @@ import io
 import math
 import re
 import zipfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MOST_BYTES", "unpack"]
+from pytest_rvads.storage import open_file
+
+__all__ = ["MOST_BYTES", "peek", "unpack"]
 
 MOST_BYTES = 64 * 2**20
-"""Of an archive, and of all its arrays together: 40 minutes of four vehicles."""
+"""Of an archive of a run, and of all its arrays together: 40 minutes of four vehicles."""
 _MOST_MEMBERS = 1000
 _DIRECTORY_ENTRY = b"PK\x01\x02"
 _HEADER = re.compile(
@@ -25,8 +28,12 @@ _HEADER = re.compile(
 """Of an array in version 1 of the npy format, as numpy writes it; numpy's own reader evaluates it as Python."""
 
 
-def unpack(content: bytes) -> dict[str, NDArray[Any]]:
+def unpack(content: bytes, most: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
     """Return the arrays of an archive by name; they can't be written to.
+
+    Args:
+        content: of the file.
+        most: how much memory all arrays together may take [bytes].
 
     Raises:
         ValueError: a damaged archive, or one that would take too much memory.
@@ -35,7 +42,7 @@ def unpack(content: bytes) -> dict[str, NDArray[Any]]:
     if count > _MOST_MEMBERS:
         raise ValueError(f"it holds {count:,} arrays, expected at most {_MOST_MEMBERS:,}")
     try:
-        members = _members(content)
+        members = _members(content, most)
     except ValueError:
         raise
     except Exception as error:  # zipfile and zlib raise whatever they stumble over
@@ -43,7 +50,16 @@ def unpack(content: bytes) -> dict[str, NDArray[Any]]:
     return {name: _array(name, data) for name, data in members.items()}
 
 
-def _members(content: bytes) -> dict[str, bytes]:
+def peek(path: Path, name: str, most: int = 2**16) -> bytes:
+    """Return how an array of a file begins, at most `most` bytes; nothing where there is none, or the file is damaged."""
+    try:
+        with open_file(path) as file, zipfile.ZipFile(file) as archive, archive.open(f"{name}.npy") as member:
+            return member.read(most)
+    except Exception:  # zipfile and zlib raise whatever they stumble over
+        return b""
+
+
+def _members(content: bytes, most: int) -> dict[str, bytes]:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
         if len(entries) < len(archive.infolist()):
@@ -51,8 +67,8 @@ def _members(content: bytes) -> dict[str, bytes]:
         if any(entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for entry in entries.values()):
             raise ValueError("it is compressed by another method than deflate, which alone unpacks in steps")
         size = sum(entry.file_size for entry in entries.values())
-        if size > MOST_BYTES:
-            raise ValueError(f"its arrays take {size:,} bytes, expected at most {MOST_BYTES:,}")
+        if size > most:
+            raise ValueError(f"its arrays take {size:,} bytes, expected at most {most:,}")
         members = {}
         for name, entry in entries.items():
             with archive.open(entry) as member:

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import Pose, Segment, Turn, join
@@ -74,6 +77,14 @@ class Itinerary:
     def pose(self, station: float) -> Pose:
         """Return the pose of the centre line at `station` [m]."""
         return self.path.pose(station + self.origin)
+
+    def centre(self, station: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the points of the centre line at stations, and the direction there, each of shape ``(steps, 2)``."""
+        points, arc = self.path.points, self.path.stations
+        along = station + self.origin
+        piece = np.clip(np.searchsorted(arc, along, side="right") - 1, 0, len(arc) - 2)
+        ahead = (points[piece + 1] - points[piece]) / (arc[piece + 1] - arc[piece])[:, None]
+        return points[piece] + (along - arc[piece])[:, None] * ahead, ahead
 
     def project(self, x: float, y: float, near: float) -> tuple[float, float]:
         """Return station and lateral offset (left positive) of a point, looked for around station `near` [m]."""

@@ -2,25 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pytest_rvads.errors import RunError
+from pytest_rvads.runs.archive import peek
 from pytest_rvads.runs.recorded import read_recorded
+from pytest_rvads.runs.recordingfile import FORMAT, load_recording
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
 
 __all__ = ["READERS", "read_runs"]
 
-READERS: dict[str, Callable[[str | Path], list[Run]]] = {
+
+def _kept(path: str | Path) -> Sequence[Run]:
+    return load_recording(path) if _is_recording(Path(path)) else [load_run(path)]
+
+
+def _is_recording(path: Path) -> bool:
+    """Return whether a header says that a file is a recording; what is damaged is for the readers to tell."""
+    return f'"format": "{FORMAT}"'.encode() in peek(path, "header")
+
+
+READERS: dict[str, Callable[[str | Path], Sequence[Run]]] = {
     ".json": read_recorded,
-    ".npz": lambda path: [load_run(path)],
+    ".npz": _kept,
 }
 """Per suffix, in small letters: a function that reads a file and raises `RunError` where it can't."""
 
 
-def read_runs(path: str | Path) -> list[Run]:
-    """Read the runs of a file, recorded elsewhere (``.json``) or kept by this library (``.npz``).
+def read_runs(path: str | Path) -> Sequence[Run]:
+    """Read the runs of a file, recorded elsewhere (``.json``) or kept by this library (``.npz``: a run, or a recording).
+
+    The runs of a recording are made one by one, when they are asked for.
 
     Raises:
         RunError: another kind of file, or a damaged one.

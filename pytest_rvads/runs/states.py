@@ -16,6 +16,7 @@ from pytest_rvads.maps.segment import Turn
 __all__ = [
     "ABSENT",
     "APPROACH",
+    "AXLE",
     "ENTRANCE",
     "EXIT",
     "GONE",
@@ -26,6 +27,10 @@ __all__ = [
     "VehicleState",
     "Zone",
 ]
+
+
+AXLE = 0.8
+"""The rear axle of a car, as a share of its length behind the front bumper."""
 
 
 class Zone(IntEnum):

@@ -35,7 +35,12 @@ EDITED = {
         "pytest_rvads/draw/scene.py",
     ],
     "a map format": ["pytest_rvads/NAME/", "pytest_rvads/junctions/formats.py", "pyproject.toml", "docs/maps.md"],
-    "a log format": ["pytest_rvads/runs/NAME.py", "pytest_rvads/runs/readers.py", "docs/bring-recorded-runs.md"],
+    "a log format": [
+        "pytest_rvads/runs/tracks/NAME.py",
+        "pytest_rvads/runs/tracks/logformats.py",
+        "pyproject.toml",
+        "docs/bring-recorded-runs.md",
+    ],
     "a driver or traffic policy": [
         "pytest_rvads/drivers/NAME.py",
         "pytest_rvads/drivers/traffic.py",
@@ -78,6 +83,9 @@ def test_every_path_it_names_is_there() -> None:
         ("report/outline.py", ["outline", "plain"]),
         ("junctions/formats.py", ["READERS"]),
         ("runs/readers.py", ["READERS"]),
+        ("runs/tracks/logformats.py", ["FORMATS", "Reader"]),
+        ("runs/tracks/samples.py", ["Gather", "Log"]),
+        ("runs/tracks/source.py", ["opened"]),
         ("runs/states.py", ["Kind"]),
         ("drivers/traffic.py", ["POLICIES"]),
         ("drivers/reference.py", ["make_gate"]),

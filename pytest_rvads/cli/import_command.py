@@ -1,0 +1,195 @@
+"""``rvads import``: recorded traffic of elsewhere, matched to a junction and kept."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pytest_rvads.cli.common import Subparsers, progress, say, warn
+from pytest_rvads.errors import RunError
+from pytest_rvads.wording import one_line
+
+if TYPE_CHECKING:
+    from pytest_rvads.junctions.junction import Junction
+    from pytest_rvads.runs.recording import Recording
+
+__all__ = ["declare"]
+
+_SHOWN = 3
+"""So many reasons for leaving vehicles out are shown, and vehicles with damaged rows."""
+
+
+def declare(commands: Subparsers) -> None:
+    """Add the command of this module."""
+    parser = commands.add_parser(
+        "import",
+        help="bring in recorded traffic: CSV, SUMO, CARLA, OSI, ROS bags",
+        description="Matches every vehicle of a log to a way through a junction and keeps what is found for `rvads check`.",
+    )
+    parser.add_argument("tracks", metavar="TRACKS", help="file of tracks, or the folder of a bag")
+    parser.add_argument("--map", metavar="FILE", help="OpenDRIVE file of the junction, in whose coordinates the tracks are")
+    parser.add_argument(
+        "--junction", metavar="ID", required=True, help="id in --map, built-in name, type or place, or all of --map"
+    )
+    parser.add_argument("-o", "--output", metavar="OUT", required=True, help="file to write (.npz); a folder for --junction all")
+    parser.add_argument(
+        "--format", metavar="NAME", help="csv, ind, interaction, fcd, carla, osi or rosbag (default: by the name)"
+    )
+    parser.add_argument("--columns", metavar="FIELD=COLUMN[:UNIT],...", help="as in time=t:ms,id=track,x=X,y=Y,heading=yaw:deg")
+    parser.add_argument("--point", metavar="POINT", help="what x and y are of: center of the box, front (bumper) or rear_axle")
+    parser.add_argument("--size", metavar="L,W", help="length and width of vehicles whose size the log has not [m]")
+    parser.add_argument("--offset", metavar="X,Y", help="added to every position, where the log has another origin [m]")
+    parser.add_argument("--lights", metavar="FILE", help="CSV with time, signal or entrance, colour; or <tlsState> of SUMO")
+    parser.add_argument(
+        "--position-accuracy", type=float, metavar="M", help="standard deviation of a coordinate [m] (default: estimated)"
+    )
+    parser.add_argument("--speed-accuracy", type=float, metavar="M/S", help="standard deviation of a speed [m/s]")
+    parser.add_argument("--speed-limit", type=float, metavar="M/S", help="speed limit at the junction [m/s]")
+    parser.add_argument("--label", metavar="NAME", help="begins the names of its runs (default: the name of the file)")
+    parser.add_argument("--strict", action="store_true", help="a bad row is an error; else it costs its vehicle")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("-v", "--verbose", action="store_true", help="list every vehicle that is left out")
+    parser.set_defaults(command=_import)
+
+
+def _import(options: argparse.Namespace) -> int:
+    from pytest_rvads.runs.recordingfile import save_recording
+    from pytest_rvads.runs.tracks.importing import Intake, explain_empty, light_log, recording_of, unlit
+    from pytest_rvads.runs.tracks.logformats import read_log
+    from pytest_rvads.runs.tracks.table import parse_columns
+
+    junctions = _junctions(options)
+    columns = parse_columns(options.columns) if options.columns else None
+    log, usual = read_log(options.tracks, format=options.format, columns=columns, strict=options.strict, watch=_watch())
+    intake = Intake(
+        options.point or usual,
+        _numbers(options.size, "--size L,W"),
+        _numbers(options.offset, "--offset X,Y") or (0.0, 0.0),
+        options.position_accuracy,
+        options.speed_accuracy,
+        options.speed_limit,
+    )
+    shown = light_log(log, options.lights)
+    label = one_line(options.label or Path(options.tracks).name.partition(".")[0], 200) or "tracks"
+    several, found = options.junction == "all", []
+    left_out: Sequence[tuple[str, str]] = ()
+    for number, junction in enumerate(junctions, start=1):
+        recording = recording_of(log, junction, intake, shown, f"{label} {junction.id}" if several else label)
+        left_out = recording.left_out
+        if recording.tracks:
+            path = Path(options.output, f"{junction.name}.npz") if several else Path(options.output)
+            save_recording(recording, path)
+            found.append((path, recording))
+        if several:
+            progress(number, len(junctions), "junctions")
+    if not found:
+        raise RunError(explain_empty(log, junctions, intake, left_out))
+    if shown and not any(recording.lights for _, recording in found):
+        warn(f"warning: {unlit(shown, found[0][1].junction)}")
+    told = [_told(path, recording, stated=options.position_accuracy is not None) for path, recording in found]
+    if options.json:
+        print(json.dumps(told if several else told[0]))
+        return 0
+    for one in told:
+        say("\n  ".join(_lines(one, verbose=options.verbose)))
+    return 0
+
+
+def _junctions(options: argparse.Namespace) -> list[Junction]:
+    from pytest_rvads.junctions.finder import find, load
+
+    if options.junction != "all":
+        return [find(options.junction, options.map)]
+    if options.map is None:
+        raise RunError("--junction all takes the junctions of a map: give --map FILE")
+    return [find(report.id, options.map) for report in load(options.map).junctions if report.usable]
+
+
+def _numbers(text: str | None, wanted: str) -> tuple[float, float] | None:
+    """Return two numbers of an option, None where it was not given."""
+    if text is None:
+        return None
+    try:
+        one, two = map(float, text.split(","))
+    except ValueError:
+        raise RunError(f"{wanted} takes two numbers in metres, got {text!r:.60}") from None
+    return one, two
+
+
+def _watch() -> Any:
+    """Return what draws a bar while a file is read, in parts of a hundred."""
+    drawn = [0]
+
+    def watch(done: int, total: int) -> None:
+        part = 100 * done // max(total, 1)
+        while drawn[0] < part:
+            drawn[0] += 1
+            progress(drawn[0], 100, "% read")
+
+    return watch
+
+
+def _told(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any]:
+    """Return what came in, as JSON has it."""
+    junction, tracks = recording.junction, recording.tracks
+    ways = Counter(track.agent.route.key for track in tracks)
+    arms = {key: (junction.vehicle_at(key[0]).removeprefix("a"), f"{junction.exits[key[1]].arm}") for key in ways}
+    worst = max(tracks, key=lambda track: track.offset)
+    begin, end = min(track.times[0] for track in tracks), max(track.times[-1] for track in tracks)
+    step = sorted(float(t.times[-1] - t.times[0]) / (len(t.times) - 1) for t in tracks)[len(tracks) // 2]
+    return {
+        "file": str(path),
+        "recording": recording.label,
+        "junction": junction.name,
+        "vehicles": len(tracks),
+        "movements": {
+            f"{arms[key][0]} to {arms[key][1]}, {junction.movements[key].turn}": count for key, count in sorted(ways.items())
+        },
+        "offset": {
+            "mean": round(sum(track.offset for track in tracks) / len(tracks), 4),
+            "worst": round(worst.offset, 4),
+            "vehicle": worst.agent.name,
+        },
+        "accuracy": {"position": recording.position_accuracy, "speed": recording.speed_accuracy, "stated": stated},
+        "clock": {
+            "begin": round(float(begin), 3),
+            "end": round(float(end), 3),
+            "step": round(step, 4),
+            "resampled": recording.dt,
+        },
+        "lights": sorted(junction.vehicle_at(entrance).removeprefix("a") for entrance in recording.lights),
+        "periods": len(recording),
+        "left_out": dict(recording.left_out),
+    }
+
+
+def _lines(told: dict[str, Any], *, verbose: bool) -> list[str]:
+    """Return what came in, in words, line by line."""
+    offset, accuracy, clock, out = told["offset"], told["accuracy"], told["clock"], told["left_out"]
+    known = "stated" if accuracy["stated"] else "estimated"
+    lines = [
+        f"{told['file']}: {_counted(told['vehicles'], 'vehicle')} at {told['junction']}, {_counted(told['periods'], 'busy period')}",
+        f"from {clock['begin']:g} to {clock['end']:g} s, a sample every {clock['step']:g} s, now every {clock['resampled']:g} s",
+        "; ".join(f"{count} from {way}" for way, count in told["movements"].items()),
+        f"beside their ways by {offset['mean']:.2f} m on average, at most {offset['worst']:.2f} m ({offset['vehicle']})",
+        f"positions are {'exact' if not accuracy['position'] else format(accuracy['position'], '.3f') + ' m accurate'} ({known})",
+    ]
+    if told["lights"]:
+        lines.append(f"lights at entrances {', '.join(told['lights'])}")
+    reasons = Counter(out.values()).most_common()
+    if out:
+        lines.append(f"left out: {len(out)}")
+        lines += [f"  {count}: {why}" for why, count in reasons[: None if verbose else _SHOWN]]
+        if len(reasons) > _SHOWN and not verbose:
+            lines.append(f"  and {sum(count for _, count in reasons[_SHOWN:])} for other reasons: -v lists them")
+    if verbose:
+        lines += [f"  {name}: {why}" for name, why in out.items()]
+    return lines
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"

@@ -1,0 +1,248 @@
+"""The project's own file of a recording: an npz archive with a JSON header, versioned.
+
+Entries: ``header`` (UTF-8 bytes of JSON, see `_Header`); ``times``, ``station``, ``speed``, ``pose``, with the samples of all
+tracks one after the other, in the shapes and units of `Track`; ``spread``, of those tracks that have one; ``light_times`` and
+``light_colours``, likewise of all lights; and ``line_<k>``, as in the file of a run. Nothing is pickled.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import reprlib
+from collections.abc import Mapping
+from itertools import accumulate, pairwise
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.decoding import decode, typed
+from pytest_rvads.errors import MapError, RunError, require
+from pytest_rvads.maps.segment import Segment
+from pytest_rvads.runs.archive import unpack
+from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step
+from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.junctionfile import Count, JunctionRecord, Key, get_junction, put_junction
+from pytest_rvads.runs.recording import Changes, Recording, Track
+from pytest_rvads.runs.run import Facts
+from pytest_rvads.runs.states import Agent, Colour, Kind
+from pytest_rvads.storage import read_file, write_file
+from pytest_rvads.wording import one_line
+
+__all__ = ["FORMAT", "VERSION", "load_recording", "save_recording"]
+
+FORMAT, VERSION = "rvads-recording", 1
+_MOST_BYTES = 2**30
+"""Of a file, and of all its arrays together: ten million samples."""
+_MOST_HEADER = 2**26
+_MOST_TRACKS = 200_000
+_LONGEST = 1e5
+"""From the first to the last sample of a vehicle [s]: more than a day."""
+_ARRAYS = {"times": (), "station": (), "speed": (), "pose": (3,), "spread": (), "light_times": (), "light_colours": ()}
+"""Shape of an entry of each array."""
+_Accuracy = Annotated[float, msgspec.Meta(ge=0.0, le=100.0)]
+_Samples = Annotated[int, msgspec.Meta(ge=2, le=100_000_000)]
+T = TypeVar("T")
+
+
+class _Track(msgspec.Struct, frozen=True):
+    name: Name
+    route: Key
+    """Entrance and exit."""
+    kind: Kind
+    size: tuple[Size, Size] | None
+    samples: _Samples
+    spread: bool
+    """Whether its spread is kept."""
+    offset: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
+
+
+class _Light(msgspec.Struct, frozen=True):
+    entrance: Count
+    changes: Annotated[int, msgspec.Meta(ge=0, le=10_000_000)]
+
+
+class _Header(msgspec.Struct, frozen=True):
+    format: str
+    version: int
+    label: Name
+    dt: Step
+    tracks: Annotated[list[_Track], msgspec.Meta(max_length=_MOST_TRACKS)]
+    junction: JunctionRecord
+    lights: list[_Light]
+    facts: Facts
+    position_accuracy: _Accuracy
+    speed_accuracy: _Accuracy
+    left_out: list[tuple[str, str]]
+
+
+def save_recording(recording: Recording, path: str | Path) -> None:
+    """Write a recording; equal recordings give equal files.
+
+    Args:
+        recording: the recording.
+        path: of the file, by convention ``.npz``; folders are made.
+
+    Raises:
+        RunError: the file can't be written, or the recording is more than `load_recording` would read.
+    """
+    require(recording, Recording, "save_recording takes a recording, such as rvads.read_tracks returns", RunError)
+    path, tracks = Path(path), recording.tracks
+    lines: list[Segment] = []
+    header = _Header(
+        FORMAT,
+        VERSION,
+        recording.label,
+        recording.dt,
+        [
+            _Track(t.agent.name, t.agent.route.key, t.agent.kind, t.agent.size, len(t.times), t.spread is not None, t.offset)
+            for t in tracks
+        ],
+        put_junction(recording.junction, lines),
+        [_Light(entrance, len(changes.times)) for entrance, changes in recording.lights.items()],
+        recording.facts,
+        recording.position_accuracy,
+        recording.speed_accuracy,
+        list(recording.left_out),
+    )
+    values = msgspec.to_builtins(header)
+    typed(values, _Header, f"recording {one_line(recording.label, 60)!r} can't be kept", RunError)
+    text = json.dumps(values, sort_keys=True).encode()
+    lights = list(recording.lights.values())
+    arrays: dict[str, Any] = {
+        "header": np.frombuffer(text, dtype=np.uint8),
+        "times": _joined([t.times for t in tracks]),
+        "station": _joined([t.station for t in tracks]),
+        "speed": _joined([t.speed for t in tracks]),
+        "pose": _joined([t.pose for t in tracks], (0, 3)),
+        "spread": _joined([t.spread for t in tracks if t.spread is not None]),
+        "light_times": _joined([light.times for light in lights]),
+        "light_colours": _joined([light.colours for light in lights]).astype(np.int8),
+    } | {f"line_{k}": line.points for k, line in enumerate(lines)}
+    size = sum(array.nbytes for array in arrays.values())
+    if size > _MOST_BYTES or len(text) > _MOST_HEADER:
+        raise RunError(
+            f"recording {recording.label!r} can't be kept: it takes {size:,} bytes, more than would be read: cut it up"
+        )
+    content = io.BytesIO()
+    np.savez_compressed(content, **arrays)
+    try:
+        write_file(path, content.getvalue())
+    except OSError as error:
+        raise RunError(f"{path}: can't be written: {error.strerror}") from error
+
+
+def _joined(parts: list[NDArray[Any]], empty: tuple[int, ...] = (0,)) -> NDArray[Any]:
+    return np.concatenate(parts) if parts else np.zeros(empty)
+
+
+def load_recording(path: str | Path) -> Recording:
+    """Read a recording that `save_recording` wrote.
+
+    Raises:
+        RunError: not such a file, a damaged one, one that holds too much, or one of another version.
+    """
+    path = Path(path)
+    try:
+        arrays = unpack(read_file(path, _MOST_BYTES), _MOST_BYTES)
+        text = arrays.pop("header").tobytes()
+    except OSError as error:
+        raise RunError(f"{path}: can't be read: {error.strerror}") from error
+    except KeyError:
+        raise RunError(f"{path}: not a recording kept by rvads: it has no header") from None
+    except ValueError as error:
+        raise RunError(f"{path}: not a recording kept by rvads: {one_line(str(error))}") from error
+    if len(text) > _MOST_HEADER:
+        raise RunError(f"{path}: its header takes {len(text):,} bytes, expected at most {_MOST_HEADER:,}")
+    head = decode(text, dict[str, Any], f"{path}: header", RunError)
+    if head.get("format") != FORMAT:
+        raise RunError(f"{path}: not a recording kept by rvads: its format is {reprlib.repr(head.get('format'))}")
+    if head.get("version") != VERSION:
+        told = reprlib.repr(head.get("version"))
+        raise RunError(f"{path}: written in version {told} of the format, this library reads version {VERSION}")
+    header = typed(head, _Header, f"{path}: header", RunError)
+    try:
+        return _recording(header, arrays)
+    except KeyError as error:
+        raise RunError(f"{path}: damaged: {error} is missing") from error
+    except (ValueError, MapError) as error:
+        raise RunError(f"{path}: damaged: {one_line(str(error))}") from error
+
+
+def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording:
+    samples = [track.samples for track in header.tracks]
+    lengths = dict.fromkeys(("times", "station", "speed", "pose"), sum(samples))
+    lengths["spread"] = sum(track.samples for track in header.tracks if track.spread)
+    lengths |= dict.fromkeys(("light_times", "light_colours"), sum(light.changes for light in header.lights))
+    for name, length in lengths.items():
+        _check(name, arrays[name], (length, *_ARRAYS[name]))
+    junction = get_junction(header.junction, arrays)
+    if not junction.drivable:
+        raise ValueError("its junction has no centre lines")
+    names = [track.name for track in header.tracks]
+    if len(set(names)) < len(names):
+        raise ValueError("two of its vehicles have the same name")
+    if header.facts.subject not in (None, *names):
+        raise ValueError(f"subject in facts must be one of the vehicles, got {header.facts.subject!r}")
+    spreads = iter(_parts(arrays["spread"], [track.samples for track in header.tracks if track.spread]))
+    cut = {name: _parts(arrays[name], samples) for name in ("times", "station", "speed", "pose")}
+    tracks = []
+    for k, record in enumerate(header.tracks):
+        _check_times(record.name, cut["times"][k])
+        agent = Agent(record.name, _movement(junction.movements, record), record.kind, record.size)
+        own = [cut[name][k] for name in ("times", "station", "speed", "pose")]
+        tracks.append(Track(agent, own[0], own[1], own[2], own[3], next(spreads) if record.spread else None, record.offset))
+    for key in {track.route for track in header.tracks}:
+        Itinerary.through(junction, *key)  # refuses lanes that do not meet
+    changes = [light.changes for light in header.lights]
+    lights = {}
+    for light, times, colours in zip(
+        header.lights, _parts(arrays["light_times"], changes), _parts(arrays["light_colours"], changes), strict=True
+    ):
+        if light.entrance >= len(junction.entrances) or (np.diff(times) <= 0.0).any() or not np.isin(colours, [*Colour]).all():
+            raise ValueError(
+                f"the light of entrance {light.entrance} must be at an entrance, its times increase, its colours known"
+            )
+        lights[light.entrance] = Changes(times, colours)
+    return Recording(
+        header.label,
+        junction,
+        tuple(tracks),
+        lights,
+        header.facts,
+        header.position_accuracy,
+        header.speed_accuracy,
+        header.dt,
+        tuple(header.left_out),
+    )
+
+
+def _movement(movements: Mapping[Key, T], record: _Track) -> T:
+    if record.route not in movements:
+        entrance, exit = record.route
+        raise ValueError(f"{record.name} goes from entrance {entrance} to exit {exit}, where no movement leads")
+    return movements[record.route]
+
+
+def _parts(array: NDArray[Any], lengths: list[int]) -> list[NDArray[Any]]:
+    return [array[begin:end] for begin, end in pairwise(accumulate(lengths, initial=0))]
+
+
+def _check(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+    kind = "i" if name == "light_colours" else "f"
+    if (array.shape, array.dtype.kind) != (shape, kind):
+        what = "whole numbers" if kind == "i" else "numbers"
+        raise ValueError(f"{name} must be {what} in the shape {shape}, got {array.dtype} in {array.shape}")
+    limit = 1e12 if "times" in name else FARTHEST
+    if kind == "f" and not (np.abs(array) <= limit).all():
+        raise ValueError(f"{name} holds numbers beyond {limit:g}, or some that are none")
+    if name == "spread" and (array < 0.0).any():
+        raise ValueError("spread holds numbers below 0")
+
+
+def _check_times(name: str, times: NDArray[np.float64]) -> None:
+    if (np.diff(times) <= 0.0).any() or times[-1] - times[0] > _LONGEST:
+        raise ValueError(f"the times of {name} must increase, and by at most {_LONGEST:g} s")

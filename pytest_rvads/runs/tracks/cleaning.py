@@ -1,0 +1,64 @@
+"""From the samples of a matched vehicle to its track: where it was along its way, how fast, and how exactly that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.runs.recording import Track
+from pytest_rvads.runs.smoothing import roughness, smoothed
+from pytest_rvads.runs.states import Agent
+from pytest_rvads.runs.tracks.matching import Matched
+from pytest_rvads.runs.tracks.samples import Samples
+
+__all__ = ["accuracy_of", "track_of"]
+
+_EXACT = 0.005
+"""A position that is known better than this counts as exact [m]: files with two decimals are."""
+
+
+def accuracy_of(found: Sequence[tuple[Samples, Matched]]) -> float:
+    """Return the standard deviation of a coordinate, estimated from the tracks [m]; 0 where they are exact.
+
+    Along the way vehicles speed up and slow down, across it they hardly move, but a simulator may hold them on it exactly: noise
+    shows in both, so the smaller of the two is taken, and of the vehicles the one in the middle.
+    """
+    each = []
+    for vehicle, match in found:
+        times = vehicle.times[match.kept]
+        each.append(min(roughness(times, match.station), roughness(times, match.lateral)))
+    estimate = float(np.median(each)) if each else 0.0
+    return estimate if estimate >= _EXACT else 0.0
+
+
+def track_of(
+    agent: Agent,
+    vehicle: Samples,
+    match: Matched,
+    points: NDArray[np.float64],
+    heading: NDArray[np.float64] | None,
+    accuracy: float,
+) -> Track:
+    """Return the track of a vehicle.
+
+    Args:
+        agent: what it is.
+        vehicle: as the log has it.
+        match: its way, and which of its samples are on it.
+        points: the middle of its front bumper, of all samples, shape ``(samples, 2)`` [m].
+        heading: likewise [rad]; None: it heads where its way leads.
+        accuracy: standard deviation of a coordinate [m]; 0: the positions stay as they are.
+    """
+    times = vehicle.times[match.kept]
+    speed = None if vehicle.speed is None else vehicle.speed[match.kept]
+    station, fast, spread = smoothed(times, match.station, speed, accuracy)
+    place, ahead = match.way.centre(station)
+    if accuracy > 0.0:
+        lateral = smoothed(times, match.lateral, None, accuracy)[0]
+        place = place + lateral[:, None] * np.column_stack((-ahead[:, 1], ahead[:, 0]))
+    else:
+        place = points[match.kept]
+    facing = np.arctan2(ahead[:, 1], ahead[:, 0]) if heading is None else heading[match.kept]
+    return Track(agent, times, station, fast, np.column_stack((place, facing)), spread, match.offset)

@@ -1,0 +1,239 @@
+"""`read_tracks`: from a log of traffic to a recording at one junction."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.errors import RunError, suggest
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.runs.recording import Changes, Recording, Track
+from pytest_rvads.runs.run import Facts
+from pytest_rvads.runs.states import AXLE, Agent, Kind
+from pytest_rvads.runs.tracks.cleaning import accuracy_of, track_of
+from pytest_rvads.runs.tracks.lightlog import lights_at, read_lights, signals_at
+from pytest_rvads.runs.tracks.logformats import Point, read_log
+from pytest_rvads.runs.tracks.matching import NEVER, STANDS, Matched, Matcher, directions
+from pytest_rvads.runs.tracks.samples import Log, Samples
+from pytest_rvads.wording import one_line
+
+__all__ = ["Intake", "explain_empty", "light_log", "read_tracks", "recording_of", "unlit"]
+
+_Values = NDArray[np.float64]
+_AHEAD = {"front": 0.0, "center": 0.5, "rear_axle": AXLE}
+"""How far ahead of its point the front bumper of a vehicle is, as a share of its length."""
+_WALKS = "it is a pedestrian"
+
+
+@dataclass(frozen=True, slots=True)
+class Intake:
+    """How a log is taken; see `read_tracks`.
+
+    Raises:
+        RunError: a value that can't be.
+    """
+
+    point: Point
+    size: tuple[float, float] | None = None
+    offset: tuple[float, float] = (0.0, 0.0)
+    position_accuracy: float | None = None
+    speed_accuracy: float | None = None
+    speed_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        points = get_args(Point)
+        if self.point not in points:
+            raise RunError(f"point must be {', '.join(points)}, got {self.point!r:.60}{suggest(str(self.point), points)}")
+        for name, most in (("position_accuracy", 10.0), ("speed_accuracy", 10.0)):
+            value = getattr(self, name)
+            if value is not None and not _within(value, 0.0, most):
+                raise RunError(f"{name} must be a standard deviation from 0 to {most:g}, got {value!r:.60}")
+        if self.size is not None and not (_pair(self.size) and all(_within(value, 0.1, 100.0) for value in self.size)):
+            raise RunError(f"size must be a length and a width from 0.1 to 100 m, got {self.size!r:.60}")
+        if not (_pair(self.offset) and all(_within(value, -1e9, 1e9) for value in self.offset)):
+            raise RunError(f"offset must be two numbers to add to x and y [m], got {self.offset!r:.60}")
+
+
+def _within(value: object, low: float, high: float) -> bool:
+    return isinstance(value, int | float | np.number) and low <= float(value) <= high
+
+
+def _pair(value: object) -> bool:
+    return isinstance(value, tuple | list) and len(value) == 2
+
+
+def read_tracks(  # noqa: PLR0913 - the options of a command
+    source: Any,
+    junction: Junction | str,
+    *,
+    map: str | os.PathLike[str] | None = None,
+    format: str | None = None,
+    columns: Mapping[str, str] | None = None,
+    point: Point | None = None,
+    size: tuple[float, float] | None = None,
+    offset: tuple[float, float] = (0.0, 0.0),
+    lights: str | os.PathLike[str] | None = None,
+    position_accuracy: float | None = None,
+    speed_accuracy: float | None = None,
+    speed_limit: float | None = None,
+    strict: bool = False,
+    label: str | None = None,
+) -> Recording:
+    """Return recorded traffic at a junction; what was left out and why is in its ``left_out``.
+
+    Every vehicle is matched to the way through the junction that is nearest to its whole track, from 150 m before the stopping
+    line to the end of the exit road. It is absent before its first sample there and after its last.
+
+    Args:
+        source: a file, or a table: of pandas, polars, pyarrow, or a dictionary of columns.
+        junction: a junction, or what `find` takes.
+        map: OpenDRIVE file that a junction given by id is in.
+        format: ``csv``, ``ind``, ``interaction``, ``fcd``, ``carla``, ``osi`` or ``rosbag``; None: by the name of the file.
+        columns: of a table, per field (time, id, x, y, heading, speed, vx, vy, length, width, class) its column, with a unit
+            after a colon where it is not s, rad or m/s: ``{"time": "t:ms", "heading": "yaw:deg"}``; None: by the usual names.
+        point: which point of a vehicle x and y are: ``"front"``, the middle of the front bumper, ``"center"`` of its box, or
+            ``"rear_axle"``; None: what the format says, the center for tables.
+        size: length and width of vehicles of which the log has none [m].
+        offset: added to every x and y, where the log has another origin than the map [m].
+        lights: file of lights, CSV with the columns time, signal or entrance, colour; or SUMO's ``<tlsState>``.
+        position_accuracy: standard deviation of a coordinate [m]: two of three are closer to the truth than that. Verdicts that
+            another reading within it would flip are UNSURE. None: estimated from how rough the tracks are, which does not show
+            what is wrong with all samples alike, nor what somebody has smoothed away.
+        speed_accuracy: of a speed [m/s]; None: 0.
+        speed_limit: at the junction [m/s].
+        strict: a bad row is an error; it costs its vehicle otherwise.
+        label: begins the labels of its runs; None: after the file.
+
+    Raises:
+        RunError: the log can't be read, or nobody in it passes the junction; the message says where, and what to do.
+        MapError: no such junction.
+    """
+    place = junction if isinstance(junction, Junction) else find(junction, map)
+    log, usual = read_log(source, format=format, columns=columns, strict=strict)
+    intake = Intake(point or usual, size, offset, position_accuracy, speed_accuracy, speed_limit)
+    shown = light_log(log, lights)
+    recording = recording_of(log, place, intake, shown, one_line(label or log.where.partition(".")[0], 200) or "tracks")
+    if not recording.tracks:
+        raise RunError(explain_empty(log, [place], intake, recording.left_out))
+    if shown and not recording.lights:
+        raise RunError(unlit(shown, place))
+    return recording
+
+
+def light_log(log: Log, lights: str | os.PathLike[str] | None) -> Mapping[str, Changes]:
+    """Return the colours that signals showed: of a file, else those of the log."""
+    return log.lights if lights is None else read_lights(Path(lights))
+
+
+def unlit(shown: Mapping[str, Changes], junction: Junction) -> str:
+    """Return the sentence that none of the lights is at a junction."""
+    known = ", ".join(sorted(signals_at(junction)))
+    return f"none of the lights ({', '.join(sorted(shown)):.200}) is at junction {junction.name!r}, which knows {known:.300}"
+
+
+def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[str, Changes], label: str) -> Recording:
+    """Return what a log has of one junction; without tracks where nobody passes it.
+
+    Raises:
+        RunError: lengths are needed and missing, or the junction has no geometry.
+    """
+    if not junction.drivable:
+        raise RunError(f"junction {junction.name!r} holds no geometry, which tracks are matched to: give its map")
+    matcher = Matcher(junction)
+    found: list[tuple[str, Samples, Matched]] = []
+    left_out = list(log.refused)
+    for vehicle in log.vehicles:
+        matches = [STANDS] if len(vehicle.times) < 2 else list(matcher.match(vehicle, *placed(vehicle, intake)))
+        if vehicle.kind is Kind.PEDESTRIAN:
+            matches = [_WALKS]
+        passes = [match for match in matches if isinstance(match, Matched)]
+        found += [(_named(vehicle.name, k), vehicle, match) for k, match in enumerate(passes)]
+        reasons = [match for match in matches if isinstance(match, str)]
+        if reasons and not passes:
+            left_out.append((vehicle.name, next((why for why in reasons if why not in (NEVER, STANDS)), reasons[0])))
+    accuracy = intake.position_accuracy
+    if accuracy is None:
+        accuracy = accuracy_of([(vehicle, match) for _, vehicle, match in found])
+    return Recording(
+        label,
+        junction,
+        tuple(_tracks(found, junction, intake, float(accuracy))),
+        lights_at(junction, shown) if shown else {},
+        Facts(speed_limit=intake.speed_limit),
+        float(accuracy),
+        float(intake.speed_accuracy or 0.0),
+        left_out=tuple(left_out),
+    )
+
+
+def _tracks(
+    found: Sequence[tuple[str, Samples, Matched]], junction: Junction, intake: Intake, accuracy: float
+) -> Iterable[Track]:
+    taken = {vehicle.name for _, vehicle, _ in found}
+    for name, vehicle, match in found:
+        own = name
+        while own != vehicle.name and own in taken:  # a vehicle of the log is called so
+            own += "'"
+        taken.add(own)
+        agent = Agent(own, junction.movements[match.way.entrance, match.way.exit], vehicle.kind, vehicle.size or intake.size)
+        points, _ = placed(vehicle, intake)
+        yield track_of(agent, vehicle, match, points, vehicle.heading, accuracy)
+
+
+def placed(vehicle: Samples, intake: Intake) -> tuple[_Values, _Values]:
+    """Return the middle of the front bumper of a vehicle [m], and where it heads [rad], of every sample.
+
+    Raises:
+        RunError: its length is needed and nobody told it.
+    """
+    heading = directions(vehicle.points) if vehicle.heading is None else vehicle.heading
+    ahead = vehicle.ahead
+    if ahead is None and _AHEAD[intake.point]:
+        size = vehicle.size or intake.size
+        if size is None:
+            raise RunError(
+                f"the log has no length of {vehicle.name!r}, which is needed where its points are its {intake.point}: give "
+                "--size (size=), such as 4.6,1.8, or --point front"
+            )
+        ahead = _AHEAD[intake.point] * size[0]
+    points = vehicle.points + np.asarray(intake.offset, dtype=np.float64)
+    if ahead:
+        points = points + ahead * np.column_stack((np.cos(heading), np.sin(heading)))
+    return points, heading
+
+
+def _named(name: str, number: int) -> str:
+    return name if number == 0 else f"{name}#{number + 1}"
+
+
+def explain_empty(log: Log, junctions: Sequence[Junction], intake: Intake, left_out: Sequence[tuple[str, str]]) -> str:
+    """Return why nobody passes any of the junctions, and what to do about it."""
+    who = f"junction {junctions[0].name!r}" if len(junctions) == 1 else f"any of the {len(junctions)} junctions"
+    told = f"nobody in {log.where} passes {who}"
+    if not log.vehicles:
+        return f"{told}: {left_out[0][1]}" if left_out else f"{told}: it has no vehicles"
+    points = np.vstack([vehicle.points for vehicle in log.vehicles]) + np.asarray(intake.offset)
+    centres = [Matcher(junction).centre for junction in junctions]
+    nearest = min(float(np.hypot(*(points - centre).T).min()) for centre in centres)
+    if nearest > _ELSEWHERE:
+        (x, y), (far_x, far_y) = centres[0], np.median(points, axis=0)
+        apart = math.dist((x, y), (far_x, far_y))
+        return (
+            f"{told}: its tracks are around ({far_x:.0f}, {far_y:.0f}), {apart:,.0f} m from the junction at ({x:.0f}, {y:.0f}): "
+            "--offset X,Y (offset=) moves them to the origin of the map"
+        )
+    why, count = Counter(reason for _, reason in left_out).most_common(1)[0]
+    return f"{told}: {count} of {len(left_out)} vehicles are left out because {why}"
+
+
+_ELSEWHERE = 30.0
+"""Nobody comes closer to the centre of a junction than this [m]: the tracks are in another place."""
