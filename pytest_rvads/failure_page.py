@@ -32,8 +32,13 @@ class Page:
 
 
 def moment(run: Run, verdict: Verdict) -> float:
-    """Return when there is most to see of a verdict, on the clock of the recording [s]: its time, else the end of the run."""
-    return run.start + run.duration if verdict.time is None else verdict.time
+    """Return when there is most to see of a verdict, on the clock of the recording [s].
+
+    That is its time, or when its first instance became violated, open or unsure; else the end of the run.
+    """
+    if verdict.time is not None:
+        return verdict.time
+    return next((time for time, _ in _troubled(verdict)), run.start + run.duration)
 
 
 def failure_picture(run: Run, verdict: Verdict) -> str:
@@ -62,29 +67,33 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str) -> I
         time, message = moment(run, verdict), verdict.message
         yield Page(time, replay(run, message, notes, [(time, message)], _tracks(run, rule), verdict.responsible))
         return
-    tracks, marked = _tracks(run, rule), _marked(verdict)
+    tracks = sorted(_tracks(run, rule), key=lambda track: track.changes[-1][1] != "violated")
+    found = _troubled(verdict)
     shown: list[tuple[int, int]] = []
-    for time in dict.fromkeys([moment(run, verdict), *(time for time, _ in marked)]):
+    for time in dict.fromkeys([moment(run, verdict), *(time for time, _ in found)]):
         tick = round((time - run.start) / run.dt)
-        if not any(begin <= tick < end for begin, end in shown):
-            begin, end = max(tick - round(_BEFORE / run.dt), 0), min(tick + round(_AFTER / run.dt) + 1, run.steps)
-            shown.append((begin, end))
-            part = _part(run, begin, end)
-            until = part.start + part.duration
-            inside = [(t, text) for t, text in marked if part.start <= t <= until] or [(time, verdict.message)]
-            lines = [cut for track in tracks if (cut := _within(track, begin, end))]
-            yield Page(time, replay(part, verdict.message, notes, inside, lines, verdict.responsible, time))
+        if any(begin <= tick < end for begin, end in shown):
+            continue
+        begin, end = max(tick - round(_BEFORE / run.dt), 0), min(tick + round(_AFTER / run.dt) + 1, run.steps)
+        title = verdict.message if not shown else next(_line(verdict, i) for t, i in found if t == time)
+        shown.append((begin, end))
+        part = _part(run, begin, end)
+        marked = [(t, _line(verdict, i)) for t, i in found if part.start <= t <= part.start + part.duration]
+        lines = [cut for track in tracks if (cut := _within(track, begin, end))]
+        who = {name for t, i in found if t == time for name in i.responsible}
+        yield Page(time, replay(part, title, notes, marked or [(time, title)], lines, who, time))
 
 
-def _marked(verdict: Verdict) -> list[tuple[float, str]]:
-    """Return when which instances were violated, open or unsure, as events of a page."""
-    found = []
-    for instance in verdict.instances:
-        time = when(verdict, instance)
-        if instance.status in _TROUBLE and time is not None:
-            who = ", ".join(f"{variable}: {name}" for variable, name in instance.binding)
-            found.append((time, " ".join(filter(None, (verdict.rule, instance.status.value, who, instance.hangs)))))
-    return found
+def _troubled(verdict: Verdict) -> list[tuple[float, InstanceVerdict]]:
+    """Return the instances that are violated, open or unsure, and when they became so [s]; not those of which nobody knows."""
+    timed = [(when(verdict, instance), instance) for instance in verdict.instances if instance.status in _TROUBLE]
+    return [(time, instance) for time, instance in timed if time is not None]
+
+
+def _line(verdict: Verdict, instance: InstanceVerdict) -> str:
+    """Return what is said of an instance among the events of a page."""
+    who = ", ".join(name for _, name in instance.binding)
+    return f"{verdict.rule} {instance.status}: {who}{instance.hangs and f', {instance.hangs}'}"
 
 
 def when(verdict: Verdict, instance: InstanceVerdict) -> float | None:
@@ -113,12 +122,13 @@ def _part(run: Run, begin: int, end: int) -> Run:
     span = slice(begin, end)
     there = np.flatnonzero(run.here[span].any(axis=0)).tolist()
     names = {run.agents[column].name for column in there}
-    states = {name: array[span][:, there] for name in (*ARRAYS, "spread") if (array := getattr(run, name)) is not None}
+    columns = [name for name in (*ARRAYS, "spread") if name != "lights" and getattr(run, name) is not None]
     shift = begin * run.dt
     within = [c for c in run.collisions or () if begin <= round(c.time / run.dt) < end and names.issuperset(c.agents)]
     return replace(
         run,
-        **{**states, "lights": run.lights[span]},
+        lights=run.lights[span],
+        **{name: getattr(run, name)[span][:, there] for name in columns},
         agents=tuple(run.agents[column] for column in there),
         collisions=tuple(replace(collision, time=collision.time - shift) for collision in within),
         fault=None if run.fault is None else replace(run.fault, time=run.fault.time - shift),

@@ -3,11 +3,13 @@ const last = run.steps - 1, ink = ["#888", "#1fa34a", "#e0a800", "#d11f1f"], let
 const places = {"-1": "absent", 0: "approach", 1: "entrance", 2: "junction", 3: "exit", 4: "gone"}, colours = ["none", "green", "yellow", "red"];
 const get = id => document.getElementById(id);
 const bodies = document.querySelectorAll(".vehicle"), trails = document.querySelectorAll(".trail");
-const rows = [
-  ...run.agents.map((name, i) => [name, run.zones[i].map(([tick, zone]) => [tick, places[zone]])]),
-  ...run.lights.map((changes, e) => ["light " + run.entrances[e], changes.map(([tick, colour]) => [tick, colours[colour]])])
-    .filter(([, changes]) => changes.some(([, word]) => word !== "none")),
-  ...run.tracks];
+const driven = run.agents.map((name, i) => [name, run.zones[i].map(([tick, zone]) => [tick, places[zone]])]);
+const lamps = run.lights.map((changes, e) => ["light " + run.entrances[e], changes.map(([tick, colour]) => [tick, colours[colour]])])
+  .filter(([, changes]) => changes.some(([, word]) => word !== "none"));
+// Among dozens of vehicles, those that it is about come first.
+const about = run.trail ? driven.filter(([name]) => run.responsible.includes(name)) : [];
+const rows = run.trail ? [...about, ...run.tracks, ...lamps, ...driven.filter(row => !about.includes(row))]
+  : [...driven, ...lamps, ...run.tracks];
 let now = 0, timer = null, cursors = [], told = [];
 function at(changes, tick) { return changes.findLast(([since]) => since <= tick)[1]; }
 function clock(tick) { return run.start + tick * run.dt; }
@@ -28,8 +30,8 @@ function show(index) {
     line.hidden = !place;
     if (!place) return;
     const [x, y, heading, station, speed] = place;
-    const driven = run.motion.slice(first, end).map(m => m[i]).filter(Boolean).map(m => `${m[0]},${-m[1]}`);
-    trails[i].setAttribute("points", driven.join(" ") + ` ${x},${-y}`);
+    const points = run.motion.slice(first, end).map(m => m[i]).filter(Boolean).map(m => `${m[0]},${-m[1]}`);
+    trails[i].setAttribute("points", points.join(" ") + ` ${x},${-y}`);
     bodies[i].setAttribute("transform", `translate(${x} ${-y}) rotate(${-heading * 180 / Math.PI})`);
     const written = bodies[i].querySelector("text"), along = written.classList.contains("along");
     const turned = !along ? heading * 180 / Math.PI : Math.cos(heading) < 0 ? 180 : 0;

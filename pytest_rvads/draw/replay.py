@@ -51,7 +51,8 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
         marked: further events (time [s], text), such as a violation; they stand out.
         tracks: what else to show over time, such as the monitors of a rule.
         responsible: names of the vehicles to point out.
-        opened: time at which the page opens [s]; the beginning by default.
+        opened: time at which the page opens [s], the one of the further events that all rows are marked at; by default the
+            beginning, and all of them.
 
     Times that are given and shown are on the clock of the recording that the run is an excerpt of, ticks count from its start.
 
@@ -88,7 +89,7 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
         "lights": [_changes(run.lights[:, e]) for e in range(run.lights.shape[1])],
         "tracks": [(track.label, track.changes) for track in tracks],
         "responsible": [a.name for a in run.agents if a.name in responsible],
-        "marked": [time for time, _ in told],
+        "marked": [time for time, _ in told if opened in (None, time)],
         "events": sorted([*((*event, False) for event in events(run)), *((*event, True) for event in told)]),
     }
     return webpage(
