@@ -71,7 +71,7 @@ class Totals:
         wide = max(map(len, rules), default=0)
         lines = [" " * wide + "".join(f"{status.value:>8}" for status in statuses)] if rules else []
         lines += [f"{rule:{wide}}" + "".join(f"{self.verdicts[rule, s] or '':>8}" for s in statuses) for rule in rules]
-        return [*lines, self.sums]
+        return [*map(str.rstrip, lines), self.sums]
 
     @property
     def sums(self) -> str:
