@@ -7,7 +7,7 @@ import sys
 from contextlib import closing
 from pathlib import Path
 
-from pytest_rvads.cli.common import Subparsers, clear, progress, warn
+from pytest_rvads.cli.common import Subparsers, clear, progress
 from pytest_rvads.errors import RunError
 
 __all__ = ["declare"]
@@ -38,7 +38,7 @@ def declare(commands: Subparsers) -> None:
     check.add_argument("--html", metavar="DIR", help="write an index of verdicts and a replay page of every failure there")
     check.add_argument("--kpis", action="store_true", help="also the key performance indicators of every run")
     check.add_argument("-j", "--jobs", type=_count, default=1, metavar="N", help="judge on so many processes (default: 1)")
-    check.add_argument("-v", "--verbose", action="store_true", help="of several files, print all runs and verdicts")
+    check.add_argument("-v", "--verbose", action="store_true", help="of many runs, print all verdicts and warnings")
     check.set_defaults(command=_check)
 
 
@@ -81,7 +81,7 @@ def _check(options: argparse.Namespace) -> int:
                 for answer in batch.answers:
                     label = labels.of(answer)
                     for warning in answer.warnings:
-                        warn(f"warning: {label}: {warning}")
+                        totals.doubt(f"{label}: {warning}", every=options.verbose or (alone and not answer.excerpt))
                     for error in answer.errors:
                         totals.trouble(f"{label} {error}")
                     totals.add(answer)

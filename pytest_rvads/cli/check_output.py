@@ -16,6 +16,7 @@ __all__ = ["KPIS", "Labels", "Output", "Totals", "output"]
 
 KPIS = "(kpis)"
 """Where the indicators of a run stand beside its rules in JSON; no rule can be called so."""
+_MOST_DOUBTS = 20
 _NOTABLE = (Status.FAIL, Status.OPEN, Status.UNSURE, Status.ERROR)
 
 
@@ -41,13 +42,21 @@ class Totals:
     def __init__(self) -> None:
         self.verdicts: Counter[tuple[str, Status]] = Counter()
         """By rule and status."""
-        self.runs = self.vehicles = self.files = self.troubles = 0
+        self.runs = self.vehicles = self.files = self.troubles = self._doubts = 0
         self._left: dict[str, int] = {}
 
     def trouble(self, sentence: str) -> None:
         """Tell what could not be read or judged."""
         self.troubles += 1
         warn(f"rvads: {sentence}")
+
+    def doubt(self, sentence: str, *, every: bool) -> None:
+        """Tell what is doubtful in a run; of many runs the first few of all doubts, unless `every` one is wanted."""
+        self._doubts += 1
+        if every or self._doubts <= _MOST_DOUBTS:
+            warn(f"warning: {sentence}")
+        elif self._doubts == _MOST_DOUBTS + 1:
+            warn("warning: further warnings are not printed, --verbose prints them")
 
     def add(self, answer: RunAnswer) -> None:
         """Count what is said of a run."""

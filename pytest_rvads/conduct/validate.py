@@ -188,9 +188,13 @@ def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     except MapError as error:
         yield Finding("itinerary", 0.0, f"{agent.name} has no itinerary: {error}")
         return
-    for tick in range(0, run.steps, _EVERY):
-        if not run.here[tick, column]:
-            continue
+    ticks = np.flatnonzero(run.here[::_EVERY, column]) * _EVERY
+    place, along = run.pose[ticks, column, :2], run.station[ticks, column] + itinerary.origin
+    # Projecting takes a while: whoever is near the point of the line at its station is near the line.
+    line = itinerary.path
+    centre = np.stack([np.interp(along, line.stations, values) for values in line.points.T], axis=-1)
+    near = (np.hypot(*(place - centre).T) < OFFSET_LIMIT - 1e-6) & (along >= 0.0) & (along <= line.length)
+    for tick in ticks[~near].tolist():
         x, y, _ = run.pose[tick, column]
         _, offset = itinerary.project(float(x), float(y), float(run.station[tick, column]))
         if abs(offset) > OFFSET_LIMIT:
