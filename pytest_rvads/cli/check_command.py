@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from contextlib import closing
 from pathlib import Path
 
-from pytest_rvads.cli.common import Subparsers, clear, progress
+from pytest_rvads.cli.common import Subparsers
 from pytest_rvads.errors import RunError
 
 __all__ = ["declare"]
@@ -54,53 +53,28 @@ _count.__name__ = "number of processes"  # argparse names it in its messages
 
 def _check(options: argparse.Namespace) -> int:
     from pytest_rvads.cli.answers import named_rules
-    from pytest_rvads.cli.check_index import Index
-    from pytest_rvads.cli.check_output import Labels, Totals, output
+    from pytest_rvads.cli.check_teller import Teller
+    from pytest_rvads.cli.check_totals import Totals
     from pytest_rvads.cli.in_order import judged
     from pytest_rvads.cli.run_answers import Question
     from pytest_rvads.cli.run_files import run_files
 
     names = tuple(options.rule or ["paper"])
     named_rules(names)  # what is wrong with them is told before anything is read
-    folder = None if options.html is None else _folder(options.html)
-    totals = Totals()
+    if options.html is not None:
+        _make_folder(options.html)
+    totals, told = Totals(), options.json or options.jsonl
     files = run_files(options.files, totals.trouble)
     alone = len(options.files) == len(files) == 1
-    wanted = options.kpis or not (options.json or options.jsonl)
-    question = Question(names, options.kpis, alone and wanted, options.html)
-    labels, index = Labels(), folder and Index(folder)
-    printed = output(options, alone, totals)
-    shown = sys.stderr.isatty() or not (options.json or options.jsonl)  # who reads JSON may read standard error along with it
-    try:
-        with closing(judged(files, question, options.jobs)) as batches:
-            for batch in batches:
-                clear()
-                if batch.error:
-                    totals.trouble(batch.error)
-                    printed.unread(batch)
-                for answer in batch.answers:
-                    label = labels.of(answer)
-                    for warning in answer.warnings:
-                        totals.doubt(f"{label}: {warning}", every=options.verbose or (alone and not answer.excerpt))
-                    for error in answer.errors:
-                        totals.trouble(f"{label} {error}")
-                    totals.add(answer)
-                    printed.run(label, answer)
-                    if index:
-                        index.add(label, answer)
-                if totals.finish(batch) and shown and len(files) > 1:
-                    progress(totals.files, len(files), "files")
-        printed.close()
-    finally:
-        if index:
-            index.write(totals)
-    return totals.exit_status(told=options.json or options.jsonl)
+    question = Question(names, options.kpis, alone and not told, options.html)
+    with Teller(options, totals, len(files), alone=alone) as teller, closing(judged(files, question, options.jobs)) as batches:
+        for batch in batches:
+            teller.tell(batch)
+    return totals.exit_status(told=told)
 
 
-def _folder(name: str) -> Path:
-    """Make the folder of pages."""
+def _make_folder(name: str) -> None:
     try:
         Path(name).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RunError(f"{name}: no folder for pages can be made there: {error.strerror}") from error
-    return Path(name)

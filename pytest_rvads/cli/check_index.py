@@ -9,7 +9,7 @@ from shutil import copyfileobj
 from urllib.parse import quote
 from uuid import uuid4
 
-from pytest_rvads.cli.check_output import Totals
+from pytest_rvads.cli.check_totals import Totals
 from pytest_rvads.cli.run_answers import RunAnswer, VerdictAnswer
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.webpage import webpage
