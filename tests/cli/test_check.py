@@ -3,6 +3,7 @@
 import json
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,15 +14,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pytest_rvads.cli import main, run_answers
+from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.readers import read_runs
+from pytest_rvads.runs.recording import Recording, Track
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import save_run
+from pytest_rvads.runs.states import Agent, Zone
 
 Make = Callable[..., Run]
 Read = pytest.CaptureFixture[str]
@@ -190,6 +196,72 @@ def test_a_rule_that_can_not_judge_costs_no_other_verdict(folder: Path, capsys: 
     assert two["verdicts"]["p1"]["status"] == "PASS"
     assert err == "rvads: d3 can't be judged by p2: ZeroDivisionError: a fault of ours\n"
     assert one["errors"] == ["can't be judged by p2: ZeroDivisionError: a fault of ours"]
+
+
+@pytest.fixture
+def log(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> str:
+    """A file of a recording: every minute a car drives through stop4 at 10 m/s, a busy period each, ten in all.
+
+    The last one jumps by 8 m, 2 s after it appears.
+    """
+    place = find("stop4")
+    movement = place.leads(0, 2)
+    way = Itinerary.through(place, *movement.key)
+    tracks = []
+    for number in range(10):
+        times = 100.0 + 60.0 * number + np.arange(0.0, 8.0, 0.1)
+        station = 10.0 * (times - times[0]) - 40.0 + (8.0 * (times - times[0] > 2.05) if number == 9 else 0.0)
+        pose = np.array([way.pose(float(value)) for value in station])
+        agent = Agent(f"v{number}", movement, size=(4.6, 1.8))
+        tracks.append(Track(agent, times, station, np.full(len(times), 10.0), pose))
+    recording = Recording("log", place, tuple(tracks))
+    monkeypatch.setattr(run_answers, "read_runs", lambda path: recording)
+    return str(tmp_path / "log.npz")
+
+
+def test_a_recording_is_judged_period_by_period(log: str, capsys: Read) -> None:
+    assert main(["check", log, "--rule", "full_stop"]) == 1
+    out, err = capsys.readouterr()
+    # 40 m at 10 m/s before the entrance.
+    starts = [100.0 + 60.0 * number for number in range(10)]
+    told = re.findall(r"^  FAIL  full_stop at t=(.*) s: v(\d) entered", out, re.MULTILINE)
+    assert [int(vehicle) for _, vehicle in told] == list(range(10))
+    assert [float(time) for time, _ in told[:9]] == pytest.approx([start + 4.0 for start in starts[:9]], abs=0.02)
+    assert out.endswith("full_stop      10\n10 runs, 10 vehicles judged\n")
+    warnings, progress = err.splitlines()[:-1], [line for line in err.splitlines() if "busy" in line]
+    assert progress == [f"{n}/10 busy periods" for n in (3, 5, 8, 10)], "a line per quarter"
+    jumps = {float(time) for time in re.findall(r"v9 makes .* m from (.*) s to the next state", "\n".join(warnings))}
+    assert jumps
+    assert all(starts[9] + 1.9 <= time <= starts[9] + 2.2 for time in jumps), "on the clock of the log"
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_periods_of_a_recording_are_lines_as_they_are_judged(log: str, jobs: str, capsys: Read) -> None:
+    if jobs != "1" and multiprocessing.get_start_method() != "fork":
+        pytest.skip("what is patched here is not known elsewhere")
+    assert main(["check", log, "--rule", "full_stop", "--jsonl", "-j", jobs]) == 0
+    found = lines(capsys.readouterr().out)
+    assert [line["start"] for line in found] == pytest.approx([100.0 + 60.0 * number for number in range(10)], abs=0.01)
+    assert [[i["a"] for i in line["verdicts"]["full_stop"]["violated"]] for line in found] == [[f"v{n}"] for n in range(10)]
+    assert {line["vehicles"] for line in found} == {1}
+    assert {line["file"] for line in found} == {log}
+
+
+def test_of_many_doubts_the_first_are_told(runs: dict[str, Run], tmp_path: Path, capsys: Read) -> None:
+    zone = runs["good"].zone.copy()
+    zone[300:] = Zone.APPROACH
+    save_run(replace(runs["good"], zone=zone), tmp_path / "first.npz")
+    for number in range(29):
+        (tmp_path / f"run{number:02d}.npz").hardlink_to(tmp_path / "first.npz")
+    files = len(list(tmp_path.glob("*.npz")))
+    main(["check", str(tmp_path), "--rule", "p1", "--jsonl"])
+    err = capsys.readouterr().err.splitlines()
+    assert len(err) == 21
+    assert err[-1] == "warning: further warnings are not printed, --verbose prints them"
+    main(["check", str(tmp_path), "--rule", "p1", "--jsonl", "-v"])
+    err = capsys.readouterr().err.splitlines()
+    assert err[0] == "warning: good: a0 jumps on the graph at 3.00 s: from exit to approach in one step"
+    assert len(err) == 2 * files, "two vehicles in each"
 
 
 forked = pytest.mark.skipif(multiprocessing.get_start_method() != "fork", reason="what is patched here is not known elsewhere")
