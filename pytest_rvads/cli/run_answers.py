@@ -174,26 +174,31 @@ class Judge:
     def _verdict(self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict) -> VerdictAnswer:
         told = verdict.message.removeprefix(f"{verdict.rule} {verdict.status}: ")
         listed: dict[str, list[dict[str, Any]]] = {word: [] for word in _LISTED.values()}
-        unsure = []
         for instance in verdict.instances:
             if instance.status in _LISTED:
                 listed[_LISTED[instance.status]].append(_record(verdict, instance))
-            if instance.status is Status.UNSURE:
-                who = ", ".join(name for _, name in instance.binding)
-                unsure.append(f"{who}: {instance.hangs}" if instance.hangs else who)
-        pages: list[tuple[str, float]] = []
-        undrawn = ""
-        if self._question.pages is not None and verdict.status in _LISTED:
-            notes = f"{verdict.explanation}\nrecorded  {file}\nrerun     rvads check {quote(file)} --rule {rule.name}"
-            try:
-                for page in failure_pages(run, verdict, rule, notes):
-                    name = f"{slug(f'{run.label}-{rule.name}-{number}.{len(pages)}-{file}')}.html"
-                    write_file(Path(self._question.pages) / name, page.html.encode())
-                    pages.append((name, page.time))
-            except Exception as error:
-                undrawn = f"{notes}\n(no page: {_told(error)})"
+        doubts = [instance for instance in verdict.instances if instance.status is Status.UNSURE]
+        if len(doubts) == 1 and verdict.status is Status.UNSURE and verdict.reason:
+            doubts = []  # the line says it
+        unsure = (": ".join(filter(None, (", ".join(name for _, name in i.binding), i.hangs))) for i in doubts)
+        pages, undrawn = self._pages(file, number, run, rule, verdict) if verdict.status in _LISTED else ((), "")
         line = f"{verdict.status.value:5} {told if told.startswith(verdict.rule) else f'{verdict.rule}: {told}'}"
-        return VerdictAnswer(rule.name, verdict.status, line, listed, tuple(unsure), tuple(pages), undrawn)
+        return VerdictAnswer(rule.name, verdict.status, line, listed, tuple(unsure), pages, undrawn)
+
+    def _pages(self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict) -> tuple[tuple[tuple[str, float], ...], str]:
+        """Write the pages of a verdict; return their names and times, and what there is to say where one can't be drawn."""
+        if self._question.pages is None:
+            return (), ""
+        notes = f"{verdict.explanation}\nrecorded  {file}\nrerun     rvads check {quote(file)} --rule {rule.name}"
+        pages: list[tuple[str, float]] = []
+        try:
+            for page in failure_pages(run, verdict, rule, notes):
+                name = f"{slug(f'{run.label}-{rule.name}-{number}.{len(pages)}-{file}')}.html"
+                write_file(Path(self._question.pages) / name, page.html.encode())
+                pages.append((name, page.time))
+        except Exception as error:
+            return tuple(pages), f"{notes}\n(no page: {_told(error)})"
+        return tuple(pages), ""
 
 
 def _record(verdict: Verdict, instance: InstanceVerdict) -> dict[str, Any]:
