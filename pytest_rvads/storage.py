@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import stat
+from hashlib import sha256
 from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
 
-__all__ = ["open_file", "read_file", "write_file"]
+__all__ = ["open_file", "read_file", "slug", "write_file"]
+
+_LONGEST = 190
+"""Longest name of a file without its ending [bytes]; file systems take 255."""
+_PLAIN = re.compile(r"(?:\w+/)*\w+\.py(?:::\w+)*(?:\[[\w.-]*[\w.]\])?", re.ASCII)
+"""Ids of items that can still be told apart when brackets and slashes have become hyphens."""
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -72,3 +79,12 @@ def write_file(path: Path, content: bytes) -> None:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def slug(text: str) -> str:
+    """Return a file name for the id of an item, or any text, without an ending, short enough everywhere; no two share one."""
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", text.replace(".py::", ".")).strip("-")
+    if _PLAIN.fullmatch(text) and len(name) <= _LONGEST:
+        return name
+    digest = sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:12]
+    return f"{name[: _LONGEST - 13]}-{digest}"

@@ -11,7 +11,7 @@ from typing import TypeAlias
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.wording import printable
 
-__all__ = ["LINE_LIMIT", "Subparsers", "lines", "progress", "say", "warn"]
+__all__ = ["LINE_LIMIT", "Subparsers", "clear", "lines", "progress", "say", "warn"]
 
 LINE_LIMIT = 2**20
 """Longest line that is read [bytes]; to answer it may take a hundred times as much memory."""
@@ -28,6 +28,12 @@ def progress(done: int, total: int, what: str = "runs") -> None:
         print(f"\r[{'#' * full}{' ' * (40 - full)}] {done}/{total} {what}", end=end, file=sys.stderr, flush=True)
     elif 4 * done // total > 4 * (done - 1) // total:
         print(f"{done}/{total} {what}", file=sys.stderr)
+
+
+def clear() -> None:
+    """Take the bar off the terminal, so that something else can be written there."""
+    if sys.stderr.isatty():
+        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
 def lines() -> Iterator[bytes]:

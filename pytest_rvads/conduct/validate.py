@@ -34,7 +34,7 @@ class Finding:
     kind: str
     """jump, progress, missing ticks, sampling, zone, itinerary, colour, collision, values."""
     time: float
-    """Of the first occurrence [s]."""
+    """Of the first occurrence, on the clock of the recording [s]."""
     message: str
     """One sentence with vehicle or light, time, and what is wrong."""
 
@@ -88,7 +88,7 @@ def _arrays(run: Run) -> Iterator[Finding]:
             yield Finding("values", 0.0, f"{name} must have shape {wanted}, got {array.shape}")
         elif array.dtype.kind == "f" and not np.isfinite(array[known]).all():
             tick, column, *_ = np.argwhere(~np.isfinite(array) & (known if array.ndim == 2 else known[..., None]))[0]
-            time = float(tick) * run.dt
+            time = _clock(run, int(tick))
             yield Finding("values", time, f"{name} of {run.agents[column].name} at {time:.2f} s is not a finite number")
 
 
@@ -124,10 +124,11 @@ def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     if len(jumps):
         tick = int(jumps[0])
         before, after = (Zone(int(zone[t])).name.lower() for t in (tick - 1, tick))
+        time = _clock(run, tick)
         yield Finding(
             "jump",
-            tick * run.dt,
-            f"{agent.name} jumps on the graph at {tick * run.dt:.2f} s: from {before} to {after} in one step",
+            time,
+            f"{agent.name} jumps on the graph at {time:.2f} s: from {before} to {after} in one step",
         )
     if run.station is None:
         return
@@ -141,11 +142,11 @@ def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     wrong = np.flatnonzero((wanted != zone) & run.here[:, column])
     if len(wrong):
         tick = int(wrong[0])
-        name = Zone(int(zone[tick])).name.lower()
+        name, time = Zone(int(zone[tick])).name.lower(), _clock(run, tick)
         yield Finding(
             "zone",
-            tick * run.dt,
-            f"{agent.name} at {tick * run.dt:.2f} s is said to be in zone {name}, but its station is {station[tick]:.2f} m",
+            time,
+            f"{agent.name} at {time:.2f} s is said to be in zone {name}, but its station is {station[tick]:.2f} m",
         )
 
 
@@ -155,7 +156,7 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         return
     fast = np.flatnonzero(np.abs(run.speed[:, column]) * run.dt > ENTRANCE_ZONE)
     if len(fast):
-        time = float(fast[0]) * run.dt
+        time = _clock(run, int(fast[0]))
         yield Finding(
             "sampling",
             time,
@@ -171,12 +172,12 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         return
     tick = int(wrong[0])
     ratio = float(progress[tick] / wanted[tick]) if abs(wanted[tick]) > 1e-9 else 0.0
-    made, due = f"{progress[tick]:.3f}", f"{wanted[tick]:.3f}"
-    text = f"{agent.name} makes {made} m from {tick * run.dt:.2f} s to the next state, speed times time is {due} m"
+    made, due, time = f"{progress[tick]:.3f}", f"{wanted[tick]:.3f}", _clock(run, tick)
+    text = f"{agent.name} makes {made} m from {time:.2f} s to the next state, speed times time is {due} m"
     if ratio > 1.8 and abs(ratio - round(ratio)) < 0.2:
-        yield Finding("missing ticks", tick * run.dt, f"{text}: {round(ratio) - 1} states seem to be missing")
+        yield Finding("missing ticks", time, f"{text}: {round(ratio) - 1} states seem to be missing")
     else:
-        yield Finding("progress", tick * run.dt, text)
+        yield Finding("progress", time, text)
 
 
 def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
@@ -188,13 +189,17 @@ def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     except MapError as error:
         yield Finding("itinerary", 0.0, f"{agent.name} has no itinerary: {error}")
         return
-    for tick in range(0, run.steps, _EVERY):
-        if not run.here[tick, column]:
-            continue
+    ticks = np.flatnonzero(run.here[::_EVERY, column]) * _EVERY
+    place, along = run.pose[ticks, column, :2], run.station[ticks, column] + itinerary.origin
+    # Projecting takes a while: whoever is near the point of the line at its station is near the line.
+    line = itinerary.path
+    centre = np.stack([np.interp(along, line.stations, values) for values in line.points.T], axis=-1)
+    near = (np.hypot(*(place - centre).T) < OFFSET_LIMIT - 1e-6) & (along >= 0.0) & (along <= line.length)
+    for tick in ticks[~near].tolist():
         x, y, _ = run.pose[tick, column]
         _, offset = itinerary.project(float(x), float(y), float(run.station[tick, column]))
         if abs(offset) > OFFSET_LIMIT:
-            time = tick * run.dt
+            time = _clock(run, tick)
             yield Finding("itinerary", time, f"{agent.name} is {abs(offset):.1f} m off its itinerary at {time:.2f} s")
             return
 
@@ -206,7 +211,7 @@ def _colours(run: Run) -> Iterator[Finding]:
         for tick in np.flatnonzero(np.diff(series)) + 1:
             before, after = Colour(int(series[tick - 1])), Colour(int(series[tick]))
             if _ORDER.get(before) is not after:
-                time = float(tick) * run.dt
+                time = _clock(run, int(tick))
                 yield Finding(
                     "colour",
                     time,
@@ -223,4 +228,10 @@ def _bodies(run: Run) -> Iterator[Finding]:
     for contact in contacts(replace(run, collisions=None)):
         if frozenset(contact.agents) not in recorded:
             pair = " and ".join(contact.agents)
-            yield Finding("collision", contact.time, f"{pair} touch at {contact.time:.2f} s, and no collision is recorded")
+            time = run.start + contact.time
+            yield Finding("collision", time, f"{pair} touch at {time:.2f} s, and no collision is recorded")
+
+
+def _clock(run: Run, tick: int) -> float:
+    """Return the time of a tick on the clock of the recording [s]."""
+    return run.start + tick * run.dt

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+import numpy as np
+
 from pytest_rvads.draw.scene import Scene, body, inks, path
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.run import Run
@@ -42,7 +44,9 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
     parts = [scene.road(), scene.lights(run.lights[tick])]
     colours = inks(run.agents)
     for column, colour in enumerate(colours):
-        parts.append(f'<polyline class="trail" stroke="{colour}" points="{path(run.pose[: tick + 1 : 5, column, :2])}"/>')
+        driven = run.pose[: tick + 1 : 5, column, :2]
+        known = driven[np.isfinite(driven).all(axis=1)]  # who is absent or gone may have no place
+        parts.append(f'<polyline class="trail" stroke="{colour}" points="{path(known)}"/>')
     for column, agent in enumerate(run.agents):
         if run.here[tick, column]:
             parts.append(body(run.pose[tick, column], agent, size(run, column), colours[column], agent.name in broken))

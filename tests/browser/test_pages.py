@@ -1,11 +1,14 @@
 """The pages work in a browser: they open without a complaint, and what can be clicked does what it says."""
 
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from msgspec import structs
 
@@ -16,8 +19,11 @@ from pytest_rvads.junctions.finder import find
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report, in_order
+from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.recording import Recording
+from pytest_rvads.runs.recording import Track as Samples
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Kind
+from pytest_rvads.runs.states import Agent, Kind
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
@@ -105,6 +111,52 @@ def test_lights_and_queues_of_several_lanes(open_page: Open) -> None:
     for name in ("a0.0+1", "a0.1+1"):
         text, body = (browser.find_element("css selector", f'[data-agent="{name}"] {tag}').rect for tag in ("text", "rect"))
         assert body["y"] - 1 <= text["y"] <= text["y"] + text["height"] <= body["y"] + body["height"] + 1, "written along it"
+
+
+@pytest.fixture(scope="module")
+def traffic() -> str:
+    """The page of a log: v0 is there from 100 s to 116 s, v1 from 110 s on, both at 5 m/s; it opens at 112 s."""
+    place = find("stop4")
+    tracks = []
+    for number, entrance in enumerate((0, 1)):
+        movement = place.leads(entrance, 2)
+        way = Itinerary.through(place, *movement.key)
+        times = 100.0 + 10.0 * number + np.arange(0.0, 16.01, 0.1)
+        station = 5.0 * (times - times[0]) - 40.0
+        pose = np.array([way.pose(float(s)) for s in station])
+        tracks.append(Samples(Agent(f"v{number}", movement, size=(4.6, 1.8)), times, station, np.full(len(times), 5.0), pose))
+    (run,) = Recording("log", place, tuple(tracks))
+    lines = [Track("p1 v0, v1", ((0, "watching"), (1200, "violated")))]
+    return replay(run, "p1", "", [(112.0, "p1 is violated"), (113.0, "and again")], lines, {"v1"}, 112.0)
+
+
+def test_a_page_of_traffic_opens_where_it_is_about(open_page: Open, traffic: str) -> None:
+    browser = open_page(traffic, "")
+    assert clock(browser) == "112.00 s"
+
+    def shows(time: str) -> bool:
+        return clock(browser) == time
+
+    def seen() -> list[str]:
+        rows = browser.find_elements("css selector", "#states tbody tr")
+        bodies = [b.get_attribute("data-agent") for b in browser.find_elements("css selector", ".vehicle") if b.is_displayed()]
+        assert bodies == [row.text.split()[0] for row in rows if row.is_displayed()]
+        return bodies
+
+    assert seen() == ["v0", "v1"]
+    labels = [row.find_element("tag name", "span").text for row in browser.find_elements("css selector", "#strips .row")]
+    assert labels == ["v1: approach", "p1 v0, v1: violated", "v0: junction"], "what it is about comes first"
+    assert len(browser.find_elements("css selector", "#strips .row:first-child u")) == 1
+    assert len(browser.find_elements("css selector", "#events .told")) == 2
+    for time, there in (("105", ["v0"]), ("120", ["v1"]), ("112.5", ["v0", "v1"])):
+        browser.execute_script(f"location.hash = '#t={time}'")
+        wait(browser, partial(shows, f"{float(time):.2f} s"))
+        assert seen() == there
+    x, y = (
+        float(v) for v in re.findall(r"-?[\d.]+", browser.find_element("css selector", ".vehicle").get_attribute("transform"))[:2]
+    )
+    way = Itinerary.through(find("stop4"), *find("stop4").leads(0, 2).key)
+    assert (x, -y) == pytest.approx(way.pose(5.0 * 12.5 - 40.0)[:2], abs=0.06)
 
 
 def test_play_runs_to_the_end_and_pauses(open_page: Open, replayed: str) -> None:

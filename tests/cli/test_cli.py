@@ -95,7 +95,7 @@ def test_recorded_runs_are_judged(shared: Path, capsys: pytest.CaptureFixture[st
     assert len(judged) == len(published)
     for run, verdicts in published.items():
         for name, verdict in (verdicts or {}).items():
-            assert judged[run][names[name]] == words[verdict]
+            assert judged[run][names[name]]["status"] == words[verdict]
     assert main(["check", file, "--rule", "p1"]) == (1 if "FAIL" in str(judged) else 0)
 
 
@@ -137,7 +137,7 @@ def test_indicators_are_shown_to_people_and_on_request_to_programs(kept: Path, c
     main(["check", str(kept), "--json", "--kpis"])
     (full,) = json.loads(capsys.readouterr().out).values()
     assert set(plain) == {"p1", "p2", "p3", "p4", "p5", "p6"}
-    assert full == {**plain, "kpis": wanted}
+    assert full == {**plain, "(kpis)": wanted}
     main(["check", str(kept)])
     waiting = ", ".join(f"{v['agent']} {v['waiting']:.2f}" for v in wanted["vehicles"])
     assert f"\n  waiting [s]  {waiting}\n" in capsys.readouterr().out
