@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.grounds import ground_of, lit, may_owe
-from pytest_rvads.conduct.predicates import once
+from pytest_rvads.conduct.memo import once
 from pytest_rvads.conduct.standing import leads
 from pytest_rvads.conduct.stretches import before_exit, position, shared
 from pytest_rvads.junctions.conflicts import Shared, Stretch

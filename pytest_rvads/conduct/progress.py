@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.grounds import in_turn, may_owe
-from pytest_rvads.conduct.predicates import once, ticks
+from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.predicates import ticks
 from pytest_rvads.conduct.priority import due, yields
 from pytest_rvads.conduct.standing import TIE
 from pytest_rvads.conduct.stretches import before_exit, on_stretch, parting, position, shared

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pytest_rvads.conduct.predicates import extract, once
+from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.predicates import extract
 from pytest_rvads.conduct.validate import damage
 from pytest_rvads.errors import RunError, require
 from pytest_rvads.junctions.junction import Junction
