@@ -19,9 +19,10 @@ import numpy as np
 from pytest_rvads.conduct.bodies import tick_of
 from pytest_rvads.conduct.lane import off_lane
 from pytest_rvads.conduct.priority import DUE, MIN_GAP, owes
-from pytest_rvads.conduct.progress import comes_first, idles, may_go
+from pytest_rvads.conduct.progress import idles, may_go
 from pytest_rvads.conduct.standing import STANDSTILL, stopped
 from pytest_rvads.conduct.stretches import shared
+from pytest_rvads.conduct.waiting import comes_first
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.maps.control import JunctionControl, Sign

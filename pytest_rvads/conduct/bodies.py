@@ -96,7 +96,8 @@ def _candidates(run: Run, one: int, two: int) -> NDArray[np.int64]:
     apart = blocks.centre[ticks, one] - blocks.centre[ticks, two]
     reach = blocks.reach[one] + blocks.reach[two]
     near = np.einsum("ij,ij->i", apart, apart) <= reach**2
-    return ticks[near & run.here[ticks, one] & run.here[ticks, two]]
+    found: NDArray[np.int64] = ticks[near & run.here[ticks, one] & run.here[ticks, two]]
+    return found
 
 
 _BLOCK = 50

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.bodies import close
+from pytest_rvads.conduct.memo import once
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.periods import NEAR, NEAR_TIME
 from pytest_rvads.runs.run import Run
@@ -54,7 +55,7 @@ def together(run: Run) -> frozenset[tuple[int, int]] | None:
 def near(run: Run) -> NDArray[np.int64]:
     """Return the first tick of every agent near the junction, and the one after its last, shape ``(agents, 2)``; both 0 if none.
 
-    It is near from `NEAR` before its stopping line on, or `NEAR_TIME` at its present speed, until it has left with its whole body.
+    It is near from `NEAR` before its stopping line on, or `NEAR_TIME` at its speed, until it has left with its whole body.
 
     Raises:
         RunError: the run does not record positions.
@@ -78,11 +79,16 @@ def window(run: Run, columns: Iterable[int]) -> tuple[int, int]:
 
     What is owed to who is not there, or by who is not, is not broken, so instances are judged in between.
     """
-    spans = run.spans[list(columns)]
-    if not len(spans):
-        return 0, run.steps
-    begin, end = int(spans[:, 0].max()), int(spans[:, 1].min())
+    spans = once(run, _spans)
+    begin, end = 0, run.steps
+    for column in columns:
+        first, last = spans[column]
+        begin, end = max(begin, first), min(end, last)
     return begin, max(begin, end)
+
+
+def _spans(run: Run) -> list[tuple[int, int]]:
+    return [(begin, end) for begin, end in run.spans.tolist()]
 
 
 def last_seen(run: Run, columns: Iterable[int]) -> tuple[str, int] | None:

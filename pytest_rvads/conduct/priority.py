@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.grounds import ground_of, lit, may_owe
 from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.presence import window
 from pytest_rvads.conduct.standing import leads
-from pytest_rvads.conduct.stretches import before_exit, position, shared
+from pytest_rvads.conduct.stretches import ALWAYS, before_exit, position, shared
 from pytest_rvads.junctions.conflicts import Shared, Stretch
 from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.segment import Turn
@@ -43,23 +44,23 @@ _WINDOW = 0.1
 """Decelerations are differences of speed over this time [s]."""
 
 
-def has_way(run: Run, agent: int) -> NDArray[np.bool_]:
+def has_way(run: Run, agent: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
     """No light keeps the agent from going: it is green or yellow, was when the agent entered, or there is none."""
-    facing = run.facing[:, agent]
+    facing = run.facing[when, agent]
     found: NDArray[np.bool_] = (facing == Colour.GREEN) | (facing == Colour.YELLOW)
     return found if lit(run.junction, run.agents[agent].entrance) else np.ones_like(found)
 
 
-def due(run: Run, agent: int, stretch: Stretch) -> NDArray[np.bool_]:
+def due(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDArray[np.bool_]:
     """The agent is on a stretch of its movement, would be there within `DUE` at its present speed, or is next at its line."""
-    found: NDArray[np.bool_] = (_coming(run, agent, stretch) | _next(run)[:, agent]) & run.here[:, agent]
+    found: NDArray[np.bool_] = (_coming(run, agent, stretch, when) | _next(run)[when, agent]) & run.here[when, agent]
     return found
 
 
-def _coming(run: Run, agent: int, stretch: Stretch) -> NDArray[np.bool_]:
+def _coming(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDArray[np.bool_]:
     """Whether the agent is on a stretch of its movement, or would be there within `DUE` at its present speed."""
-    front, rear = position(run, agent)
-    speed = run.need("speed")[:, agent]
+    front, rear = position(run, agent, when)
+    speed = run.need("speed")[when, agent]
     found: NDArray[np.bool_] = (stretch.start - front <= DUE * np.maximum(speed, 0.0)) & (rear <= stretch.end)
     return found
 
@@ -106,9 +107,11 @@ def _find_held(run: Run) -> NDArray[np.bool_]:
             continue
         for other in range(len(run.agents)):
             common = shared(run, agent, other) if may_owe(run, agent, other) else None
-            if common is not None:
-                there = _coming(run, other, common.yours) & run.here[:, other]
-                found[:, agent] |= (there | first[:, other]) & yields(run, agent, other)
+            begin, end = window(run, (agent, other))
+            if common is not None and begin < end:
+                when = slice(begin, end)
+                there = _coming(run, other, common.yours, when) & run.here[when, other]
+                found[when, agent] |= (there | first[when, other]) & yields(run, agent, other, when)
     return found
 
 
@@ -122,10 +125,12 @@ def _unhindered(run: Run, agent: int) -> NDArray[np.bool_]:
         if run.junction.entrances[run.agents[agent].entrance].sign is Sign.STOP:
             found &= run.zone[:, agent] >= Zone.JUNCTION
     for other, who in enumerate(run.agents):
-        if other != agent and who.entrance == run.agents[agent].entrance:
-            (front, _), (ahead, behind) = position(run, agent), position(run, other)
-            near = behind - front < HEADWAY * run.need("speed")[:, agent]
-            found &= ~((ahead > front) & near & (run.zone[:, other] <= Zone.JUNCTION))
+        begin, end = window(run, (agent, other))
+        if other != agent and who.entrance == run.agents[agent].entrance and begin < end:
+            when = slice(begin, end)
+            (front, _), (ahead, behind) = position(run, agent, when), position(run, other, when)
+            near = behind - front < HEADWAY * run.need("speed")[when, agent]
+            found[when] &= ~((ahead > front) & near & (run.zone[when, other] <= Zone.JUNCTION))
     return found
 
 
@@ -167,7 +172,7 @@ def owed_before(run: Run, agent: int, bound: NDArray[np.bool_], common: Shared) 
     return found
 
 
-def yields(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
+def yields(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
     """The agent has to give way to the other one where their ways meet, as the lights are.
 
     Turning across oncoming traffic it does to who also has the right to go (Vienna Convention on Road Traffic, Art. 16(2));
@@ -175,16 +180,16 @@ def yields(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
     to who comes to a light, as long as that lets it go.
     """
     me, you, junction = run.agents[agent], run.agents[other], run.junction
-    facing = run.facing[:, agent]
+    facing = run.facing[when, agent]
     if not lit(junction, me.entrance):
-        mine = np.ones(run.steps, dtype=np.bool_)
+        mine = np.ones(len(facing), dtype=np.bool_)
     elif me.turn is junction.near:
         mine = facing == Colour.RED
         if not lit(junction, you.entrance) and ground_of(junction, me.route.key, you.route.key) is not None:
             mine = np.ones_like(mine)
     else:
         mine = facing != Colour.RED
-    found: NDArray[np.bool_] = mine & has_way(run, other)
+    found: NDArray[np.bool_] = mine & has_way(run, other, when)
     return found
 
 
@@ -236,7 +241,7 @@ class Encounter:
         rear = np.where(run.here[:, agent], rear, math.inf)
         free = _unhindered(run, other)
         inside, speed = run.zone[:, agent] >= Zone.JUNCTION, run.need("speed")[:, other]
-        columns = (inside, better, bound, touching, there, rear, ahead, speed, free)
+        columns = (inside, better, bound & run.here[:, agent], touching, there, rear, ahead, speed, free)
         return list(zip(*(column.tolist() for column in columns), strict=True))
 
     def step(  # noqa: PLR0913 - the columns that `rows` gives, each by its name
@@ -265,7 +270,10 @@ class Encounter:
             free: whether the other one has no reason of its own to brake: its light is green, or was when it entered.
         """
         tick, self._tick = self._tick, self._tick + 1
-        self._speeds.append(speed)
+        if math.isnan(speed):  # it is not there
+            self._speeds.clear()
+        else:
+            self._speeds.append(speed)
         if not inside:
             self._owed = bound
             return False, False

@@ -8,15 +8,14 @@ import random
 import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations, permutations
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import Sign
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Changes, Recording, Track
@@ -61,7 +60,7 @@ class Traffic:
     """Changes: time [s], arm, colour."""
 
 
-def simulate(kind: str, folder: Path, home: Path, *, seconds: float, rate: float, seed: int, step: float = 0.01) -> Traffic:
+def simulate(kind: str, folder: Path, home: Path, *, seconds: float, rate: float, seed: int) -> Traffic:
     """Let SUMO drive: eight in a hundred are trucks, twelve drive as if they were alone.
 
     Args:
@@ -71,14 +70,13 @@ def simulate(kind: str, folder: Path, home: Path, *, seconds: float, rate: float
         seconds: in which vehicles appear [s].
         rate: of them [1/s].
         seed: of the demand.
-        step: between two rows [s].
     """
     _net(kind, folder, home)
     _demand(folder, seconds, rate, seed)
     lights = folder / "lights.xml"
     watch = f'<additional><timedEvent type="SaveTLSSwitchStates" source="C" dest="{lights}"/></additional>'
     (folder / "add.xml").write_text(watch if kind == "lights" else "<additional/>")
-    command = ["-n", "net.xml", "-r", "demand.xml", "-a", "add.xml", "--step-length", str(step), "--end", str(seconds + 60)]
+    command = ["-n", "net.xml", "-r", "demand.xml", "-a", "add.xml", "--step-length", "0.01", "--end", str(seconds + 60)]
     command += ["--fcd-output", "fcd.xml", "--collision.action", "none", "--collision.check-junctions", "true"]
     command += ["--time-to-teleport", "-1", "--seed", "1", "--no-step-log", "true", "--no-warnings", "--precision", "6"]
     subprocess.run([str(home / "bin" / "sumo"), *command], cwd=folder, check=True, capture_output=True)
@@ -117,31 +115,33 @@ def _demand(folder: Path, seconds: float, rate: float, seed: int) -> None:
 
 def read(kind: str, road_map: Path, fcd: Path, lights: Path | None = None) -> Traffic:
     """Return what SUMO wrote; vehicles that never reach their exit road are left out."""
-    rows: dict[str, list[tuple[Any, ...]]] = {}
-    for row, time in _rows(fcd):
-        angle = math.radians(90 - float(row["angle"]))
-        told = (time, float(row["x"]), float(row["y"]), angle, float(row["speed"]), row["lane"], float(row["pos"]), row["type"])
-        rows.setdefault(row["id"], []).append(told)
+    told: dict[str, list[dict[str, str]]] = {}
+    for row in _rows(fcd):
+        told.setdefault(row["id"], []).append(row)
     vehicles = []
-    for name, told in rows.items():
-        lanes = [row[5] for row in told]
+    for name, rows in told.items():
+        lanes = [row["lane"] for row in rows]
         origin = next((lane[0] for lane in lanes if lane[1] == "i"), None)
         goal = next((lane[0] for lane in lanes if lane[1] == "o"), None)
         if origin is None or goal is None:
             continue
+        numbers = [[float(row[key]) for key in ("time", "x", "y", "angle", "speed", "pos")] for row in rows]
+        values = np.array(numbers)
+        values[:, 3] = math.pi / 2 - np.radians(values[:, 3])
         # The lanes of the approach are 140.8 m long; whoever is on a lane of the junction is somewhere behind that.
-        place = [row[6] - 140.8 if row[5][1] == "i" else 1.0 if row[5][0] == ":" else math.nan for row in told]
-        vehicles.append(Vehicle(name, told[0][7], origin, goal, np.array([row[:5] for row in told]), np.array(place)))
+        on = np.array([lane[1] if lane[0] != ":" else ":" for lane in lanes])
+        place = np.select([on == "i", on == ":"], [values[:, 5] - 140.8, 1.0], math.nan)
+        vehicles.append(Vehicle(name, rows[0]["type"], origin, goal, values[:, :5], place))
     return Traffic(kind, road_map, tuple(vehicles), tuple(_changes(lights)) if lights else ())
 
 
-def _rows(fcd: Path) -> Iterator[tuple[dict[str, str], float]]:
-    time = 0.0
+def _rows(fcd: Path) -> Iterator[dict[str, str]]:
+    time = ""
     for event, element in ElementTree.iterparse(fcd, ("start", "end")):
         if event == "start" and element.tag == "timestep":
-            time = float(element.get("time", ""))
+            time = element.get("time", "")
         elif event == "end" and element.tag == "vehicle":
-            yield dict(element.attrib), time
+            yield {**element.attrib, "time": time}
         elif event == "end" and element.tag == "timestep":
             element.clear()
 
@@ -162,7 +162,10 @@ def junction_of(traffic: Traffic) -> Junction:
     place = find("nearest to 150, 150", map=traffic.map)
     if traffic.kind == "lights":
         return place
-    signs = {"stop": dict.fromkeys(ARMS, Sign.STOP), "yield": {"E": Sign.PRIORITY, "W": Sign.PRIORITY, **dict.fromkeys("NS", Sign.YIELD)}}
+    signs = {
+        "stop": dict.fromkeys(ARMS, Sign.STOP),
+        "yield": {"E": Sign.PRIORITY, "W": Sign.PRIORITY, **dict.fromkeys("NS", Sign.YIELD)},
+    }
     lanes = (replace(lane, sign=signs[traffic.kind][arm]) for lane, arm in zip(place.entrances, arms_of(place), strict=True))
     return replace(place, entrances=tuple(lanes))
 

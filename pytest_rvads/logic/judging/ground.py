@@ -157,6 +157,8 @@ def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Bindin
     body: f.Formula = f.Forall(rest, formula.body) if rest else formula.body
     collapsed = 0
     for element in _beside(domain(first.sort, static), [e for _, e in binding], static):
+        if not rest and not static.judges(_columns((*(e for _, e in binding), element))):
+            continue
         # Inner variables may hide the name; they are handled by _reduce.
         reduced = _reduce(body, {first.name: element}, static, budget, decide=True, itinerary=itinerary)
         bound = (*binding, (first.name, element))
