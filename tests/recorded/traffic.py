@@ -9,7 +9,6 @@ import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import Sign
-from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.itineraries import EXIT_LENGTH, Itinerary
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.states import Agent, Colour, Kind
 
@@ -114,7 +113,7 @@ def _demand(folder: Path, seconds: float, rate: float, seed: int) -> None:
 
 
 def read(kind: str, road_map: Path, fcd: Path, lights: Path | None = None) -> Traffic:
-    """Return what SUMO wrote; vehicles that never reach their exit road are left out."""
+    """Return what SUMO wrote, up to where exit roads end for the package; vehicles that never reach theirs are left out."""
     told: dict[str, list[dict[str, str]]] = {}
     for row in _rows(fcd):
         told.setdefault(row["id"], []).append(row)
@@ -131,7 +130,8 @@ def read(kind: str, road_map: Path, fcd: Path, lights: Path | None = None) -> Tr
         # The lanes of the approach are 140.8 m long; whoever is on a lane of the junction is somewhere behind that.
         on = np.array([lane[1] if lane[0] != ":" else ":" for lane in lanes])
         place = np.select([on == "i", on == ":"], [values[:, 5] - 140.8, 1.0], math.nan)
-        vehicles.append(Vehicle(name, rows[0]["type"], origin, goal, values[:, :5], place))
+        seen = (on != "o") | (values[:, 5] < EXIT_LENGTH)
+        vehicles.append(Vehicle(name, rows[0]["type"], origin, goal, values[seen, :5], place[seen]))
     return Traffic(kind, road_map, tuple(vehicles), tuple(_changes(lights)) if lights else ())
 
 
