@@ -24,7 +24,9 @@ class Ride:
         self.begin = round(float(vehicle.rows[0, 0]) * 100)
         self.rows = vehicle.rows.tolist()
         self.end = self.begin + len(self.rows)
-        self.zones = [EXIT if p != p else JUNCTION if p > 0 else ENTRANCE if p >= -1 else APPROACH for p in vehicle.place.tolist()]
+        self.zones = [
+            EXIT if p != p else JUNCTION if p > 0 else ENTRANCE if p >= -1 else APPROACH for p in vehicle.place.tolist()
+        ]
         self.waited, waited = [], 0
         for tick, zone in enumerate(self.zones):
             waited = waited + 1 if zone == ENTRANCE and tick else 0
@@ -112,6 +114,8 @@ def full_stop(traffic: Traffic) -> Found:
     everybody = rides(traffic)
     found = set()
     for ride in everybody:
+        if traffic.kind == "yield" and ride.vehicle.origin in "EW":
+            continue  # they have priority
         entered = ride.first(JUNCTION)
         ahead = [r for r in everybody if r.vehicle.origin == ride.vehicle.origin and r is not ride]
         stopped = False
@@ -189,6 +193,6 @@ def pair(one: Ride, two: Ride) -> tuple[str, ...]:
 COUNTS: dict[str, dict[str, Callable[[Traffic], Found]]] = {
     "stop": {"p1": p1, "p3": p3, "first_come": first_come, "full_stop": full_stop, "no_collision": no_collision},
     "lights": {"p4": red, "red": red, "no_collision": no_collision},
-    "yield": {"no_collision": no_collision},
+    "yield": {"full_stop": full_stop, "no_collision": no_collision},
 }
 """By kind of junction and rule."""

@@ -23,6 +23,10 @@ from pytest_rvads.runs.states import Agent, Colour, Kind
 KINDS = {"stop": "allway_stop", "lights": "traffic_light", "yield": "priority"}
 SIZES = {"car": (4.6, 1.8), "truck": (10.0, 2.5), "mad": (4.6, 1.8)}
 ARMS = "ENWS"
+SIGNS = {
+    "stop": dict.fromkeys(ARMS, Sign.STOP),
+    "yield": {"E": Sign.PRIORITY, "W": Sign.PRIORITY, "N": Sign.STOP, "S": Sign.STOP},  # where SUMO lets them roll through
+}
 RECKLESS = (
     'jmIgnoreFoeProb="1" jmIgnoreFoeSpeed="50" jmDriveAfterRedTime="100" jmDriveAfterYellowTime="100" '
     'jmIgnoreJunctionFoeProb="1" impatience="1" sigma="0.8"'
@@ -158,15 +162,12 @@ def _changes(lights: Path) -> Iterator[tuple[float, str, Colour]]:
 
 
 def junction_of(traffic: Traffic) -> Junction:
-    """Return the junction, with the signs that SUMO does not write into its map: stop signs, or yield signs north and south."""
+    """Return the junction, with the signs that SUMO does not write into its map."""
     place = find("nearest to 150, 150", map=traffic.map)
-    if traffic.kind == "lights":
+    signs = SIGNS.get(traffic.kind)
+    if signs is None:
         return place
-    signs = {
-        "stop": dict.fromkeys(ARMS, Sign.STOP),
-        "yield": {"E": Sign.PRIORITY, "W": Sign.PRIORITY, **dict.fromkeys("NS", Sign.YIELD)},
-    }
-    lanes = (replace(lane, sign=signs[traffic.kind][arm]) for lane, arm in zip(place.entrances, arms_of(place), strict=True))
+    lanes = (replace(lane, sign=signs[arm]) for lane, arm in zip(place.entrances, arms_of(place), strict=True))
     return replace(place, entrances=tuple(lanes))
 
 
