@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.segment import Segment
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
@@ -171,5 +172,12 @@ def _centre(way: Itinerary, station: NDArray[np.float64]) -> tuple[NDArray[np.fl
     points, arc = way.path.points, way.path.stations
     along = station + way.origin
     piece = np.clip(np.searchsorted(arc, along, side="right") - 1, 0, len(arc) - 2)
-    ahead = (points[piece + 1] - points[piece]) / (arc[piece + 1] - arc[piece])[:, None]
+    ahead = _directions(way.path)[piece]
     return points[piece] + (along - arc[piece])[:, None] * ahead, ahead
+
+
+@lru_cache(maxsize=256)
+def _directions(path: Segment) -> NDArray[np.float64]:
+    """Return the unit vector along every piece of a line, shape ``(pieces, 2)``."""
+    found: NDArray[np.float64] = np.diff(path.points, axis=0) / np.diff(path.stations)[:, None]
+    return found

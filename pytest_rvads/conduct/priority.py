@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.grounds import ground_of, lit, may_owe
-from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.memo import each, once
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.conduct.standing import leads
 from pytest_rvads.conduct.stretches import ALWAYS, before_exit, position, shared
@@ -136,12 +137,12 @@ def _unhindered(run: Run, agent: int) -> NDArray[np.bool_]:
 
 def owes(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
     """The agent, at its entrance or inside, has to let the other one go first; once it took the way, until both have passed."""
-    return _encounter(run, agent, other)[0]
+    return each(run, _encounter, agent, other)[0]
 
 
 def obstructs(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
     """The agent took the way that it owed to the other one, which meets it, touches it or had to brake hard for it."""
-    return _encounter(run, agent, other)[1]
+    return each(run, _encounter, agent, other)[1]
 
 
 def _encounter(run: Run, agent: int, other: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -151,15 +152,19 @@ def _encounter(run: Run, agent: int, other: int) -> tuple[NDArray[np.bool_], NDA
     if common is None:
         return owed, broken
     better = yields(run, agent, other)
-    bound = better & due(run, other, common.yours)
+    bound = better & due(run, other, common.yours) & run.here[:, agent]
+    ticks = np.flatnonzero(bound)
+    if not len(ticks):
+        return owed, broken
     owed |= owed_before(run, agent, bound, common)
     if run.entered[agent] < run.steps:
         follower = Encounter(run, agent, other, common)
-        rows = follower.rows(run, better, bound, collide(run, agent, other))
-        for tick in range(max(int(run.entered[agent]) - 1 - round(_WINDOW / run.dt), 0), run.steps):
-            taking, broken[tick] = follower.step(*rows[tick])
+        first, last = max(int(run.entered[agent]) - 1 - round(_WINDOW / run.dt), 0), int(ticks[-1])
+        rows = follower.rows(run, better, bound, collide(run, agent, other), slice(first, run.steps))
+        for tick, row in enumerate(rows, first):
+            taking, broken[tick] = follower.step(*row)
             owed[tick] |= taking
-            if follower.over:
+            if follower.over or (tick > last and not follower.owed):
                 break
     return owed, broken
 
@@ -213,36 +218,45 @@ class Encounter:
             self._clear = self._arrives
         self._speeds: deque[float] = deque(maxlen=max(round(_WINDOW / run.dt), 1) + 1)
         self._tick = 0
-        self._owed = self._first = self._braked = False
+        self._first = self._braked = False
         self._entered: int | None = None
         self._taken: int | None = None
         self._left: int | None = None
         self._start = (0.0, 0.0)
+        self.owed = False
+        """Whether the agent has owed the way since it entered, or owes it before."""
         self.over = False
         """Whether nothing can happen any more."""
 
     def rows(
-        self, run: Run, better: NDArray[np.bool_], bound: NDArray[np.bool_], touching: NDArray[np.bool_]
-    ) -> list[tuple[Any, ...]]:
-        """Return what `step` takes, for every state of a run with the same agents.
+        self,
+        run: Run,
+        better: NDArray[np.bool_],
+        bound: NDArray[np.bool_],
+        touching: NDArray[np.bool_],
+        when: slice = ALWAYS,
+    ) -> Iterator[tuple[Any, ...]]:
+        """Return what `step` takes, state by state, for a run with the same agents.
 
         Args:
             run: the states.
             better: whether the other one has the better right, shape ``(steps,)``.
             bound: whether the agent has to give way to the other one, which is due, likewise.
             touching: whether they touch, likewise.
+            when: part of the run.
         """
         agent, other = self._agent, self._other
-        (front, rear), (ahead, _) = (position(run, k) for k in (agent, other))
+        (front, rear), (ahead, _) = (position(run, k, when) for k in (agent, other))
         there = front >= self._common.mine.start
         if self._common.merges:
-            (_, rear), (ahead, _) = (before_exit(run, k) for k in (agent, other))
+            (_, rear), (ahead, _) = (before_exit(run, k, when) for k in (agent, other))
         # Who is gone has left the way, though a short exit road may end before its rear has.
-        rear = np.where(run.here[:, agent], rear, math.inf)
-        free = _unhindered(run, other)
-        inside, speed = run.zone[:, agent] >= Zone.JUNCTION, run.need("speed")[:, other]
-        columns = (inside, better, bound & run.here[:, agent], touching, there, rear, ahead, speed, free)
-        return list(zip(*(column.tolist() for column in columns), strict=True))
+        here = run.here[when, agent]
+        rear = np.where(here, rear, math.inf)
+        free = each(run, _unhindered, other)[when]
+        inside, speed = run.zone[when, agent] >= Zone.JUNCTION, run.need("speed")[when, other]
+        columns = (inside, better[when], bound[when] & here, touching[when], there, rear, ahead, speed, free)
+        return zip(*(column.tolist() for column in columns), strict=True)
 
     def step(  # noqa: PLR0913 - the columns that `rows` gives, each by its name
         self,
@@ -275,20 +289,20 @@ class Encounter:
         else:
             self._speeds.append(speed)
         if not inside:
-            self._owed = bound
+            self.owed = bound
             return False, False
         if self._entered is None:
             self._entered, self._start = tick, (ahead, speed)
         if self._taken is None and not self._first:
-            self._owed = better and (self._owed or (bound and not there))
+            self.owed = better and (self.owed or (bound and not there))
             if there and ahead < self._arrives:
                 self._taken = tick
             self._first = ahead >= self._arrives
         if rear > self._clear and self._left is None:
             self._left = tick
         self._braked |= free and ahead < self._arrives and self._brakes_hard()
-        hit = self._owed and (touching or self._impeded(tick, rear, ahead))
-        taking = self._owed and self._taken is not None and not self.over
+        hit = self.owed and (touching or self._impeded(tick, rear, ahead))
+        taking = self.owed and self._taken is not None and not self.over
         self.over = self.over or self._passed(tick, there, ahead)
         return taking or hit, hit
 
@@ -311,4 +325,4 @@ class Encounter:
     def _passed(self, tick: int, there: bool, ahead: float) -> bool:
         if self._taken is not None:
             return ahead >= self._arrives or (tick - self._taken) * self._dt > DUE
-        return there and not self._owed
+        return there and not self.owed
