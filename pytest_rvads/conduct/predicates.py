@@ -7,7 +7,7 @@ agent comes to, which light controls it) is gathered in `Static`, the paper's mo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from itertools import permutations
 
 import numpy as np
@@ -63,6 +63,14 @@ class Static:
     """Pairs of agents, in both orders, that were there at the same time: no instance is about others. None: all were."""
     judged: frozenset[int] | None = None
     """Agents whose instances are judged in this run, see `Excerpt.judged`; None: all."""
+    _hash: int = field(init=False, repr=False, compare=False)
+    """What is prepared for a model is looked up for every rule."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_hash", hash(tuple(getattr(self, item.name) for item in fields(self) if item.compare)))
+
+    def __hash__(self) -> int:
+        return self._hash
 
     def judges(self, agents: Sequence[int]) -> bool:
         """Return whether an instance about these agents is judged in this run: where the last one to appear is."""

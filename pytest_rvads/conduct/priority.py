@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -235,7 +234,7 @@ class Encounter:
         bound: NDArray[np.bool_],
         touching: NDArray[np.bool_],
         when: slice = ALWAYS,
-    ) -> Iterator[tuple[Any, ...]]:
+    ) -> list[tuple[Any, ...]]:
         """Return what `step` takes, state by state, for a run with the same agents.
 
         Args:
@@ -256,7 +255,7 @@ class Encounter:
         free = each(run, _unhindered, other)[when]
         inside, speed = run.zone[when, agent] >= Zone.JUNCTION, run.need("speed")[when, other]
         columns = (inside, better[when], bound[when] & here, touching[when], there, rear, ahead, speed, free)
-        return zip(*(column.tolist() for column in columns), strict=True)
+        return list(zip(*(column.tolist() for column in columns), strict=True))
 
     def step(  # noqa: PLR0913 - the columns that `rows` gives, each by its name
         self,

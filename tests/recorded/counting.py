@@ -72,7 +72,7 @@ def first_come(traffic: Traffic) -> Found:
 
 
 def in_order(traffic: Traffic, tie: int) -> Found:
-    found = set()
+    found: Found = set()
     for late, early in permutations(rides(traffic), 2):
         for tick in both(late, early, ENTRANCE):
             if early.waited[tick - early.begin] - late.waited[tick - late.begin] > tie:
@@ -87,7 +87,7 @@ def in_order(traffic: Traffic, tie: int) -> Found:
 
 def red(traffic: Traffic) -> Found:
     """Who stands at a red light and does not turn right waits for green."""
-    found = set()
+    found: Found = set()
     for ride in rides(traffic):
         colours = colours_of(traffic, ride.vehicle.origin)
         right = "ESWN".index(ride.vehicle.goal) == ("ESWN".index(ride.vehicle.origin) - 1) % 4
@@ -112,7 +112,7 @@ def colours_of(traffic: Traffic, arm: str) -> Callable[[int], str]:
 def full_stop(traffic: Traffic) -> Found:
     """Who enters past a stop sign has stood still within five metres before it, with nobody ahead in its lane."""
     everybody = rides(traffic)
-    found = set()
+    found: Found = set()
     for ride in everybody:
         if traffic.kind == "yield" and ride.vehicle.origin in "EW":
             continue  # they have priority
@@ -135,7 +135,7 @@ def before(ride: Ride, tick: int) -> float:
 
 def no_collision(traffic: Traffic) -> Found:
     """No two bodies touch: no corner or edge of one is in the other."""
-    found = set()
+    found: Found = set()
     for one, two in combinations(rides(traffic), 2):
         tick, until = max(one.begin, two.begin), min(one.end, two.end)
         while tick < until:
