@@ -19,9 +19,10 @@ import numpy as np
 from pytest_rvads.conduct.bodies import tick_of
 from pytest_rvads.conduct.lane import off_lane
 from pytest_rvads.conduct.priority import DUE, MIN_GAP, owes
-from pytest_rvads.conduct.progress import comes_first, idles, may_go
+from pytest_rvads.conduct.progress import idles, may_go
 from pytest_rvads.conduct.standing import STANDSTILL, stopped
 from pytest_rvads.conduct.stretches import shared
+from pytest_rvads.conduct.waiting import comes_first
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.maps.control import JunctionControl, Sign
@@ -167,7 +168,7 @@ def _cuts_in(run: Run, agent: int, other: int, tick: int) -> bool:
 def _on_red(run: Run, agent: int, _other: int, tick: int) -> bool:
     """Whether `agent` entered on red; a turn to the near side after a full stop is another matter."""
     entered = _entered(run, agent, tick)
-    if entered is None or run.facing[entered, agent] != Colour.RED:
+    if entered is None or run.facing[entered, agent] != Colour.RED or entered == run.spans[agent, 0]:
         return False
     return run.agents[agent].turn is not run.junction.near or not _had_stopped(run, agent, entered)
 
@@ -175,12 +176,13 @@ def _on_red(run: Run, agent: int, _other: int, tick: int) -> bool:
 def _past_the_sign(run: Run, agent: int, _other: int, tick: int) -> bool:
     entered = _entered(run, agent, tick)
     sign = run.junction.entrances[run.agents[agent].entrance].sign
-    return sign is Sign.STOP and bool(entered) and not _had_stopped(run, agent, entered or 0)
+    return sign is Sign.STOP and entered is not None and not _had_stopped(run, agent, entered)
 
 
 def _had_stopped(run: Run, agent: int, entered: int) -> bool:
     """Return whether the agent came to a full stop before it entered, or nothing tells that it did not."""
-    return run.speed is None or run.station is None or entered == 0 or bool(stopped(run, agent)[entered - 1])
+    unseen = run.speed is None or run.station is None or entered == run.spans[agent, 0]
+    return unseen or bool(stopped(run, agent)[entered - 1])
 
 
 def _out_of_turn(run: Run, agent: int, other: int, tick: int) -> bool:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.predicates import once
+from pytest_rvads.conduct.memo import once
 from pytest_rvads.runs.run import Collision, Run
 
-__all__ = ["collide", "contacts", "overlap", "tick_of", "velocity"]
+__all__ = ["close", "collide", "contacts", "overlap", "tick_of", "velocity"]
 
 
 def contacts(run: Run) -> tuple[Collision, ...]:
@@ -54,14 +55,93 @@ def tick_of(run: Run, collision: Collision) -> int:
 def overlap(run: Run, one: int, two: int) -> NDArray[np.bool_]:
     """Return where the rectangles of two bodies overlap, shape ``(steps,)``: no axis separates them (Gottschalk et al. 1996)."""
     pose = run.need("pose")
-    there: NDArray[np.bool_] = run.here[:, one] & run.here[:, two]
-    boxes = [_box(pose[:, k], *run.size(k)) for k in (one, two)]
+    sizes = run.size(one), run.size(two)
+    found = np.zeros(run.steps, dtype=np.bool_)
+    ticks = _candidates(run, one, two)
+    if not len(ticks):
+        return found
+    boxes = [_box(pose[ticks, k], *size) for k, size in zip((one, two), sizes, strict=True)]
     apart = boxes[1][0] - boxes[0][0]
+    there = run.here[ticks, one] & run.here[ticks, two]
     for _, axes in boxes:
         for unit in (axes / np.hypot(axes[..., :1], axes[..., 1:])).swapaxes(0, 1):
             reach = sum(np.abs((halves * unit[:, None]).sum(axis=-1)).sum(axis=-1) for _, halves in boxes)
             there &= np.abs((apart * unit).sum(axis=-1)) < reach
-    return there
+    found[ticks] = there
+    return found
+
+
+def close(run: Run) -> NDArray[np.bool_]:
+    """Return which pairs of agents come so close to each other that they might touch, shape ``(agents, agents)``, symmetric.
+
+    Bodies without a size are points.
+
+    Raises:
+        RunError: the run holds no positions.
+    """
+    count = len(run.agents)
+    found = np.zeros((count, count), dtype=np.bool_)
+    for one, two in np.argwhere(np.triu(_blocks(run).near.any(axis=0), 1)).tolist():
+        found[one, two] = found[two, one] = len(_candidates(run, one, two)) > 0
+    return found
+
+
+def _candidates(run: Run, one: int, two: int) -> NDArray[np.int64]:
+    """Return the ticks, increasing, in which two agents are there, and the circles around their bodies touch or nearly so."""
+    blocks = _blocks(run)
+    if not blocks.near[:, one, two].any():
+        return np.zeros(0, dtype=np.int64)
+    ticks = (np.flatnonzero(blocks.near[:, one, two])[:, None] * _BLOCK + np.arange(_BLOCK)).ravel()
+    ticks = ticks[: np.searchsorted(ticks, run.steps)]
+    apart = blocks.centre[ticks, one] - blocks.centre[ticks, two]
+    reach = blocks.reach[one] + blocks.reach[two]
+    near = np.einsum("ij,ij->i", apart, apart) <= reach**2
+    found: NDArray[np.int64] = ticks[near & run.here[ticks, one] & run.here[ticks, two]]
+    return found
+
+
+_BLOCK = 50
+"""Ticks that are looked at together."""
+_MARGIN = 1.0
+"""Bodies that are this near to each other might touch [m]: more than positions are wrong by."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Blocks:
+    """Where bodies are, roughly: circles around them, and in which blocks of ticks two may touch."""
+
+    centre: NDArray[np.float64]
+    """Of every body, shape ``(steps, agents, 2)`` [m]; while one is absent, where it appears or vanished."""
+    reach: NDArray[np.float64]
+    """Radius of the circle around every body, and half the margin, shape ``(agents,)`` [m]."""
+    near: NDArray[np.bool_]
+    """Shape ``(blocks, agents, agents)``."""
+
+
+def _blocks(run: Run) -> _Blocks:
+    return once(run, _find_blocks)
+
+
+def _find_blocks(run: Run) -> _Blocks:
+    pose, count = run.need("pose"), len(run.agents)
+    sizes = np.array([agent.size or (0.0, 0.0) for agent in run.agents]).reshape(-1, 2)
+    ahead = np.stack((np.cos(pose[..., 2]), np.sin(pose[..., 2])), axis=-1)
+    centre = pose[..., :2] - sizes[:, :1] / 2 * ahead
+    for column, (begin, end) in enumerate(run.spans.tolist()):
+        centre[:begin, column] = centre[begin, column] if end > begin else 0.0
+        centre[end:, column] = centre[max(end - 1, 0), column]
+    moved = np.hypot(*np.moveaxis(np.diff(centre, axis=0, prepend=centre[:1]), -1, 0))
+    starts = np.arange(0, run.steps, _BLOCK)
+    moved[starts] = 0.0
+    # Nobody is further from where it was at the start of a block than it has moved in it.
+    travel = np.add.reduceat(moved, starts, axis=0) if run.steps else moved
+    reach = np.hypot(*sizes.T) / 2 + _MARGIN / 2
+    place, wide = centre[starts], travel + reach
+    near = np.empty((len(starts), count, count), dtype=np.bool_)
+    for block in range(len(starts)):
+        apart = place[block, :, None] - place[block]
+        near[block] = np.hypot(apart[..., 0], apart[..., 1]) <= wide[block, :, None] + wide[block]
+    return _Blocks(centre, reach, near)
 
 
 def _box(pose: NDArray[np.float64], length: float, width: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -173,8 +173,9 @@ def _delay(run: Run, column: int) -> float | None:
     left = np.flatnonzero(run.zone[:, column] >= Zone.EXIT)
     if run.facts.speed_limit is None or not len(left):
         return None
-    way = run.agents[column].route.length - float(run.need("station")[0, column])
-    return _rounded(float(left[0]) * run.dt - way / run.facts.speed_limit)
+    begin = int(run.spans[column, 0])
+    way = run.agents[column].route.length - float(run.need("station")[begin, column])
+    return _rounded(float(left[0] - begin) * run.dt - way / run.facts.speed_limit)
 
 
 def _ttc(run: Run, one: int, two: int) -> float | None:
@@ -217,7 +218,7 @@ def _pet(run: Run, one: int, two: int) -> float | None:
         outside = np.flatnonzero(station - run.size(column)[0] > end)
         if not len(inside):
             return None
-        spans.append((int(inside[0]), int(outside[0]) if len(outside) else run.steps))
+        spans.append((int(inside[0]), int(outside[0]) if len(outside) else int(run.spans[column, 1])))
     (_, left), (entered, _) = sorted(spans)
     return _rounded((entered - left) * run.dt)
 

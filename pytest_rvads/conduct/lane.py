@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.presence import window
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
@@ -26,6 +27,8 @@ _NEAR = 0.75
 """How far around its station the front of a vehicle is looked for on its itinerary [m]."""
 _AROUND = 5.0
 """Likewise the rear axle, around the place where it would be on a straight way [m]."""
+_SURE = 0.05
+"""Nearer to a border than this, it is looked at where exactly a body is [m]."""
 
 
 @lru_cache(maxsize=256)
@@ -72,9 +75,10 @@ def off_lane(run: Run, agent: int) -> NDArray[np.bool_]:
 
     Borders are half a lane beside the itinerary; `LANE_TOLERANCE` is allowed.
     """
-    pose, station = run.need("pose")[:, agent], run.need("station")[:, agent]
     way, (length, width) = _way(run, agent), run.size(agent)
     half = run.junction.lane_width / 2 + LANE_TOLERANCE
+    ticks = _aside(run, agent, way, half - width / 2)
+    pose, station = run.need("pose")[ticks, agent], run.need("station")[ticks, agent]
     # The four corners one after the other: (front, rear) times (right, left).
     ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
     across = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1) * width / 2
@@ -83,9 +87,27 @@ def off_lane(run: Run, agent: int) -> NDArray[np.bool_]:
     place = _nearest(way, np.concatenate(corners), around)
     over = (place <= 0.0) | (place >= way.length)
     over &= np.abs(_offset(way, np.concatenate(corners), place)) > half
-    strayed = (run.zone[:, agent] == Zone.JUNCTION) & (np.abs(_offset(way, pose[:, :2], station)) > half)
-    found: NDArray[np.bool_] = (strayed | over.reshape(4, -1).any(axis=0)) & run.here[:, agent]
+    strayed = (run.zone[ticks, agent] == Zone.JUNCTION) & (np.abs(_offset(way, pose[:, :2], station)) > half)
+    found = np.zeros(run.steps, dtype=np.bool_)
+    found[ticks] = strayed | over.reshape(4, -1).any(axis=0)
     return found
+
+
+def _aside(run: Run, agent: int, way: Itinerary, room: float) -> NDArray[np.int64]:
+    """Return the ticks in which the middle of front or rear is further than `room` [m] from the itinerary, or nearly so.
+
+    Elsewhere no corner can be over a border: that is known without looking for the nearest place of each.
+    """
+    begin, end = window(run, (agent,))
+    pose, station = run.need("pose")[begin:end, agent], run.need("station")[begin:end, agent]
+    length = run.size(agent)[0]
+    far = np.zeros(len(station), dtype=np.bool_)
+    for back in (0.0, length):
+        place, _ = way.centre(station - back)
+        apart = pose[:, :2] - place
+        apart -= back * np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
+        far |= np.hypot(apart[:, 0], apart[:, 1]) > room - _SURE
+    return begin + np.flatnonzero(far & run.here[begin:end, agent])
 
 
 @lru_cache(maxsize=1024)

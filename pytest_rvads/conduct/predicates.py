@@ -6,16 +6,16 @@ agent comes to, which light controls it) is gathered in `Static`, the paper's mo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
 from itertools import permutations
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.grounds import Ground, ground_of, in_turn, lit, may_owe
 from pytest_rvads.conduct.lane import wrong_lanes
+from pytest_rvads.conduct.memo import once
 from pytest_rvads.conduct.presence import judged, together
 from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.segment import Turn
@@ -23,8 +23,6 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
 
 __all__ = ["Static", "at_entrance", "extract", "in_junction", "on_approach", "on_exit", "once", "speed", "ticks"]
-
-_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +63,14 @@ class Static:
     """Pairs of agents, in both orders, that were there at the same time: no instance is about others. None: all were."""
     judged: frozenset[int] | None = None
     """Agents whose instances are judged in this run, see `Excerpt.judged`; None: all."""
+    _hash: int = field(init=False, repr=False, compare=False)
+    """What is prepared for a model is looked up for every rule."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_hash", hash(tuple(getattr(self, item.name) for item in fields(self) if item.compare)))
+
+    def __hash__(self) -> int:
+        return self._hash
 
     def judges(self, agents: Sequence[int]) -> bool:
         """Return whether an instance about these agents is judged in this run: where the last one to appear is."""
@@ -140,15 +146,6 @@ def _by_arrival(run: Run) -> frozenset[tuple[int, int]]:
     ways = [agent.route.key for agent in run.agents]
     pairs = permutations(range(len(ways)), 2)
     return frozenset((one, two) for one, two in pairs if in_turn(run.junction, ways[one], ways[two]))
-
-
-def once(run: Run, work: Callable[[Run], _Result]) -> _Result:
-    """Return what `work` finds out about a run, which is then known: a run is judged by many rules, and never changes."""
-    known = run.__dict__.setdefault("found", {})
-    if work not in known:
-        known[work] = work(run)
-    result: _Result = known[work]
-    return result
 
 
 def in_junction(run: Run, agent: int) -> NDArray[np.bool_]:

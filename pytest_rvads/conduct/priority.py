@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.grounds import ground_of, lit, may_owe
-from pytest_rvads.conduct.predicates import once
+from pytest_rvads.conduct.memo import each, once
+from pytest_rvads.conduct.presence import window
 from pytest_rvads.conduct.standing import leads
-from pytest_rvads.conduct.stretches import before_exit, position, shared
+from pytest_rvads.conduct.stretches import ALWAYS, before_exit, position, shared
 from pytest_rvads.junctions.conflicts import Shared, Stretch
 from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.segment import Turn
@@ -43,23 +44,23 @@ _WINDOW = 0.1
 """Decelerations are differences of speed over this time [s]."""
 
 
-def has_way(run: Run, agent: int) -> NDArray[np.bool_]:
+def has_way(run: Run, agent: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
     """No light keeps the agent from going: it is green or yellow, was when the agent entered, or there is none."""
-    facing = run.facing[:, agent]
+    facing = run.facing[when, agent]
     found: NDArray[np.bool_] = (facing == Colour.GREEN) | (facing == Colour.YELLOW)
     return found if lit(run.junction, run.agents[agent].entrance) else np.ones_like(found)
 
 
-def due(run: Run, agent: int, stretch: Stretch) -> NDArray[np.bool_]:
+def due(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDArray[np.bool_]:
     """The agent is on a stretch of its movement, would be there within `DUE` at its present speed, or is next at its line."""
-    found: NDArray[np.bool_] = (_coming(run, agent, stretch) | _next(run)[:, agent]) & run.here[:, agent]
+    found: NDArray[np.bool_] = (_coming(run, agent, stretch, when) | _next(run)[when, agent]) & run.here[when, agent]
     return found
 
 
-def _coming(run: Run, agent: int, stretch: Stretch) -> NDArray[np.bool_]:
+def _coming(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDArray[np.bool_]:
     """Whether the agent is on a stretch of its movement, or would be there within `DUE` at its present speed."""
-    front, rear = position(run, agent)
-    speed = run.need("speed")[:, agent]
+    front, rear = position(run, agent, when)
+    speed = run.need("speed")[when, agent]
     found: NDArray[np.bool_] = (stretch.start - front <= DUE * np.maximum(speed, 0.0)) & (rear <= stretch.end)
     return found
 
@@ -106,9 +107,11 @@ def _find_held(run: Run) -> NDArray[np.bool_]:
             continue
         for other in range(len(run.agents)):
             common = shared(run, agent, other) if may_owe(run, agent, other) else None
-            if common is not None:
-                there = _coming(run, other, common.yours) & run.here[:, other]
-                found[:, agent] |= (there | first[:, other]) & yields(run, agent, other)
+            begin, end = window(run, (agent, other))
+            if common is not None and begin < end:
+                when = slice(begin, end)
+                there = _coming(run, other, common.yours, when) & run.here[when, other]
+                found[when, agent] |= (there | first[when, other]) & yields(run, agent, other, when)
     return found
 
 
@@ -122,21 +125,23 @@ def _unhindered(run: Run, agent: int) -> NDArray[np.bool_]:
         if run.junction.entrances[run.agents[agent].entrance].sign is Sign.STOP:
             found &= run.zone[:, agent] >= Zone.JUNCTION
     for other, who in enumerate(run.agents):
-        if other != agent and who.entrance == run.agents[agent].entrance:
-            (front, _), (ahead, behind) = position(run, agent), position(run, other)
-            near = behind - front < HEADWAY * run.need("speed")[:, agent]
-            found &= ~((ahead > front) & near & (run.zone[:, other] <= Zone.JUNCTION))
+        begin, end = window(run, (agent, other))
+        if other != agent and who.entrance == run.agents[agent].entrance and begin < end:
+            when = slice(begin, end)
+            (front, _), (ahead, behind) = position(run, agent, when), position(run, other, when)
+            near = behind - front < HEADWAY * run.need("speed")[when, agent]
+            found[when] &= ~((ahead > front) & near & (run.zone[when, other] <= Zone.JUNCTION))
     return found
 
 
 def owes(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
     """The agent, at its entrance or inside, has to let the other one go first; once it took the way, until both have passed."""
-    return _encounter(run, agent, other)[0]
+    return each(run, _encounter, agent, other)[0]
 
 
 def obstructs(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
     """The agent took the way that it owed to the other one, which meets it, touches it or had to brake hard for it."""
-    return _encounter(run, agent, other)[1]
+    return each(run, _encounter, agent, other)[1]
 
 
 def _encounter(run: Run, agent: int, other: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -146,15 +151,19 @@ def _encounter(run: Run, agent: int, other: int) -> tuple[NDArray[np.bool_], NDA
     if common is None:
         return owed, broken
     better = yields(run, agent, other)
-    bound = better & due(run, other, common.yours)
+    bound = better & due(run, other, common.yours) & run.here[:, agent]
+    ticks = np.flatnonzero(bound)
+    if not len(ticks):
+        return owed, broken
     owed |= owed_before(run, agent, bound, common)
     if run.entered[agent] < run.steps:
         follower = Encounter(run, agent, other, common)
-        rows = follower.rows(run, better, bound, collide(run, agent, other))
-        for tick in range(max(int(run.entered[agent]) - 1 - round(_WINDOW / run.dt), 0), run.steps):
-            taking, broken[tick] = follower.step(*rows[tick])
+        first, last = max(int(run.entered[agent]) - 1 - round(_WINDOW / run.dt), 0), int(ticks[-1])
+        rows = follower.rows(run, better, bound, collide(run, agent, other), slice(first, run.steps))
+        for tick, row in enumerate(rows, first):
+            taking, broken[tick] = follower.step(*row)
             owed[tick] |= taking
-            if follower.over:
+            if follower.over or (tick > last and not follower.owed):
                 break
     return owed, broken
 
@@ -167,7 +176,7 @@ def owed_before(run: Run, agent: int, bound: NDArray[np.bool_], common: Shared) 
     return found
 
 
-def yields(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
+def yields(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
     """The agent has to give way to the other one where their ways meet, as the lights are.
 
     Turning across oncoming traffic it does to who also has the right to go (Vienna Convention on Road Traffic, Art. 16(2));
@@ -175,16 +184,16 @@ def yields(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
     to who comes to a light, as long as that lets it go.
     """
     me, you, junction = run.agents[agent], run.agents[other], run.junction
-    facing = run.facing[:, agent]
+    facing = run.facing[when, agent]
     if not lit(junction, me.entrance):
-        mine = np.ones(run.steps, dtype=np.bool_)
+        mine = np.ones(len(facing), dtype=np.bool_)
     elif me.turn is junction.near:
         mine = facing == Colour.RED
         if not lit(junction, you.entrance) and ground_of(junction, me.route.key, you.route.key) is not None:
             mine = np.ones_like(mine)
     else:
         mine = facing != Colour.RED
-    found: NDArray[np.bool_] = mine & has_way(run, other)
+    found: NDArray[np.bool_] = mine & has_way(run, other, when)
     return found
 
 
@@ -208,35 +217,44 @@ class Encounter:
             self._clear = self._arrives
         self._speeds: deque[float] = deque(maxlen=max(round(_WINDOW / run.dt), 1) + 1)
         self._tick = 0
-        self._owed = self._first = self._braked = False
+        self._first = self._braked = False
         self._entered: int | None = None
         self._taken: int | None = None
         self._left: int | None = None
         self._start = (0.0, 0.0)
+        self.owed = False
+        """Whether the agent has owed the way since it entered, or owes it before."""
         self.over = False
         """Whether nothing can happen any more."""
 
     def rows(
-        self, run: Run, better: NDArray[np.bool_], bound: NDArray[np.bool_], touching: NDArray[np.bool_]
+        self,
+        run: Run,
+        better: NDArray[np.bool_],
+        bound: NDArray[np.bool_],
+        touching: NDArray[np.bool_],
+        when: slice = ALWAYS,
     ) -> list[tuple[Any, ...]]:
-        """Return what `step` takes, for every state of a run with the same agents.
+        """Return what `step` takes, state by state, for a run with the same agents.
 
         Args:
             run: the states.
             better: whether the other one has the better right, shape ``(steps,)``.
             bound: whether the agent has to give way to the other one, which is due, likewise.
             touching: whether they touch, likewise.
+            when: part of the run.
         """
         agent, other = self._agent, self._other
-        (front, rear), (ahead, _) = (position(run, k) for k in (agent, other))
+        (front, rear), (ahead, _) = (position(run, k, when) for k in (agent, other))
         there = front >= self._common.mine.start
         if self._common.merges:
-            (_, rear), (ahead, _) = (before_exit(run, k) for k in (agent, other))
+            (_, rear), (ahead, _) = (before_exit(run, k, when) for k in (agent, other))
         # Who is gone has left the way, though a short exit road may end before its rear has.
-        rear = np.where(run.here[:, agent], rear, math.inf)
-        free = _unhindered(run, other)
-        inside, speed = run.zone[:, agent] >= Zone.JUNCTION, run.need("speed")[:, other]
-        columns = (inside, better, bound, touching, there, rear, ahead, speed, free)
+        here = run.here[when, agent]
+        rear = np.where(here, rear, math.inf)
+        free = each(run, _unhindered, other)[when]
+        inside, speed = run.zone[when, agent] >= Zone.JUNCTION, run.need("speed")[when, other]
+        columns = (inside, better[when], bound[when] & here, touching[when], there, rear, ahead, speed, free)
         return list(zip(*(column.tolist() for column in columns), strict=True))
 
     def step(  # noqa: PLR0913 - the columns that `rows` gives, each by its name
@@ -265,22 +283,25 @@ class Encounter:
             free: whether the other one has no reason of its own to brake: its light is green, or was when it entered.
         """
         tick, self._tick = self._tick, self._tick + 1
-        self._speeds.append(speed)
+        if math.isnan(speed):  # it is not there
+            self._speeds.clear()
+        else:
+            self._speeds.append(speed)
         if not inside:
-            self._owed = bound
+            self.owed = bound
             return False, False
         if self._entered is None:
             self._entered, self._start = tick, (ahead, speed)
         if self._taken is None and not self._first:
-            self._owed = better and (self._owed or (bound and not there))
+            self.owed = better and (self.owed or (bound and not there))
             if there and ahead < self._arrives:
                 self._taken = tick
             self._first = ahead >= self._arrives
         if rear > self._clear and self._left is None:
             self._left = tick
         self._braked |= free and ahead < self._arrives and self._brakes_hard()
-        hit = self._owed and (touching or self._impeded(tick, rear, ahead))
-        taking = self._owed and self._taken is not None and not self.over
+        hit = self.owed and (touching or self._impeded(tick, rear, ahead))
+        taking = self.owed and self._taken is not None and not self.over
         self.over = self.over or self._passed(tick, there, ahead)
         return taking or hit, hit
 
@@ -303,4 +324,4 @@ class Encounter:
     def _passed(self, tick: int, there: bool, ahead: float) -> bool:
         if self._taken is not None:
             return ahead >= self._arrives or (tick - self._taken) * self._dt > DUE
-        return there and not self._owed
+        return there and not self.owed

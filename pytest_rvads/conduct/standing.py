@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.presence import window
 from pytest_rvads.errors import RunError
 from pytest_rvads.maps.control import Sign
 from pytest_rvads.runs.run import Run
@@ -43,7 +44,7 @@ SPEED_TOLERANCE = 0.5
 
 def stopped(run: Run, agent: int) -> NDArray[np.bool_]:
     """The agent is where a full stop counts, see `stops`, and has stood still there in the present approach."""
-    here, still = stops(run, agent, np.logical_or.accumulate(~_stands(run, agent)))
+    here, still = stops(run, agent, np.logical_or.accumulate(run.here[:, agent] & ~_stands(run, agent)))
     tick = np.arange(run.steps)
     last_still = np.maximum.accumulate(np.where(still, tick, -1))
     last_away = np.maximum.accumulate(np.where(here, -1, tick))
@@ -77,9 +78,10 @@ def leads(run: Run, agent: int) -> NDArray[np.bool_]:
     """Nobody is ahead of the agent in its lane before the junction."""
     found = np.ones(run.steps, dtype=np.bool_)
     for other, who in enumerate(run.agents):
-        if other != agent and who.entrance == run.agents[agent].entrance:
-            station = run.need("station")
-            found &= ~((run.zone[:, other] <= Zone.ENTRANCE) & (station[:, other] > station[:, agent]))
+        begin, end = window(run, (agent, other))
+        if other != agent and who.entrance == run.agents[agent].entrance and begin < end:
+            station, when = run.need("station"), slice(begin, end)
+            found[when] &= ~((run.zone[when, other] <= Zone.ENTRANCE) & (station[when, other] > station[when, agent]))
     return found
 
 

@@ -1,4 +1,7 @@
-"""Where two vehicles are on the stretch that their movements share."""
+"""Where two vehicles are on the stretch that their movements share.
+
+Functions that take `when` return what holds in a part of the run only: all of it costs too much for each pair of many vehicles.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,16 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.presence import window
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import CONFLICT_WIDTH, Key, Shared, Stretch
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.run import Run
 
-__all__ = ["before_exit", "meet", "on_stretch", "parting", "position", "shared"]
+__all__ = ["ALWAYS", "before_exit", "meet", "on_stretch", "parting", "position", "shared"]
 
-
+ALWAYS = slice(None)
+"""In all states of a run."""
 _SPACING = 0.5
 """Movements are compared at stations so far apart [m]."""
 
@@ -52,23 +57,23 @@ def parting(junction: Junction, one: Key, two: Key) -> float:
     return float(along[together[-1]]) if len(together) else 0.0
 
 
-def position(run: Run, agent: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def position(run: Run, agent: int, when: slice = ALWAYS) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the stations of front and rear of an agent, each of shape ``(steps,)`` [m].
 
     Raises:
         RunError: the run holds no positions, or not the size of the vehicle.
     """
-    front = run.need("station")[:, agent]
+    front = run.need("station")[when, agent]
     return front, front - run.size(agent)[0]
 
 
-def on_stretch(run: Run, agent: int, stretch: Stretch) -> NDArray[np.bool_]:
+def on_stretch(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDArray[np.bool_]:
     """Return where part of the body of an agent is on a stretch of its movement, shape ``(steps,)``.
 
     Who is gone is nowhere, though a short exit road may end before its rear has come off the stretch.
     """
-    front, rear = position(run, agent)
-    found: NDArray[np.bool_] = (front >= stretch.start) & (rear <= stretch.end) & run.here[:, agent]
+    front, rear = position(run, agent, when)
+    found: NDArray[np.bool_] = (front >= stretch.start) & (rear <= stretch.end) & run.here[when, agent]
     return found
 
 
@@ -80,15 +85,17 @@ def meet(run: Run, one: int, two: int) -> NDArray[np.bool_]:
     common = shared(run, one, two)
     if common is None:
         return np.zeros(run.steps, dtype=np.bool_)
-    both = on_stretch(run, one, common.mine) & on_stretch(run, two, common.yours)
+    begin, end = window(run, (one, two))
+    when = slice(begin, end)
+    both = on_stretch(run, one, common.mine, when) & on_stretch(run, two, common.yours, when)
     if common.merges:
-        (front, rear), (ahead, behind) = before_exit(run, one), before_exit(run, two)
+        (front, rear), (ahead, behind) = before_exit(run, one, when), before_exit(run, two, when)
         both &= (front > behind) & (ahead > rear)
-    return both
+    return np.concatenate((np.zeros(begin, dtype=np.bool_), both, np.zeros(run.steps - end, dtype=np.bool_)))
 
 
-def before_exit(run: Run, agent: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def before_exit(run: Run, agent: int, when: slice = ALWAYS) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return where front and rear of an agent are, counted from its exit vertex, each of shape ``(steps,)`` [m]."""
-    front, rear = position(run, agent)
+    front, rear = position(run, agent, when)
     length = run.agents[agent].route.length
     return front - length, rear - length

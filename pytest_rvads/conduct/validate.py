@@ -43,7 +43,7 @@ class Finding:
 
 
 def validate(run: Run) -> tuple[Finding, ...]:
-    """Find what breaks the semantic model, each kind once per vehicle or light; an intact run has no findings.
+    """Find what breaks the semantic model, each kind once per vehicle or light, or per run; an intact run has no findings.
 
     What a run does not record is not looked at.
     """
@@ -56,6 +56,7 @@ def validate(run: Run) -> tuple[Finding, ...]:
         found += _zones(run, column, agent)
         found += _progress(run, column, agent)
         found += _itinerary(run, column, agent)
+    found += _sampling(run)
     found += _colours(run)
     found += _bodies(run)
     return tuple(sorted(found, key=lambda f: f.time))
@@ -154,15 +155,6 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     """Progress along the itinerary agrees with speed times time; a multiple of it means that states are missing."""
     if run.station is None or run.speed is None or run.steps < 2:
         return
-    fast = np.flatnonzero(np.abs(run.speed[:, column]) * run.dt > ENTRANCE_ZONE)
-    if len(fast):
-        time = _clock(run, int(fast[0]))
-        yield Finding(
-            "sampling",
-            time,
-            f"{agent.name} drives {run.speed[fast[0], column]:.1f} m/s at {time:.2f} s: in {run.dt:g} s that is more than the "
-            f"entrance zone of {ENTRANCE_ZONE:g} m, so rules may miss that it was there",
-        )
     here = run.here[1:, column] & run.here[:-1, column]
     progress = np.diff(run.station[:, column])
     wanted = (run.speed[1:, column] + run.speed[:-1, column]) / 2 * run.dt
@@ -178,6 +170,23 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         yield Finding("missing ticks", time, f"{text}: {round(ratio) - 1} states seem to be missing")
     else:
         yield Finding("progress", time, text)
+
+
+def _sampling(run: Run) -> Iterator[Finding]:
+    """States are so near to each other that nobody drives over an entrance zone between two; told of the first who does."""
+    if run.speed is None:
+        return
+    fast = np.abs(run.speed) * run.dt > ENTRANCE_ZONE
+    if fast.any():
+        tick, column = np.argwhere(fast)[0]
+        time, others = _clock(run, int(tick)), int(fast.any(axis=0).sum()) - 1
+        more = f", as do {others} others" if others > 1 else ", as does another vehicle" if others else ""
+        yield Finding(
+            "sampling",
+            time,
+            f"{run.agents[column].name} drives {run.speed[tick, column]:.1f} m/s at {time:.2f} s{more}: in {run.dt:g} s that is "
+            f"more than the entrance zone of {ENTRANCE_ZONE:g} m, so rules may miss when it was there",
+        )
 
 
 def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:

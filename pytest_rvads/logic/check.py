@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pytest_rvads.conduct.predicates import extract, once
+from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.predicates import extract
+from pytest_rvads.conduct.sampling import without_jumps
 from pytest_rvads.conduct.validate import damage
 from pytest_rvads.errors import RunError, require
 from pytest_rvads.junctions.junction import Junction
@@ -76,6 +78,7 @@ def check(
     broken = once(run, damage)
     if broken:
         return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason if run.fault else str(broken[0])))
+    run = without_jumps(run)
     story = _judged(rule, Values(run, window, standing=standing), book, itinerary)
     if run.fault is None:
         return tell(story)

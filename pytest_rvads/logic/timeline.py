@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pytest_rvads.conduct.predicates import extract
+from pytest_rvads.conduct.sampling import without_jumps
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import walk
@@ -48,7 +49,7 @@ def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
     Raises:
         FormulaError: an unknown rule.
     """
-    rule = get_rule(rule)
+    rule, run = get_rule(rule), without_jumps(run)
     templates = prepare(rule.formula, extract(run), rule.bound).templates
     try:
         walked = walk(templates, Values(run, rule.tie))

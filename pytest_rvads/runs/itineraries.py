@@ -7,6 +7,7 @@ entrance vertex: negative before it, 0..length on the movement, more on the exit
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +84,7 @@ class Itinerary:
         points, arc = self.path.points, self.path.stations
         along = station + self.origin
         piece = np.clip(np.searchsorted(arc, along, side="right") - 1, 0, len(arc) - 2)
-        ahead = (points[piece + 1] - points[piece]) / (arc[piece + 1] - arc[piece])[:, None]
+        ahead = _directions(self.path)[piece]
         return points[piece] + (along - arc[piece])[:, None] * ahead, ahead
 
     def project(self, x: float, y: float, near: float) -> tuple[float, float]:
@@ -102,3 +103,10 @@ class Itinerary:
     def start(self, distance: float) -> float:
         """Return the station `distance` [m] before the stopping line."""
         return self.line - distance
+
+
+@lru_cache(maxsize=256)
+def _directions(path: Segment) -> NDArray[np.float64]:
+    """Return the unit vector along every piece of a line, shape ``(pieces, 2)``."""
+    found: NDArray[np.float64] = np.diff(path.points, axis=0) / np.diff(path.stations)[:, None]
+    return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Annotated, Any
 
 import msgspec
@@ -107,7 +108,7 @@ def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
 
 
 def get_junction(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junction:
-    """Return the junction of a file.
+    """Return the junction of a file; those of equal files are one, so that what is found out about it is found out once.
 
     Args:
         record: what its header says.
@@ -116,6 +117,17 @@ def get_junction(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> 
     Raises:
         ValueError: what it says does not fit together.
     """
+    lines = tuple((name, a.dtype.str, a.shape, a.tobytes()) for name, a in sorted(arrays.items()) if name.startswith("line_"))
+    return _junction(msgspec.msgpack.encode(record), lines)
+
+
+@lru_cache(maxsize=16)
+def _junction(record: bytes, lines: tuple[tuple[str, str, tuple[int, ...], bytes], ...]) -> Junction:
+    arrays = {name: np.frombuffer(content, dtype).reshape(shape) for name, dtype, shape, content in lines}
+    return _made(msgspec.msgpack.decode(record, type=JunctionRecord), arrays)
+
+
+def _made(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junction:
     points = 0
 
     def get(line: _Line | None) -> Segment | None:

@@ -26,7 +26,7 @@ class Period:
     """A time in which the junction is busy without a break, or a part of it."""
 
     begin: float
-    """When the first of the vehicles that are judged appears [s]."""
+    """When the first of the vehicles that are judged appears [s]; before, if somebody is near then: since it has been."""
     end: float
     """When the last one vanishes [s]."""
     busy: float
@@ -58,6 +58,8 @@ def busy_periods(spans: Sequence[Span], lines: Sequence[float], leave: Sequence[
     found = []
     for group in groups:
         begin, end = float(begins[group].min()), float(ends[group].max())
+        # For how long others have been waiting, and who entered before whom, is known only if the run goes back so far.
+        begin = min((since for times in near if times is not None and (since := times[0]) < begin <= times[1]), default=begin)
         present = np.flatnonzero((begins <= end) & (ends >= begin))
         busy = min(times[0] for number in group if (times := near[number]) is not None)
         found.append(Period(begin, end, busy, tuple(sorted(group)), tuple(present.tolist())))

@@ -121,7 +121,7 @@ class Recording(Sequence[Run]):
             here = slice(int(begin), int(end))
             at = ticks[here]
             station[here, column] = _along(track, at)
-            speed[here, column] = np.interp(at, track.times, track.speed)
+            speed[here, column] = _speeds(track, at)
             turned = np.column_stack((track.pose[:, :2], np.unwrap(track.pose[:, 2])))
             pose[here, column] = np.stack([np.interp(at, track.times, values) for values in turned.T], axis=1)
             spread[here, column] = 0.0 if track.spread is None else np.interp(at, track.times, track.spread)
@@ -173,5 +173,40 @@ def _along(track: Track, at: NDArray[np.float64]) -> NDArray[np.float64]:
     return found
 
 
+def _speeds(track: Track, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the speeds at times between samples: a straight line, but where a vehicle brakes and sets off again in between.
+
+    There it went on braking as before, and had been setting off as it does afterwards: else who stops for a moment never does
+    where that is not sampled. The way that it made has to agree better with this.
+    """
+    found: NDArray[np.float64] = np.interp(at, track.times, track.speed)
+    if len(track.times) < _AROUND:
+        return found
+    long, made, speed = np.diff(track.times), np.diff(track.station), track.speed
+    slopes = np.diff(speed) / long
+    before, after, here = slopes[:-2], slopes[2:], long[1:-1]
+    v0, v1 = speed[1:-2], speed[2:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = (v1 - after * here - v0) / (before - after)
+        lowest = v0 + before * turn
+        # Who comes to rest before it would set off again stands in between.
+        stands = lowest < 0.0
+        way = np.where(
+            stands,
+            (v1**2 / after - v0**2 / before) / 2,
+            (v0 + lowest) / 2 * turn + (lowest + v1) / 2 * (here - turn),
+        )
+    dips = (before < 0.0) & (after > 0.0) & (v0 > 0.0) & (v1 > 0.0) & (turn > 0.0) & (turn < here)
+    dips &= np.abs(way - made[1:-1]) <= np.abs((v0 + v1) / 2 * here - made[1:-1])
+    for k in (np.flatnonzero(dips) + 1).tolist():
+        inside = slice(*np.searchsorted(at, track.times[[k, k + 1]]))
+        braking = speed[k] + slopes[k - 1] * (at[inside] - track.times[k])
+        leaving = speed[k + 1] + slopes[k + 1] * (at[inside] - track.times[k + 1])
+        found[inside] = np.maximum(np.maximum(braking, leaving), 0.0)
+    return found
+
+
+_AROUND = 4
+"""Samples that tell how a vehicle brakes and sets off between the two in their middle."""
 _AGREE = 0.1
 """By what share speed times time may differ from the way made between two samples, for speeds to be believed."""

@@ -224,11 +224,16 @@ class Run:
     def advance(self) -> NDArray[np.float64]:
         """How fast every agent gets on along its itinerary, shape ``(steps, agents)``; negative when it backs off [m/s].
 
+        In the first state of each it is its speed.
+
         Raises:
             RunError: the run does not record positions and speeds.
         """
         station = self.need("station")
         rate = np.vstack((self.need("speed")[:1], np.diff(station, axis=0) / self.dt))
+        begin = self.spans[:, 0]
+        late = np.flatnonzero(begin)
+        rate[begin[late], late] = self.need("speed")[begin[late], late]
         rate.flags.writeable = False
         return rate
 

@@ -2,13 +2,12 @@
 
 import pytest
 
-from pytest_rvads.logic.judging.ground import ground
-from pytest_rvads.logic.judging.prepare import prepare
+from pytest_rvads.logic.judging.prepare import forget
 from pytest_rvads.logic.ltl.ltl3 import synthesize
 
 
 @pytest.fixture(autouse=True)
 def nothing_left_by_other_tests() -> None:
     """Every test builds its own monitors, so that it finds what it is there to find."""
-    for cache in (ground, prepare, synthesize):
-        cache.cache_clear()
+    forget()
+    synthesize.cache_clear()

@@ -7,19 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct import progress
+from pytest_rvads.conduct import waiting
 from pytest_rvads.conduct.progress import (
     BLOCKING_TIME,
-    PACE,
     PATIENCE,
     blocking_time,
     blocks,
-    comes_first,
     idles,
     inside,
     lost_time,
     may_go,
 )
+from pytest_rvads.conduct.waiting import PACE, comes_first
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check
@@ -290,6 +289,6 @@ def test_unless_the_other_one_came_in_afterwards(drive: Make) -> None:
 
 def test_too_many_vehicles_are_refused_not_waited_for(drive: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     run = drive("light4", {0: stands(2), 1: stands(2)}, 100, CROSS)
-    monkeypatch.setattr(progress, "MOST", 399)
+    monkeypatch.setattr(waiting, "MOST", 199)
     with pytest.raises(RunError, match="2 vehicles in 100 states are too many to tell who waits for whom: cut the run in parts"):
         may_go(run, 0)

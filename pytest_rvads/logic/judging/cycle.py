@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.presence import window
 from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.judge import Judgement
+from pytest_rvads.logic.judging.judge import Judgement, columns
 from pytest_rvads.logic.judging.prepare import Template
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl.boolean import evaluate
@@ -83,12 +84,18 @@ def _owed(templates: Iterable[Template], values: Values) -> Iterator[_Owed]:
         shape, ends = t.shape, _ends(t)
         if ends is None or shape.premise is None or shape.waits is None or shape.goes is None:
             continue
-        due = settle(shape.premise, values, steps)
+        begin, end = window(values.run, columns(t))
+        part = values.within(begin, end)
+        due = np.zeros(steps, dtype=np.bool_)
+        if begin < end:
+            due[begin:end] = settle(shape.premise, part, part.steps)
         if due.any():
             over = evaluate(shape.goes, values, (steps,)) | ~evaluate(shape.waits, values, (steps,))
             last_due = np.maximum.accumulate(np.where(due, tick, -1))
             last_over = np.maximum.accumulate(np.where(over, tick, -1))
-            yield *ends, last_due > last_over
+            held = last_due > last_over
+            held[end:] = False  # nobody waits for who is not there
+            yield *ends, held
 
 
 def _ends(template: Template) -> tuple[str, str] | None:

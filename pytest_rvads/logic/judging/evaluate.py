@@ -17,7 +17,7 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.runs.run import Run
 
-__all__ = ["Values"]
+__all__ = ["Part", "Values"]
 
 _OPERATORS: Mapping[str, Callable[[Any, Any], NDArray[np.bool_]]] = {
     "=": operator.eq,
@@ -50,6 +50,15 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         if found is None:
             found = self._known[atom] = self._evaluate(atom)
         return found
+
+    @property
+    def steps(self) -> int:
+        """Number of states."""
+        return self.run.steps
+
+    def within(self, begin: int, end: int) -> Values | Part:
+        """Return the same from tick `begin` on, up to tick `end`."""
+        return self if (begin, end) == (0, self.run.steps) else Part(self, begin, end)
 
     def untied(self) -> Values:
         """Return the same without a tie window; what does not depend on it is known already."""
@@ -96,6 +105,30 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
             raise FormulaError(f"{term} has no value as long as {term.of} is a variable")
         read = self._readers.get(term.name) or ATTRIBUTES[term.name].read
         return read(self.run, term.of.index)
+
+
+class Part(Mapping[f.Atom, NDArray[np.bool_]]):
+    """The values in a part of a run; ticks count from its beginning.
+
+    Args:
+        values: of the whole run.
+        begin: first tick.
+        end: the one after the last.
+    """
+
+    def __init__(self, values: Values, begin: int, end: int) -> None:
+        self.run = values.run
+        self.steps = end - begin
+        self._whole, self._part = values, slice(begin, end)
+
+    def __getitem__(self, atom: f.Atom) -> NDArray[np.bool_]:
+        return self._whole[atom][self._part]
+
+    def __iter__(self) -> Iterator[f.Atom]:
+        return iter(self._whole)
+
+    def __len__(self) -> int:
+        return len(self._whole)
 
 
 def _tied(atom: f.Atom) -> bool:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from math import prod
 
 from pytest_rvads.conduct.predicates import Static
@@ -26,10 +25,14 @@ Binding = tuple[tuple[str, f.Element], ...]
 LIMIT = 100_000
 """Atoms and constants that unfolding a formula may look at; a second or two of work. The shipped rules need at most 2,000 where
 four roads meet, and 30,000 where eight do."""
+_EACH = 10_000
+"""How many more for every agent, where they come and go: each is together with few others, so that their number grows only as
+the recording does."""
 
 
-def _budget(formula: f.Formula) -> Budget:
-    return Budget(LIMIT, f.size(formula), what="too many instances, one per choice of elements for its variables")
+def _budget(formula: f.Formula, static: Static) -> Budget:
+    most = LIMIT if static.together is None else LIMIT + _EACH * len(static.agents)
+    return Budget(most, f.size(formula), what="too many instances, one per choice of elements for its variables")
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +105,7 @@ def unfold(formula: f.Formula, static: Static) -> Grounding:
     Raises:
         FormulaError: there would be too many.
     """
-    return Grounding(tuple(_unfold(formula, static, (), _budget(formula))))
+    return Grounding(tuple(_unfold(formula, static, (), _budget(formula, static))))
 
 
 def _unfold(formula: f.Formula, static: Static, binding: Binding, budget: Budget) -> list[Instance]:
@@ -125,14 +128,13 @@ def simplify(grounding: Grounding, static: Static, *, itinerary: bool = True) ->
         itinerary: use the agents' known itineraries for ``take``, instead of its definition as a future formula.
     """
     found = [
-        Instance(i.binding, _reduce(i.formula, {}, static, _budget(i.formula), decide=True, itinerary=itinerary))
+        Instance(i.binding, _reduce(i.formula, {}, static, _budget(i.formula, static), decide=True, itinerary=itinerary))
         for i in grounding.instances
     ]
     left = tuple(i for i in found if i.formula != f.TRUE)
     return Grounding(left, grounding.collapsed + len(found) - len(left))
 
 
-@lru_cache(maxsize=1024)
 def ground(formula: f.Formula, static: Static, *, itinerary: bool = True) -> Grounding:
     """Return ``simplify(unfold(formula, static), static)``, without writing out what collapses on the way.
 
@@ -140,7 +142,7 @@ def ground(formula: f.Formula, static: Static, *, itinerary: bool = True) -> Gro
         FormulaError: there would be too many instances.
     """
     found: list[Instance] = []
-    collapsed = _ground(formula, static, itinerary, (), found, _budget(formula))
+    collapsed = _ground(formula, static, itinerary, (), found, _budget(formula, static))
     return Grounding(tuple(found), collapsed)
 
 
@@ -157,6 +159,8 @@ def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Bindin
     body: f.Formula = f.Forall(rest, formula.body) if rest else formula.body
     collapsed = 0
     for element in _beside(domain(first.sort, static), [e for _, e in binding], static):
+        if not rest and not static.judges(_columns((*(e for _, e in binding), element))):
+            continue
         # Inner variables may hide the name; they are handled by _reduce.
         reduced = _reduce(body, {first.name: element}, static, budget, decide=True, itinerary=itinerary)
         bound = (*binding, (first.name, element))

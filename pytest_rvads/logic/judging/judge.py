@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.presence import window
 from pytest_rvads.conduct.standing import drives
-from pytest_rvads.logic.judging.evaluate import Values
+from pytest_rvads.logic.judging.evaluate import Part, Values
 from pytest_rvads.logic.judging.prepare import Template
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
@@ -17,6 +19,7 @@ from pytest_rvads.logic.ltl.finite import settle
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 from pytest_rvads.logic.ltl.monitor import encode, run_machine
 from pytest_rvads.logic.rules.shape import Kind, conjuncts
+from pytest_rvads.logic.rules.sorts import Sort
 
 __all__ = ["Judgement", "Near", "asked", "judge", "nearest_miss", "walk"]
 
@@ -38,17 +41,33 @@ class Judgement:
     margin: float | None = None
     together: bool = False
     """True when what had to be waited for came in the failing tick itself, too late by one step."""
+    ended: int | None = None
+    """Last tick in which all its agents were recorded, where one vanishes before the run ends."""
 
 
 def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
     """Judge all instances of a rule: monitors first, finite-trace semantics for what they leave open."""
-    found = []
-    for template, states in zip(templates, walk(templates, values), strict=True):
-        outputs = template.machine.output[states]
+    found = [Judgement(template, Status.NA) for template in templates]
+    for i, begin, end, states in _walked(templates, values):
+        outputs = templates[i].machine.output[states]
         failed = int(np.argmax(outputs == Truth.FALSE)) if outputs[-1] == Truth.FALSE else None
         before = int(states[failed - 1]) if failed else 0
-        found.append(_judge(template, values, failed, before, bool(outputs[-1] == Truth.TRUE)))
+        judged = _judge(templates[i], values.within(begin, end), failed, before, bool(outputs[-1] == Truth.TRUE))
+        found[i] = _placed(judged, begin, end, values.steps)
     return found
+
+
+def columns(template: Template) -> tuple[int, ...]:
+    """Return the columns of the agents that an instance is about."""
+    return tuple(element.index for _, element in template.binding if element.sort == Sort.AGENT)
+
+
+def _placed(j: Judgement, begin: int, end: int, steps: int) -> Judgement:
+    """Return what was found between two ticks, with ticks of the whole run."""
+    if (begin, end) == (0, steps):
+        return j
+    trigger, failed = (None if tick is None else begin + tick for tick in (j.trigger, j.failed))
+    return replace(j, trigger=trigger, failed=failed, ended=end - 1 if end < steps else None)
 
 
 def asked(template: Template, values: Values, agent: int) -> bool:
@@ -59,25 +78,37 @@ def asked(template: Template, values: Values, agent: int) -> bool:
 
 
 def walk(templates: tuple[Template, ...], values: Values) -> list[NDArray[np.int32]]:
-    """Return the states that the monitor of every instance goes through, each of shape ``(steps,)``."""
-    steps = values.run.steps
-    machines: dict[int, list[int]] = {}
+    """Return the states that the monitor of every instance goes through, each of shape ``(steps,)``.
+
+    It reads the states in which all of its agents are in the run; before, it is in its first one, and afterwards it stays.
+    """
+    found = [np.zeros(values.steps, dtype=np.int32) for _ in templates]
+    for i, begin, end, states in _walked(templates, values):
+        found[i][begin:end], found[i][end:] = states, states[-1]
+    return found
+
+
+def _walked(templates: tuple[Template, ...], values: Values) -> Iterator[tuple[int, int, int, NDArray[np.int32]]]:
+    """Yield the number of every instance whose agents are ever together, between which ticks they are, and the states there."""
+    groups: dict[tuple[int, int, int], list[int]] = {}
     for i, t in enumerate(templates):
-        machines.setdefault(id(t.machine), []).append(i)
-    found: dict[int, NDArray[np.int32]] = {}
-    for members in machines.values():
+        groups.setdefault((id(t.machine), *window(values.run, columns(t))), []).append(i)
+    for (_, begin, end), members in groups.items():
+        if begin == end:
+            continue
         machine = templates[members[0]].machine
-        rows = [encode(machine, _named(templates[i], values), steps) for i in members]
-        found |= dict(zip(members, run_machine(machine, np.array(rows, dtype=np.int32)), strict=True))
-    return [found[i] for i in range(len(templates))]
+        part = values.within(begin, end)
+        rows = [encode(machine, _named(templates[i], part), part.steps) for i in members]
+        for i, states in zip(members, run_machine(machine, np.array(rows, dtype=np.int32)), strict=True):
+            yield i, begin, end, states
 
 
-def _named(template: Template, values: Values) -> dict[f.Atom, NDArray[np.bool_]]:
+def _named(template: Template, values: Values | Part) -> dict[f.Atom, NDArray[np.bool_]]:
     return {f.Atom(f"p{k}"): values[atom] for k, atom in enumerate(template.atoms)}
 
 
-def _judge(template: Template, values: Values, failed: int | None, before: int, satisfied: bool) -> Judgement:
-    steps = values.run.steps
+def _judge(template: Template, values: Values | Part, failed: int | None, before: int, satisfied: bool) -> Judgement:
+    steps = values.steps
     if failed is not None:
         since = _since(template, values, failed + 1)
         goes = template.shape.goes
@@ -101,7 +132,7 @@ def _judge(template: Template, values: Values, failed: int | None, before: int, 
     return Judgement(template, Status.OPEN, _since(template, values, steps))
 
 
-def _since(template: Template, values: Values, end: int) -> int:
+def _since(template: Template, values: Values | Part, end: int) -> int:
     """Return the first tick whose obligation is not met by what happened before tick `end`."""
     if not isinstance(template.formula, f.Always):
         return 0
@@ -113,7 +144,7 @@ def _since(template: Template, values: Values, end: int) -> int:
     return int(np.argmax(owed)) if owed.any() else end - 1
 
 
-def _broken(template: Template, values: Values, failed: int, before: int) -> tuple[tuple[f.Atom, bool], ...]:
+def _broken(template: Template, values: Values | Part, failed: int, before: int) -> tuple[tuple[f.Atom, bool], ...]:
     """Return the atoms whose other value in the failing tick would have saved the instance.
 
     Those that changed in that tick come alone when there are any: they are what happened. When no single atom could
@@ -134,17 +165,17 @@ def _after(machine: Machine, template: Template, state: int, now: dict[f.Atom, b
     return Truth(int(machine.output[machine.delta[state, letter]])) if letter >= 0 else Truth.FALSE
 
 
-def _margin(template: Template, values: Values, start: int | None) -> float | None:
+def _margin(template: Template, values: Values | Part, start: int | None) -> float | None:
     """Return how long before it was allowed the bound vehicle acted, or how long two were together [s]."""
-    run, shape = values.run, template.shape
+    steps, dt, shape = values.steps, values.run.dt, template.shape
     if shape.kind is Kind.STATE and isinstance(template.formula, f.Always):
-        bad = ~evaluate(template.formula.body, values, (run.steps,))
-        return round(float(bad.sum()) * run.dt, 9)
+        bad = ~evaluate(template.formula.body, values, (steps,))
+        return round(float(bad.sum()) * dt, 9)
     if start is None or shape.waits is None or shape.goes is None:
         return None
-    left = np.flatnonzero(~evaluate(shape.waits, values, (run.steps,))[start:])
-    went = np.flatnonzero(evaluate(shape.goes, values, (run.steps,))[start:])
-    return round(float(went[0] - left[0]) * run.dt, 9) if len(left) and len(went) else None
+    left = np.flatnonzero(~evaluate(shape.waits, values, (steps,))[start:])
+    went = np.flatnonzero(evaluate(shape.goes, values, (steps,))[start:])
+    return round(float(went[0] - left[0]) * dt, 9) if len(left) and len(went) else None
 
 
 def nearest_miss(templates: tuple[Template, ...], values: Values) -> Near | None:
@@ -155,14 +186,16 @@ def nearest_miss(templates: tuple[Template, ...], values: Values) -> Near | None
     best: tuple[int, int, int] | None = None
     found = None
     for i, t in enumerate(templates):
-        for premise in t.premises:
+        begin, end = window(values.run, columns(t))
+        for premise in t.premises if begin < end else ():
             parts = conjuncts(premise)
-            truths = np.array([settle(p, values, values.run.steps) for p in parts])
+            part = values.within(begin, end)
+            truths = np.array([settle(p, part, part.steps) for p in parts])
             missing = (~truths).sum(axis=0)
             tick = int(np.argmin(missing))
-            key = (int(missing[tick]), tick, i)
+            key = (int(missing[tick]), begin + tick, i)
             if best is None or key < best:
                 best = key
                 false = tuple(p for p, v in zip(parts, truths[:, tick], strict=True) if not v)
-                found = (t, tick, false, int((missing == missing[tick]).sum()))
+                found = (t, begin + tick, false, int((missing == missing[tick]).sum()))
     return found

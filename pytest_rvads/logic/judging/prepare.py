@@ -16,7 +16,7 @@ from pytest_rvads.logic.ltl.ltl3 import Machine, synthesize
 from pytest_rvads.logic.ltl.rewrite import replaced
 from pytest_rvads.logic.rules.shape import Kind, Shape, agents_of, shape_of, split
 
-__all__ = ["Member", "Prepared", "Template", "prepare", "template"]
+__all__ = ["Member", "Prepared", "Template", "forget", "prepare", "template"]
 
 _MERGE_LIMIT = 6
 """Symmetric instances are looked for up to this many atoms (truth tables of 64 rows)."""
@@ -73,7 +73,6 @@ def template(formula: f.Formula) -> tuple[f.Formula, tuple[f.Atom, ...]]:
     return replaced(formula, names.__getitem__), found
 
 
-@lru_cache(maxsize=1024)
 def prepare(formula: f.Formula, static: Static, bound: tuple[str, ...] = (), *, itinerary: bool = True) -> Prepared:
     """Unfold, simplify, merge symmetric instances, and build the monitors.
 
@@ -86,6 +85,17 @@ def prepare(formula: f.Formula, static: Static, bound: tuple[str, ...] = (), *, 
     Raises:
         FormulaError: a monitor would be too large.
     """
+    kept = _few if len(static.agents) <= _FEW else _many
+    return kept(formula, static, bound, itinerary)
+
+
+def forget() -> None:
+    """Forget what was prepared."""
+    _few.cache_clear()
+    _many.cache_clear()
+
+
+def _prepare(formula: f.Formula, static: Static, bound: tuple[str, ...], itinerary: bool) -> Prepared:
     grounding = ground(formula, static, itinerary=itinerary)
     groups: dict[object, list[Instance]] = {}
     for instance in grounding.instances:
@@ -98,6 +108,12 @@ def prepare(formula: f.Formula, static: Static, bound: tuple[str, ...] = (), *, 
         members = tuple(_member(instance, bound) for instance in instances)
         found.append(Template(first.formula, shape_of(first.formula), members, synthesize(renamed), atoms))
     return Prepared(tuple(found), grounding.collapsed)
+
+
+_FEW = 12
+"""Models with so many agents come back: scenarios do. Recorded traffic doesn't, and its instances take megabytes."""
+_few = lru_cache(maxsize=1024)(_prepare)
+_many = lru_cache(maxsize=64)(_prepare)
 
 
 def _member(instance: Instance, bound: tuple[str, ...]) -> Member:

@@ -50,7 +50,7 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
     if j.status is not Status.OPEN:
         return False
     if awaited := _awaited(j):
-        owed = run.steps - 1 - (j.trigger or 0)
+        owed = (run.steps - 1 if j.ended is None else j.ended) - (j.trigger or 0)
         return me in awaited and owed * run.dt >= SET_OFF
     return any(e.index == me for e in _waiting(j)) and not any(stuck(run, k) for k in range(len(run.agents)) if k != me)
 

@@ -54,7 +54,7 @@ def _count(story: Story) -> str:
 def _roles(story: Story, j: Judgement) -> list[str]:
     """Return who yields to whom, since when, and where it broke."""
     run, shape = story.run, j.template.shape
-    tick = j.failed if j.failed is not None else run.steps - 1
+    tick = next(t for t in (j.failed, j.ended, run.steps - 1) if t is not None)
     lines = []
     if shape.waits is None or shape.goes is None:
         for e in agents_of(j.template.formula):
@@ -146,7 +146,7 @@ def _table(run: Run, j: Judgement, values: Values | None) -> list[str]:
     """Return the states in which the obligation began, was last kept, and broke, side by side."""
     if values is None:
         return []
-    last = j.failed if j.failed is not None else run.steps - 1
+    last = next(t for t in (j.failed, j.ended, run.steps - 1) if t is not None)
     ticks = sorted({t for t in (j.trigger, last - 1, last) if t is not None and t >= 0})
     agents = agents_of(j.template.formula)
     atoms = j.template.atoms
@@ -166,5 +166,6 @@ def _table(run: Run, j: Judgement, values: Values | None) -> list[str]:
         cells = [c.ljust(w) if k < centred else c.center(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
         return "  ".join(cells).rstrip()
 
-    marks = {last: "<- violated, no continuation can repair it" if j.failed is not None else "<- the run ends"}
+    ends = "<- the run ends" if j.ended is None else "<- the last state with all of them"
+    marks = {last: "<- violated, no continuation can repair it" if j.failed is not None else ends}
     return [line(head), *(f"{line(row)}   {marks[t]}" if t in marks else line(row) for t, row in zip(ticks, rows, strict=True))]

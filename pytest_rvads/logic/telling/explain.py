@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pytest_rvads.logic.judging.judge import Judgement
+from pytest_rvads.conduct.presence import last_seen
+from pytest_rvads.logic.judging.judge import Judgement, columns
 from pytest_rvads.logic.judging.responsibility import cause_between, responsible
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Status, Verdict
 from pytest_rvads.logic.ltl import formula as f
@@ -109,6 +110,10 @@ def _message(story: Story, worst: Judgement | None) -> str:
         wait = f"{say(shape.waits, be='is still')} and waits until {say(shape.goes)}"
     else:
         wait = f"still owed: {say(shape.obligation)}"
+    if (seen := last_seen(run, columns(worst.template))) is not None:
+        return (
+            f"{name} open: {wait}, since t={since} s when the recording of {seen[0]} ended at {clock(run, seen[1])} s{more}{hint}"
+        )
     return f"{name} open: {wait}, since t={since} s when the run ended at {end} s: deadlock, or too short a run{more}{hint}"
 
 
