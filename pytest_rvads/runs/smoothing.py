@@ -24,8 +24,8 @@ AGREE = 2.0
 REACHES = (0.15, 0.25, 0.4, 0.6, 0.9, 1.3, 2.0)
 """How far before and after a sample others are looked at [s]; the longest that agrees counts."""
 FAR = 2.0
-"""Over a longer way samples say nothing about the place of one between them [m], where speeds are measured: what a bend adds to the
-way of a bumper has changed by then."""
+"""Over a longer way samples say nothing about the place of one between them [m], where speeds are measured: what a bend adds to
+the way of a bumper has changed by then."""
 LONG = 0.6
 """Nor over a longer time, where they are not [s]: drivers begin and end to brake."""
 SHORT = 0.4
