@@ -70,7 +70,7 @@ def reordered(found: Judgement, known: Crossings, values: Values) -> Judgement:
     told = {id(e): e.told for e in everything}
     best: dict[Status, tuple[int, _Moments, Judgement]] = {}
     seen = set()
-    for moments in _choices(loose):
+    for moments in chain(({},), _choices(loose)):
         chosen = _followed({**told, **moments}, agents, known)
         if chosen is None:
             continue
@@ -84,10 +84,12 @@ def reordered(found: Judgement, known: Crossings, values: Values) -> Judgement:
         status = plain(judgement.status)
         if status not in best or moved < best[status][0]:
             best[status] = moved, chosen, judgement
+    others = [b for status, b in best.items() if status is not plain(found.status)]
+    if not others:
+        return found
     if len(best) == 1:
-        (only,) = best
-        return found if only is plain(found.status) else best[only][2]
-    other = min((b for status, b in best.items() if status is not plain(found.status)), key=lambda b: b[0])
+        return others[0][2]
+    other = min(others, key=lambda b: b[0])
     hinge = _hinge(everything, other[1], known, tie)
     return unsure(found, hinge)
 
