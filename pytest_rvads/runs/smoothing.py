@@ -13,10 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["roughness", "smoothed"]
+__all__ = ["DERIVED", "roughness", "smoothed"]
 
 _Values = NDArray[np.float64]
 
+DERIVED = 0.3
+"""Standard deviation of speeds that are worked out from stations, where none were measured [m/s]: whoever stops for a moment only
+is, averaged over `LONG`, up to three times as fast as this."""
 SURE = 3.0
 """An estimate is within so many of its standard deviations: 99.7 % of the time where errors are normal."""
 AGREE = 2.0

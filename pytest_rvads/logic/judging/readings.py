@@ -32,7 +32,7 @@ SURE = 3.0
 _SIZES, _SIDES, _PACE, _ALONG = "how near bodies came", "how far beside its way it was", "how fast it was", "how far it had come"
 _ASKS: dict[str, tuple[str, ...]] = {
     "collide": (_SIZES, _ALONG),
-    "meet": (_SIZES, _ALONG),
+    "meet": (_ALONG,),
     "inside": (_ALONG,),
     "off_lane": (_SIZES, _SIDES),
     "off_route": (_SIDES,),
@@ -40,6 +40,10 @@ _ASKS: dict[str, tuple[str, ...]] = {
     "speeding": (_PACE,),
     "stopped": (_PACE, _ALONG),
     "blocks": (_PACE, _ALONG),
+    "idles": (_PACE, _ALONG),
+    "may_go": (_PACE, _ALONG),
+    "owes": (_PACE, _ALONG),
+    "obstructs": (_PACE, _ALONG),
     "@": (_ALONG,),
 }
 """Per word, what in a run its truth turns on; of those that are not here, on everything."""
@@ -152,9 +156,13 @@ def _of_pace(run: Run) -> tuple[Reading, ...]:
     if by <= 0.0 or run.speed is None:
         return ()
     fast = np.abs(run.speed)
-    # A speed of exactly nothing is that of a stand which the positions prove.
-    speeds = (np.maximum(fast - by, 0.0), np.where(fast == 0.0, 0.0, fast + by))
-    return tuple(Reading(_PACE, by, replace(run, speed=np.copysign(speed, run.speed), spread=None)) for speed in speeds)
+    # A speed of exactly nothing is that of a stand which the positions prove. Who was slower did not come as far.
+    speeds = ((np.maximum(fast - by, 0.0), -1.0), (np.where(fast == 0.0, 0.0, fast + by), 1.0))
+    found = []
+    for speed, sign in speeds:
+        moved = run if run.spread is None else _moved(run, np.full(len(run.agents), sign))
+        found.append(Reading(_PACE, by, replace(moved, speed=np.copysign(speed, run.speed))))
+    return tuple(found)
 
 
 def _of_way(run: Run) -> tuple[Reading, ...]:
