@@ -16,6 +16,7 @@ from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.ground import ground, simplify, unfold
 from pytest_rvads.logic.judging.judge import Near, judge, nearest_miss
 from pytest_rvads.logic.judging.prepare import Template, prepare
+from pytest_rvads.logic.judging.readings import doubted
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule
 from pytest_rvads.logic.rules.rule import LONGEST_TIE, Rule
@@ -62,6 +63,9 @@ def check(
     to blame for none, whatever the traffic did is told with ``provoked`` set; and it passes only where an instance bound it
     to act. A violation that nobody could have helped is told with ``unavoidable`` set.
 
+    A run that is known to some accuracy only (`Run.spread`, `Excerpt`, a step longer than that of a simulation) is UNSURE where
+    another reading of it within that accuracy would change what an instance says, and nothing definite is worse.
+
     Returns:
         The verdict. What was sampled before a fault is judged: a violation stands, everything else is then an ERROR, as it is
         for a run that is empty or damaged.
@@ -79,7 +83,7 @@ def check(
     if broken:
         return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason if run.fault else str(broken[0])))
     run = without_jumps(run)
-    story = _judged(rule, Values(run, window, standing=standing), book, itinerary)
+    story = _judged(rule, Values(run, window, standing=standing), book, itinerary, standing)
     if run.fault is None:
         return tell(story)
     if story.status is Status.FAIL and not (story.provoked or story.unavoidable):
@@ -88,7 +92,7 @@ def check(
     return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason))
 
 
-def _judged(rule: Rule, values: Values, book: RuleBook, itinerary: bool) -> Story:
+def _judged(rule: Rule, values: Values, book: RuleBook, itinerary: bool, standing: bool) -> Story:
     """Return what a rule says of the states of a run, whatever ended it."""
     run = values.run
     if not rule.concerns(run.junction):
@@ -101,7 +105,7 @@ def _judged(rule: Rule, values: Values, book: RuleBook, itinerary: bool) -> Stor
             return Story(rule, run, Status.NA, reason=reason, collapsed=collapsed)
         return Story(rule, run, Status.PASS, collapsed=collapsed)
     try:
-        found = judge(templates, values)
+        found = doubted(judge(templates, values), values, standing=standing)
     except RunError as error:
         return Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=collapsed)
     whose = attribute(found, rule, values, book)
@@ -114,7 +118,7 @@ def _judged(rule: Rule, values: Values, book: RuleBook, itinerary: bool) -> Stor
     if whose.status is Status.PASS and run.facts.strayed and run.subject in (None, *run.facts.strayed):
         story.status = Status.OPEN
         story.reason = f"{' and '.join(run.facts.strayed)} left the route, which ended the run: what would have come is not known"
-    if values.tie > 0:
+    if values.tie > 0 and whose.status is not Status.UNSURE:
         exact = values.untied()
         status = attribute(judge(templates, exact), rule, exact, book).status
         if status is not whose.status:

@@ -142,10 +142,17 @@ class Recording(Sequence[Run]):
             speed,
             pose,
             facts=self.facts,
-            excerpt=Excerpt(float(ticks[0]), judged, self.position_accuracy, self.speed_accuracy),
+            excerpt=Excerpt(float(ticks[0]), judged, self.position_accuracy, self._speeds_known(tracks)),
             spread=None if all(track.spread is None for track in tracks) else spread,
             provenance={"recording": self.label},
         )
+
+    def _speeds_known(self, tracks: Sequence[Track]) -> float:
+        """Return the standard deviation of the speeds of vehicles [m/s], what happens between samples included."""
+        if self.position_accuracy <= 0.0:
+            return self.speed_accuracy
+        apart = float(np.median(np.concatenate([np.diff(track.times) for track in tracks])))
+        return max(self.speed_accuracy, HARDEST * max(apart - DT, 0.0) / 2 / 3)  # three deviations are all that can be
 
 
 def zones(way: Itinerary, station: NDArray[np.float64]) -> NDArray[np.int8]:
@@ -208,5 +215,7 @@ def _speeds(track: Track, at: NDArray[np.float64]) -> NDArray[np.float64]:
 
 _AROUND = 4
 """Samples that tell how a vehicle brakes and sets off between the two in their middle."""
+HARDEST = 5.0
+"""Nobody who is about to stop brakes or sets off harder than this [m/s^2]."""
 _AGREE = 0.1
 """By what share speed times time may differ from the way made between two samples, for speeds to be believed."""

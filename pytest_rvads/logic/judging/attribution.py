@@ -41,7 +41,7 @@ def attribute(found: Sequence[Judgement], rule: Rule, values: Values, book: Rule
 
     Without a subject: FAIL if any instance, else OPEN if any, else PASS if any was triggered, else NA. With one, what it is to
     blame for counts first; what only others broke is provoked; and it passes only where it was bound to act itself. Nobody passes
-    by never moving.
+    by never moving. What is UNSURE counts where it binds the subject; it is no violation, but nor is it excused or provoked.
 
     Args:
         found: what the instances say.
@@ -53,18 +53,23 @@ def attribute(found: Sequence[Judgement], rule: Rule, values: Values, book: Rule
     subject = run.subject
     if subject is None:
         excused = status is Status.FAIL and unavoidable(found, _with_companions(found, rule, run, book), values)
+        if excused and any(j.status is Status.UNSURE for j in found):
+            return Attribution(Status.UNSURE)
         acted = status is not Status.NA and any(drives(run, column) for column in range(len(run.agents)))
         return Attribution(Status.NA if status is Status.PASS and not acted else status, acted, excused)
     me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
     bound = any(j.status is not Status.NA and asked(j.template, values, me) for j in found)
+    open_to_doubt = any(j.status is Status.UNSURE and _binds(j.template, me) for j in found)
     if status not in _BROKEN:
-        return Attribution(status if bound else Status.NA, bound)
+        return Attribution(Status.UNSURE if open_to_doubt else Status.PASS if bound else Status.NA, bound or open_to_doubt)
     own = [j for j in found if j.status in _BROKEN and is_about(j, run, subject)]
     failed = [j for j in own if j.status is Status.FAIL]
     if failed and not unavoidable(failed, _with_companions(found, rule, run, book), values):
         return Attribution(Status.FAIL)
     if len(own) > len(failed) and not _excused(found, rule, values, book):
         return Attribution(Status.OPEN)
+    if open_to_doubt:
+        return Attribution(Status.UNSURE)
     if status is Status.FAIL and unavoidable(found, _with_companions(found, rule, run, book), values):
         return Attribution(status, bound, unavoidable=True)
     return Attribution(status, bound, provoked=True)
@@ -80,6 +85,10 @@ def companions(rule: Rule, run: Run, book: RuleBook) -> tuple[Template, ...]:
 def _overall(found: Iterable[Judgement]) -> Status:
     statuses = {j.status for j in found}
     return next((s for s in (Status.FAIL, Status.OPEN, Status.UNSURE, Status.PASS) if s in statuses), Status.NA)
+
+
+def _binds(template: Template, agent: int) -> bool:
+    return any(e.index == agent for member in template.members for e in member.bound)
 
 
 def _with_companions(found: Sequence[Judgement], rule: Rule, run: Run, book: RuleBook) -> list[Template]:

@@ -21,10 +21,44 @@ from pytest_rvads.logic.ltl.monitor import encode, run_machine
 from pytest_rvads.logic.rules.shape import Kind, conjuncts
 from pytest_rvads.logic.rules.sorts import Sort
 
-__all__ = ["Judgement", "Near", "asked", "judge", "nearest_miss", "walk"]
+__all__ = ["Happening", "Hinge", "Judgement", "Near", "asked", "judge", "nearest_miss", "unsure", "walk"]
 
 Near = tuple[Template, int, tuple[f.Formula, ...], int]
 """Where a rule came closest to being triggered: the instance, the tick, what was false, and for how many ticks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """An event that a verdict hangs on."""
+
+    agent: int | None
+    """The column of the vehicle, None of a light."""
+    light: int | None
+    """The entrance of the light, None of a vehicle."""
+    code: int
+    """Of the zone that the vehicle came to; of the colour that the light turned to."""
+    time: float | None
+    """Since the first state of the run [s]; None where what was recorded ends before."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hinge:
+    """What an UNSURE instance hangs on: the order of events, or how exactly something was measured."""
+
+    what: tuple[Happening, ...] = ()
+    """The two events, the earlier one first; or the one of which it is not known whether it happened."""
+    known: float = 0.0
+    """How exactly the time between them is known [s]; infinite where one may have happened at any time."""
+    tie: float = 0.0
+    """Up to how long after each other they count as at the same time [s]."""
+    reading: str = ""
+    """Where no order of events decides: what would have to be otherwise, in words."""
+
+    @property
+    def apart(self) -> float | None:
+        """Time between the two events [s]."""
+        times = [happening.time for happening in self.what if happening.time is not None]
+        return round(times[1] - times[0], 9) if len(times) == 2 else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +77,8 @@ class Judgement:
     """True when what had to be waited for came in the failing tick itself, too late by one step."""
     ended: int | None = None
     """Last tick in which all its agents were recorded, where one vanishes before the run ends."""
+    hinge: Hinge | None = None
+    """Of what is UNSURE, what it hangs on."""
 
 
 def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
@@ -68,6 +104,11 @@ def _placed(j: Judgement, begin: int, end: int, steps: int) -> Judgement:
         return j
     trigger, failed = (None if tick is None else begin + tick for tick in (j.trigger, j.failed))
     return replace(j, trigger=trigger, failed=failed, ended=end - 1 if end < steps else None)
+
+
+def unsure(found: Judgement, hinge: Hinge) -> Judgement:
+    """Return what an instance says where another reading of the run within its accuracy says something else."""
+    return Judgement(found.template, Status.UNSURE, found.trigger, margin=hinge.apart, hinge=hinge)
 
 
 def asked(template: Template, values: Values, agent: int) -> bool:

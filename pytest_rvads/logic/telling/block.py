@@ -16,6 +16,7 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import evaluate
 from pytest_rvads.logic.rules.shape import Kind, agents_of
 from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.telling.doubt import hangs
 from pytest_rvads.logic.telling.phrase import clock, colour_at, place, position, say, why, zone
 from pytest_rvads.logic.telling.story import Story, bound_names, happened
 from pytest_rvads.runs.run import Run
@@ -41,6 +42,8 @@ def block(story: Story, worst: Judgement | None, miss: NearMiss | None) -> list[
         return lines + [f"note      {note}" for note in story.notes]
     who = ", ".join(f"{k}={v}" for k, v in bound_names(worst.template))
     lines.append(f"instance  {who}   ({_count(story)})")
+    if worst.hinge is not None:
+        return [*lines, f"unsure    {hangs(run, worst)}", *(f"note      {note}" for note in story.notes)]
     lines += _roles(story, worst)
     lines += _table(run, worst, story.values)
     return lines + [f"note      {note}" for note in story.notes]

@@ -11,6 +11,7 @@ from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Statu
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.telling.block import block
+from pytest_rvads.logic.telling.doubt import hangs, since
 from pytest_rvads.logic.telling.phrase import clock, element_name, literal, say, why
 from pytest_rvads.logic.telling.story import Story, bound_names, happened
 from pytest_rvads.runs.run import Run
@@ -27,6 +28,9 @@ def tell(story: Story) -> Verdict:
     run, rule = story.run, story.rule
     ordered = story.ordered()
     worst = ordered[0] if ordered and story.status in (Status.FAIL, Status.OPEN) and not story.reason else None
+    doubt = next((j for j in ordered if j.status is Status.UNSURE), None) if story.status is Status.UNSURE else None
+    if doubt is not None:
+        story.reason = hangs(run, doubt)
     if story.cycle:
         around = " -> ".join((*story.cycle.agents, story.cycle.agents[0]))
         story.notes.insert(0, f"{_cyclic(story)} ({around}): each has to wait for the next, so no continuation could pass")
@@ -44,6 +48,8 @@ def tell(story: Story) -> Verdict:
     if worst is not None:
         tick = worst.failed if worst.failed is not None else worst.trigger
         time = None if tick is None else round(run.start + tick * run.dt, 9)
+    elif doubt is not None:
+        time = since(run, doubt)
     return Verdict(
         rule.name,
         story.status,
@@ -60,7 +66,7 @@ def tell(story: Story) -> Verdict:
         asked=story.asked,
         unavoidable=story.unavoidable,
         notes=tuple(story.notes),
-        explanation="\n".join(block(story, worst, miss)),
+        explanation="\n".join(block(story, worst or doubt, miss)),
         requirement=rule.requirement,
         dt=run.dt,
         start=run.start,
@@ -83,6 +89,7 @@ def _instance(j: Judgement, run: Run) -> InstanceVerdict:
         j.failed,
         tuple(literal(a, v) for a, v in j.broken),
         j.margin,
+        hangs(run, j),
     )
 
 
@@ -90,6 +97,9 @@ def _message(story: Story, worst: Judgement | None) -> str:
     name, run, status = story.rule.name, story.run, story.status
     if status in (Status.NA, Status.ERROR):
         return f"{name} {status}: {story.reason}"
+    if status is Status.UNSURE:
+        doubts = sum(j.status is status for j in story.found)
+        return f"{name} UNSURE: {story.reason}" + (f" (the first of {doubts} instances)" if doubts > 1 else "")
     if status is Status.OPEN and story.reason:
         return f"{name} open: {story.reason}"
     if worst is None:
@@ -119,6 +129,8 @@ def _message(story: Story, worst: Judgement | None) -> str:
 
 def _violated(story: Story, worst: Judgement | None) -> str:
     """Return what was violated in words that are the same whoever did it."""
+    if story.status is Status.UNSURE:
+        return "unsure: another reading of the recording within its accuracy would change the verdict"
     if worst is None:
         return story.reason
     if story.cycle:

@@ -1,0 +1,211 @@
+"""Other readings of a run: where what was measured may have been otherwise within its accuracy, and what instances say then.
+
+A reading is a run of its own, in which everything fits together; truth values that change one by one would put a vehicle in
+two places at once. Order of events has all its readings (`orders`); for the rest there are a few, at the ends of what can be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import ceil, log2
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.conduct.lane import itinerary
+from pytest_rvads.conduct.predicates import once
+from pytest_rvads.logic.judging.crossings import crossings
+from pytest_rvads.logic.judging.evaluate import Values
+from pytest_rvads.logic.judging.judge import Hinge, Judgement, judge, unsure
+from pytest_rvads.logic.judging.orders import about_order, plain, reordered
+from pytest_rvads.logic.judging.prepare import Template
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.rules.shape import agents_of
+from pytest_rvads.runs.recording import zones
+from pytest_rvads.runs.run import Run
+
+__all__ = ["SURE", "Reading", "doubted"]
+
+SURE = 3.0
+"""What was measured is within so many standard deviations."""
+_SIZES, _SIDES, _PACE, _ALONG = "how near bodies came", "how far beside its way it was", "how fast it was", "how far it had come"
+_ASKS: dict[str, tuple[str, ...]] = {
+    "collide": (_SIZES, _ALONG),
+    "meet": (_ALONG,),
+    "inside": (_ALONG,),
+    "off_lane": (_SIZES, _SIDES),
+    "off_route": (_SIDES,),
+    "lane_allows": (_SIDES,),
+    "speeding": (_PACE,),
+    "stopped": (_PACE, _ALONG),
+    "blocks": (_PACE, _ALONG),
+    "idles": (_PACE, _ALONG),
+    "may_go": (_PACE, _ALONG),
+    "owes": (_PACE, _ALONG),
+    "obstructs": (_PACE, _ALONG),
+    "@": (_ALONG,),
+}
+"""Per word, what in a run its truth turns on; of those that are not here, on everything."""
+_EVERYTHING = (_SIZES, _SIDES, _PACE, _ALONG)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Another reading of a run."""
+
+    asks: str
+    """What is read otherwise, in words."""
+    within: float
+    """By how much at most [m or m/s]."""
+    run: Run
+
+    @property
+    def words(self) -> str:
+        """What is read otherwise, and by how much."""
+        return f"{self.asks}, known to {self.within:.2f} {'m/s' if self.asks == _PACE else 'm'}"
+
+
+def doubted(found: Sequence[Judgement], values: Values, *, standing: bool = False) -> list[Judgement]:
+    """Return what instances say, UNSURE where another reading of the run within its accuracy says something else.
+
+    Args:
+        found: what they say of the run as it was recorded.
+        values: of the run.
+        standing: waiting times count from standstill, so speeds decide orders, too.
+    """
+    run, result = values.run, list(found)
+    known = crossings(run)
+    if not known.exact:
+        result = [reordered(j, known, values) if about_order(j.template) and not standing else j for j in result]
+    rest = {k: j for k, j in enumerate(found) if standing or not about_order(j.template)}
+    asked = {ask for j in rest.values() for ask in _asks(j.template)}
+    for ask in (a for a in _EVERYTHING if a in asked):
+        for reading in _readings(run, ask):
+            left = {k: j for k, j in rest.items() if result[k] is j and ask in _asks(j.template) and _near(run, j)}
+            again = Values(reading.run, values.tie, standing=standing)
+            others = judge(tuple(j.template for j in left.values()), again) if left else []
+            for (k, j), other in zip(left.items(), others, strict=True):
+                if plain(other.status) is not plain(j.status):
+                    result[k] = unsure(j, Hinge(reading=reading.words))
+    return result
+
+
+def _asks(template: Template) -> frozenset[str]:
+    """Return what in a run an instance turns on."""
+    return frozenset(ask for atom in template.atoms for ask in _ASKS.get(atom.name, _EVERYTHING if _is_word(atom) else (_PACE,)))
+
+
+def _is_word(atom: f.Atom) -> bool:
+    return not any(isinstance(term, f.Attr) for term in atom.terms)
+
+
+def _near(run: Run, j: Judgement) -> bool:
+    """Return whether the vehicles of an instance come so near to each other that a reading can matter."""
+    agents = [e.index for e in agents_of(j.template.formula)]
+    if len(agents) < 2 or run.pose is None:
+        return True
+    return bool(once(run, _nearby)[agents[0], agents[1]])
+
+
+NEARBY = 30.0
+"""Vehicles whose fronts were never nearer to each other than this have nothing to do with each other [m]: a car and a truck,
+and the gap that one of them is due in at 5 m/s."""
+
+
+def _nearby(run: Run) -> NDArray[np.bool_]:
+    """Return which vehicles ever come within `NEARBY` of each other, shape ``(agents, agents)``."""
+    places = run.need("pose")[:: max(round(0.2 / run.dt), 1), :, :2]
+    found = np.zeros((len(run.agents), len(run.agents)), dtype=np.bool_)
+    for column in range(len(run.agents)):
+        apart = places - places[:, column, None]
+        found[column] = ((apart**2).sum(axis=-1) < NEARBY**2).any(axis=0)  # of who is absent it is NaN, which is not less
+    return found
+
+
+def _readings(run: Run, ask: str) -> tuple[Reading, ...]:
+    """Return the other readings of a run as to something, made once."""
+    return once(run, _MAKERS[ask])
+
+
+def _of_sizes(run: Run) -> tuple[Reading, ...]:
+    by = 0.0 if run.excerpt is None else SURE * run.excerpt.position_accuracy
+    if by <= 0.0 or run.pose is None or run.station is None or not all(agent.size for agent in run.agents):
+        return ()
+    return tuple(Reading(_SIZES, by, _sized(run, signed)) for signed in (by, -by))
+
+
+def _sized(run: Run, by: float) -> Run:
+    """Return a run whose bodies reach farther on all sides [m]."""
+    agents = tuple(
+        replace(agent, size=(max(agent.size[0] + 2 * by, by), max(agent.size[1] + 2 * by, abs(by)))) if agent.size else agent
+        for agent in run.agents
+    )
+    return replace(run, agents=agents, pose=_shifted(run, by, 0.0), station=run.need("station") + by, spread=None)
+
+
+def _of_sides(run: Run) -> tuple[Reading, ...]:
+    by = 0.0 if run.excerpt is None else SURE * run.excerpt.position_accuracy
+    if by <= 0.0 or run.pose is None:
+        return ()
+    return tuple(Reading(_SIDES, by, replace(run, pose=_shifted(run, 0.0, to), spread=None)) for to in (by, -by))
+
+
+def _of_pace(run: Run) -> tuple[Reading, ...]:
+    by = 0.0 if run.excerpt is None else SURE * run.excerpt.speed_accuracy
+    if by <= 0.0 or run.speed is None:
+        return ()
+    fast = np.abs(run.speed)
+    # A speed of exactly nothing is that of a stand which the positions prove. Who was slower did not come as far.
+    speeds = ((np.maximum(fast - by, 0.0), -1.0), (np.where(fast == 0.0, 0.0, fast + by), 1.0))
+    found = []
+    for speed, sign in speeds:
+        moved = run if run.spread is None else _moved(run, np.full(len(run.agents), sign))
+        found.append(Reading(_PACE, by, replace(moved, speed=np.copysign(speed, run.speed))))
+    return tuple(found)
+
+
+def _of_way(run: Run) -> tuple[Reading, ...]:
+    if run.spread is None or run.station is None:
+        return ()
+    within = float(np.nanmax(run.spread, initial=0.0))
+    return tuple(Reading(_ALONG, within, _moved(run, signs)) for signs in _patterns(run)) if within > 0.0 else ()
+
+
+def _patterns(run: Run) -> Iterator[NDArray[np.float64]]:
+    """Yield which agents are ahead of where they were measured (1) and which behind (-1).
+
+    Those of one entrance are so together; of any two entrances each is once ahead when the other one is behind.
+    """
+    entrances = np.array([agent.entrance for agent in run.agents])
+    for bit in range(max(ceil(log2(max(len(run.junction.entrances), 2))), 1)):
+        signs = np.where(entrances >> bit & 1, 1.0, -1.0)
+        yield signs
+        yield -signs
+
+
+def _moved(run: Run, signs: NDArray[np.float64]) -> Run:
+    """Return a run in which every agent is as far ahead of where it was measured, or behind, as it may have been."""
+    by = signs * np.asarray(run.spread)
+    station, zone = run.need("station") + by, run.zone.copy()
+    for column, (begin, end) in enumerate(run.spans.tolist()):
+        who = run.agents[column]
+        zone[begin:end, column] = zones(itinerary(run.junction, who.entrance, who.exit), station[begin:end, column])
+    return replace(run, zone=zone, station=station, pose=None if run.pose is None else _shifted(run, by, 0.0), spread=None)
+
+
+def _shifted(run: Run, ahead: float | NDArray[np.float64], left: float) -> NDArray[np.float64]:
+    """Return poses further ahead and to the left [m]."""
+    pose = run.need("pose").copy()
+    cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
+    pose[..., 0] += ahead * cos - left * sin
+    pose[..., 1] += ahead * sin + left * cos
+    return pose
+
+
+_MAKERS: dict[str, Callable[[Run], tuple[Reading, ...]]] = {
+    _SIZES: _of_sizes,
+    _SIDES: _of_sides,
+    _PACE: _of_pace,
+    _ALONG: _of_way,
+}
