@@ -138,9 +138,15 @@ def test_a_size_is_needed_where_points_are_centres(tmp_path: Path) -> None:
     one = drive(STOP, (0, 2))
     columns = {"time": one.times, "id": ["v"] * len(one.times), "x": one.moved(2.3)[:, 0], "y": one.moved(2.3)[:, 1]}
     with pytest.raises(
-        RunError, match=r"the log has no length of 'v'.* give --size \(size=\), such as 4.6,1.8, or --point front"
+        RunError, match=r"table: it has no lengths of vehicles, .* give --size \(size=\), such as 4.6,1.8, or --point front"
     ):
         read_tracks(columns, STOP)
+    other = {**columns, "id": ["sized"] * len(one.times), "length": [LENGTH] * len(one.times), "width": [WIDTH] * len(one.times)}
+    nothing = [None] * len(one.times)
+    both = {name: [*columns.get(name, nothing), *values] for name, values in other.items()}
+    found = read_tracks(both, STOP)
+    assert [track.agent.name for track in found.tracks] == ["sized"]
+    assert reasons(found)["v"].startswith("its length is not known")
     track = read_tracks(columns, STOP, size=(LENGTH, WIDTH)).tracks[0]
     assert track.agent.size == (LENGTH, WIDTH)
     assert np.allclose(track.pose[:, :2], one.points, atol=0.01)  # its heading is that of its way
