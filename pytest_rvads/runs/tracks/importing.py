@@ -137,8 +137,8 @@ def light_log(log: Log, lights: str | os.PathLike[str] | None) -> Mapping[str, C
 
 def unlit(shown: Mapping[str, Changes], junction: Junction) -> str:
     """Return the sentence that none of the lights is at a junction."""
-    known = ", ".join(sorted(signals_at(junction)))
-    return f"none of the lights ({', '.join(sorted(shown)):.200}) is at junction {junction.name!r}, which knows {known:.300}"
+    given, known = (one_line(", ".join(sorted(names)), 300) for names in (shown, signals_at(junction)))
+    return f"none of the lights ({given}) is at junction {junction.name!r}, which knows {known}"
 
 
 def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[str, Changes], label: str) -> Recording:
