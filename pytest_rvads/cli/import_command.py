@@ -171,9 +171,9 @@ def _lines(told: dict[str, Any], *, verbose: bool) -> list[str]:
     """Return what came in, in words, line by line."""
     offset, accuracy, clock, out = told["offset"], told["accuracy"], told["clock"], told["left_out"]
     known = "stated" if accuracy["stated"] else "estimated"
+    vehicles, periods = _counted(told["vehicles"], "vehicle"), _counted(told["periods"], "busy period")
     lines = [
-        f"{told['file']}: {_counted(told['vehicles'], 'vehicle')} at {told['junction']}, "
-        f"{_counted(told['periods'], 'busy period')}",
+        f"{told['file']}: {vehicles} at {told['junction']}, {periods}",
         f"from {clock['begin']:g} to {clock['end']:g} s, a sample every {clock['step']:g} s, now every {clock['resampled']:g} s",
         "; ".join(f"{count} from {way}" for way, count in told["movements"].items()),
         f"beside their ways by {offset['mean']:.2f} m on average, at most {offset['worst']:.2f} m ({offset['vehicle']})",

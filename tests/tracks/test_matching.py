@@ -1,12 +1,14 @@
 """Every vehicle is matched to the way that it drove, whatever else the log holds; who is left out is told why."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find, names
+from pytest_rvads.junctions.finder import find, load, names
+from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.tracks.importing import read_tracks
 from pytest_rvads.runs.tracks.logformats import Point
@@ -136,13 +138,44 @@ def test_tracks_of_another_origin_are_told_how_to_move(tmp_path: Path) -> None:
 
 def test_a_size_is_needed_where_points_are_centres(tmp_path: Path) -> None:
     one = drive(STOP, (0, 2))
-    columns = {"time": one.times, "id": ["v"] * len(one.times), "x": one.moved(2.3)[:, 0], "y": one.moved(2.3)[:, 1]}
+    columns: dict[str, Any] = {
+        "time": one.times,
+        "id": ["v"] * len(one.times),
+        "x": one.moved(2.3)[:, 0],
+        "y": one.moved(2.3)[:, 1],
+    }
     with pytest.raises(
-        RunError, match=r"the log has no length of 'v'.* give --size \(size=\), such as 4.6,1.8, or --point front"
+        RunError, match=r"table: it has no lengths of vehicles, .* give --size \(size=\), such as 4.6,1.8, or --point front"
     ):
         read_tracks(columns, STOP)
+    count = len(one.times)
+    rows = {name: [*columns[name]] * 2 for name in ("time", "x", "y")}
+    told = {"id": ["v"] * count + ["sized"] * count, "length": [None] * count + [LENGTH] * count, "width": [WIDTH] * 2 * count}
+    found = read_tracks({**rows, **told}, STOP)
+    assert [track.agent.name for track in found.tracks] == ["sized"]
+    assert reasons(found)["v"].startswith("its length is not known")
     track = read_tracks(columns, STOP, size=(LENGTH, WIDTH)).tracks[0]
     assert track.agent.size == (LENGTH, WIDTH)
     assert np.allclose(track.pose[:, :2], one.points, atol=0.01)  # its heading is that of its way
     assert np.allclose(track.speed, 8.0, atol=0.01)  # and its speed that of its places
     assert read_tracks(columns, STOP, point="front").tracks[0].agent.size is None
+
+
+@pytest.mark.parametrize("map", ["multi_intersections", "Town07", "sumo_skew4", "fabriksgatan"])
+def test_on_maps_of_other_people_every_vehicle_is_where_it_was(shared: Path, tmp_path: Path, map: str) -> None:
+    path = shared / "maps" / f"{map}.xodr"
+    usable = [report.id for report in load(path).junctions if report.usable][:3]
+    places = [find(id, path) for id in usable]
+    drives: dict[str, Drive] = {}
+    for place in places:
+        for key in sorted(place.movements):
+            way = Itinerary.through(place, *key)
+            name = f"{place.id} {key[0]} {key[1]}"
+            drives[name] = drive(place, key, name, start=30.0 * len(drives), begin=max(-40.0, 0.5 - way.origin))
+    log = write_csv(tmp_path / "t.csv", [*drives.values()], noise=0.1)
+    for place in places:
+        recording = read_tracks(log, place)
+        found = {track.agent.name: track.agent.route.key for track in recording.tracks}
+        wrong = {name: key for name, key in found.items() if name != f"{place.id} {key[0]} {key[1]}"}
+        missing = [name for name in drives if name.startswith(f"{place.id} ") and name not in found]
+        assert (wrong, missing) == ({}, [])

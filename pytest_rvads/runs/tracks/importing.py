@@ -32,6 +32,7 @@ _Values = NDArray[np.float64]
 _AHEAD = {"front": 0.0, "center": 0.5, "rear_axle": AXLE}
 """How far ahead of its point the front bumper of a vehicle is, as a share of its length."""
 _WALKS = "it is a pedestrian"
+_UNSIZED = "its length is not known, which is needed to tell where its front is: --size (size=) gives one"
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +137,8 @@ def light_log(log: Log, lights: str | os.PathLike[str] | None) -> Mapping[str, C
 
 def unlit(shown: Mapping[str, Changes], junction: Junction) -> str:
     """Return the sentence that none of the lights is at a junction."""
-    known = ", ".join(sorted(signals_at(junction)))
-    return f"none of the lights ({', '.join(sorted(shown)):.200}) is at junction {junction.name!r}, which knows {known:.300}"
+    given, known = (one_line(", ".join(sorted(names)), 300) for names in (shown, signals_at(junction)))
+    return f"none of the lights ({given}) is at junction {junction.name!r}, which knows {known}"
 
 
 def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[str, Changes], label: str) -> Recording:
@@ -148,10 +149,18 @@ def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[st
     """
     if not junction.drivable:
         raise RunError(f"junction {junction.name!r} holds no geometry, which tracks are matched to: give its map")
+    unsized = [vehicle for vehicle in log.vehicles if _ahead(vehicle, intake) is None]
+    if unsized and len(unsized) == len(log.vehicles):
+        raise RunError(
+            f"{log.where}: it has no lengths of vehicles, which are needed where points are the {intake.point}: give --size "
+            "(size=), such as 4.6,1.8, or --point front"
+        )
     matcher = Matcher(junction)
     found: list[tuple[str, Samples, Matched]] = []
-    left_out = list(log.refused)
+    left_out = [*log.refused, *((vehicle.name, _UNSIZED) for vehicle in unsized)]
     for vehicle in log.vehicles:
+        if _ahead(vehicle, intake) is None:
+            continue
         matches = [STANDS] if len(vehicle.times) < 2 else list(matcher.match(vehicle, *placed(vehicle, intake)))
         if vehicle.kind is Kind.PEDESTRIAN:
             matches = [_WALKS]
@@ -190,25 +199,19 @@ def _tracks(
 
 
 def placed(vehicle: Samples, intake: Intake) -> tuple[_Values, _Values]:
-    """Return the middle of the front bumper of a vehicle [m], and where it heads [rad], of every sample.
-
-    Raises:
-        RunError: its length is needed and nobody told it.
-    """
+    """Return the middle of the front bumper of a vehicle [m], and where it heads [rad], of every sample."""
     heading = directions(vehicle.points) if vehicle.heading is None else vehicle.heading
-    ahead = vehicle.ahead
-    if ahead is None and _AHEAD[intake.point]:
-        size = vehicle.size or intake.size
-        if size is None:
-            raise RunError(
-                f"the log has no length of {vehicle.name!r}, which is needed where its points are its {intake.point}: give "
-                "--size (size=), such as 4.6,1.8, or --point front"
-            )
-        ahead = _AHEAD[intake.point] * size[0]
     points = vehicle.points + np.asarray(intake.offset, dtype=np.float64)
-    if ahead:
-        points = points + ahead * np.column_stack((np.cos(heading), np.sin(heading)))
-    return points, heading
+    ahead = _ahead(vehicle, intake) or 0.0
+    return points + ahead * np.column_stack((np.cos(heading), np.sin(heading))), heading
+
+
+def _ahead(vehicle: Samples, intake: Intake) -> float | None:
+    """Return how far ahead of its point the front of a vehicle is [m]; None where that takes a length that nobody told."""
+    share, size = _AHEAD[intake.point], vehicle.size or intake.size
+    if vehicle.ahead is not None or not share:
+        return vehicle.ahead or 0.0
+    return None if size is None else share * size[0]
 
 
 def _named(name: str, number: int) -> str:

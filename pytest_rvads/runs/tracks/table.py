@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.errors import RunError, suggest
 from pytest_rvads.runs.tracks.samples import Gather, Log, kind_of
+from pytest_rvads.wording import one_line
 
 __all__ = ["PRESETS", "TEXTS", "Column", "Rows", "as_numbers", "columns_of", "log_of", "numbers_one_by_one", "parse_columns"]
 
@@ -145,8 +146,8 @@ def columns_of(
         else:
             if field in told or field in _REQUIRED:
                 wanted = f"column {told[field]!r:.60}" if field in told else f"column for the {field} ({', '.join(texts)})"
-                listed = ", ".join(names[:20])
-                raise RunError(f"{where}: row 1 has no {wanted}, it has {listed:.300}: name it by --columns {field}=...")
+                listed = one_line(", ".join(names[:20]), 300)
+                raise RunError(f"{where}: row 1 has no {wanted}, it has {listed}: name it by --columns {field}=...")
     return found
 
 
