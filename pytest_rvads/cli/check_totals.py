@@ -78,8 +78,8 @@ class Totals:
     @property
     def sums(self) -> str:
         """How much was judged, in a sentence."""
-        told = f"{self.runs:,} runs, {self.vehicles:,} vehicles judged"
-        return f"{told}; {self.troubles:,} times something could not be read or judged, told above" if self.troubles else told
+        told = f"{_several(self.runs, 'run')}, {_several(self.vehicles, 'vehicle')} judged"
+        return f"{told}; {_several(self.troubles, 'thing')} could not be read or judged" if self.troubles else told
 
     def exit_status(self, *, told: bool) -> int:
         """Return the exit status; what is `told` to a program is not also told by 1 and 5."""
@@ -93,3 +93,7 @@ class Totals:
             warn(f"rvads: nothing was judged: {why}")
             return 5
         return 1 if found & {Status.FAIL, Status.OPEN} else 0
+
+
+def _several(count: int, what: str) -> str:
+    return f"{count:,} {what}{'' if count == 1 else 's'}"

@@ -50,7 +50,8 @@ function show(index) {
   told.forEach(([row, label, changes]) => { row.firstChild.textContent = `${label}: ${at(changes, now)}`; });
   get("scrub").value = now;
   get("clock").value = time.toFixed(2) + " s";
-  [...get("events").children].forEach(b => b.classList.toggle("past", +b.dataset.time < time - 1e-9));
+  const list = get("events"), coming = [...list.children].filter(b => !b.classList.toggle("past", +b.dataset.time < time - 1e-9))[0];
+  list.scrollTop = (coming ? coming.offsetTop - list.offsetTop : list.scrollHeight) - list.clientHeight / 2;
 }
 function make(tag, parent, text, kind) {
   const one = document.createElement(tag);

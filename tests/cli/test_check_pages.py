@@ -204,7 +204,7 @@ def test_an_index_is_written_whatever_ends_it(
     monkeypatch.setattr(run_answers, "check", interrupted)
     assert main(["check", str(tmp_path), "--rule", "p1", "--html", str(tmp_path / "pages")]) == 130
     index = (tmp_path / "pages" / "index.html").read_text(encoding="utf-8")
-    assert "1 runs, 2 vehicles judged" in index
+    assert "1 run, 2 vehicles judged" in index
     assert index.count("<tr><td") == 1
 
 
