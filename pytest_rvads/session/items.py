@@ -25,7 +25,20 @@ if TYPE_CHECKING:
     from pytest_rvads.runs.run import Run
     from pytest_rvads.simulators.simulator import Simulator
 
-__all__ = ["OPTIONS", "RECORD", "REPEAT", "RUN", "SIMULATOR", "VERDICTS", "NoVerdict", "NotJudged", "attach", "letter", "prepare"]
+__all__ = [
+    "OPTIONS",
+    "RECORD",
+    "REPEAT",
+    "RUN",
+    "SIMULATOR",
+    "VERDICTS",
+    "NoVerdict",
+    "NotJudged",
+    "Unsure",
+    "attach",
+    "letter",
+    "prepare",
+]
 
 OPTIONS: pytest.StashKey[Options] = pytest.StashKey()
 RECORD: pytest.StashKey[Record] = pytest.StashKey()
@@ -34,6 +47,8 @@ VERDICTS: pytest.StashKey[list[Verdict]] = pytest.StashKey()
 
 _LONGEST = 20_000
 """Of a message [characters]."""
+_SKIPPED = (Outcome.NA, Outcome.UNSURE)
+"""What skips a test by itself: its reason is told at the test."""
 
 
 class NoVerdict(pytest.fail.Exception):  # type: ignore[name-defined,misc]
@@ -44,7 +59,11 @@ class NotJudged(NoVerdict):
     """A test that was to judge its run did not."""
 
 
-for _shown in (NoVerdict, NotJudged):
+class Unsure(NoVerdict):
+    """A verdict that another reading of the recording would change, where that is to fail."""
+
+
+for _shown in (NoVerdict, NotJudged, Unsure):
     _shown.__module__ = "builtins"  # as pytest's own: it is shown, and nobody is to import it
 
 RUN: pytest.StashKey[Run] = pytest.StashKey()
@@ -64,12 +83,12 @@ def prepare(item: pytest.Item) -> bool:
 
 
 def letter(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
-    """Return how to show NA, counted with the skips, and what a time budget had no room for, counted apart."""
+    """Return how to show NA and UNSURE, counted with the skips, and what a time budget had no room for, counted apart."""
     record = getattr(report, "rvads", None)
     if not record:
         return None
     outcome = Outcome(record["status"])
-    if report.when == "call" and report.skipped and outcome is Outcome.NA:
+    if report.when == "call" and report.skipped and outcome in _SKIPPED:
         return "skipped", outcome.letter, outcome.value
     if report.when == "setup" and record["message"].startswith("NOT RUN: "):
         return "not run", outcome.letter, outcome.value
@@ -125,6 +144,7 @@ def _concluded(item: pytest.Item, raised: BaseException | None, report: pytest.T
     text = str(raised) if raised else report.longrepr if isinstance(report.longrepr, str) else ""
     known = _known(report, raised, text)
     error = None if raised is None or isinstance(raised, AssertionError) else Outcome.ERROR
+    told = Outcome.NOT_JUDGED if isinstance(raised, NotJudged) else Outcome.UNSURE if isinstance(raised, Unsure) else error
     return conclude(
         item.stash[RECORD],
         [verdict.record() for verdict in item.stash[VERDICTS]],
@@ -132,7 +152,7 @@ def _concluded(item: pytest.Item, raised: BaseException | None, report: pytest.T
         report.outcome,
         known=known,
         text=printable(text, _LONGEST),
-        error=Outcome.NOT_JUDGED if isinstance(raised, NotJudged) else error,
+        error=told,
     )
 
 
@@ -150,7 +170,7 @@ def _known(report: pytest.TestReport, raised: BaseException | None, text: str) -
 
 
 def _publish(item: pytest.Item, record: Record, report: pytest.TestReport) -> None:
-    """Put a record on a report, with its properties and, of NA, the place."""
+    """Put a record on a report, with its properties and, of what skipped its test, the place."""
     from pytest_rvads.report.record import properties, sent
 
     item.stash[RECORD] = record
@@ -160,7 +180,7 @@ def _publish(item: pytest.Item, record: Record, report: pytest.TestReport) -> No
     names = {name for name, _ in mine}
     item.user_properties[:] = [p for p in item.user_properties if p[0] not in names] + mine
     report.user_properties = list(item.user_properties)
-    if report.skipped and record.status is Outcome.NA:
+    if report.skipped and record.status in _SKIPPED:
         path, line, _ = item.location
         report.longrepr = (str(path), (line or 0) + 1, record.message)
 
@@ -198,9 +218,9 @@ def _repeated(item: pytest.Item, record: Record, report: pytest.TestReport) -> R
 
 
 def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
-    """Print what there is to say of a violation, and return the record with the page that shows it."""
+    """Print what there is to say of a violation, or of one that may be, and return the record with the page that shows it."""
     verdicts = item.stash[VERDICTS]
-    if not (report.failed and verdicts and verdicts[-1].status in ("FAIL", "OPEN")):
+    if not (report.failed and verdicts and verdicts[-1].status in ("FAIL", "OPEN", "UNSURE")):
         return record
     from msgspec.structs import replace
 
