@@ -208,8 +208,8 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     orbit: str = ""
     """The least scenario of the class, where the number does not tell which one that is."""
     recording: str = ""
-    """What was recorded, as in the id of the item: file, and time or label where it holds several runs. It has neither a class nor
-    a scenario nor a configuration: those are 0 and empty."""
+    """What was recorded, as in the id of the item: file, and time or label where it holds several runs. It has no class, no
+    scenario and no configuration: those are 0 and empty."""
 
     @property
     def took_part(self) -> str:

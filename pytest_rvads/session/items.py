@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from pytest_rvads.collection.cells import RecordedCell
 from pytest_rvads.drivers.naming import stand_in
 from pytest_rvads.options import Options
 from pytest_rvads.report.outcome import Outcome
@@ -19,10 +20,12 @@ from pytest_rvads.session.plan import start
 from pytest_rvads.wording import one_line, printable
 
 if TYPE_CHECKING:
+    from pytest_rvads.collection import Cell
     from pytest_rvads.logic.judging.verdicts import Verdict
     from pytest_rvads.report.record import Record
     from pytest_rvads.runs.divergence import Divergence
     from pytest_rvads.runs.run import Run
+    from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = [
@@ -235,20 +238,23 @@ def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> 
     return replace(record, look=page)
 
 
-def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: pytest.TestReport) -> tuple[str, str]:
-    """Return what to print of a failure, and its page or nothing; its picture is put on the report."""
+def _made(item: pytest.Item, scenario: Scenario, record: Record) -> list[str]:
+    """Return who drove, what simulated, from which start, and whether that was beyond the braking envelope, a line each."""
     from pytest_rvads.scenarios.configurations import Configuration, probe
     from pytest_rvads.simulators.simulator import vmax
 
-    cell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
-    scenario = cell.scenario
-    made = [f"driven by {record.driver}", f"simulated by {record.simulator}"]
-    lines = [verdict.explanation, *made, f"start     {scenario.describe()}"]
+    made = [f"driven by {record.driver}", f"simulated by {record.simulator}", f"start     {scenario.describe()}"]
     point = Configuration(scenario.configuration, scenario.distances, scenario.speeds)
     vehicle = item.funcargs.get("rvads_vehicle")  # type: ignore[attr-defined]
     probed = probe(point, lambda distance: vmax(distance, scenario.aggression, vehicle, item.stash[SIMULATOR]))
-    if probed:
-        lines.append(f"probe     {probed}")
+    return [*made, f"probe     {probed}"] if probed else made
+
+
+def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: pytest.TestReport) -> tuple[str, str]:
+    """Return what to print of a failure, and its page or nothing; its picture is put on the report."""
+    cell: Cell | RecordedCell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
+    made = [f"recorded  {cell.path}"] if isinstance(cell, RecordedCell) else _made(item, cell.scenario, record)
+    lines = [verdict.explanation, *made]
     run, folder = item.stash.get(RUN, None), item.config.stash[OPTIONS].artefacts
     rerun, page = f'rerun     pytest "{item.nodeid}"', ""
     if folder and run is not None:
