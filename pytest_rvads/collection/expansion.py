@@ -225,11 +225,16 @@ def _takes_rule(metafunc: pytest.Metafunc, rules: object) -> bool:
 def _add(cell: C, cells: dict[str, C]) -> None:
     """Add a cell once; refuse one that differs from another only in what is not part of their id."""
     known = cells.setdefault(cell.id, cell)
-    if known is not cell and known != cell:
+    if known is cell or known == cell:
+        return
+    if isinstance(cell, RecordedCell) and isinstance(known, RecordedCell):
         raise ScenarioError(
-            f"two different scenarios have the id {cell.id!r}: they differ in duration, aggression, wait or map, which ids "
-            "do not tell; put them into two tests"
+            f"{known.path} and {cell.path} would both be called {cell.run!r} in ids: rename one of them, or make two tests"
         )
+    raise ScenarioError(
+        f"two different scenarios have the id {cell.id!r}: they differ in duration, aggression, wait or map, which ids "
+        "do not tell; put them into two tests"
+    )
 
 
 def _note(

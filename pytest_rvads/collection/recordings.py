@@ -5,9 +5,9 @@ from __future__ import annotations
 import glob
 import os
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,7 +90,7 @@ class Recordings:
         """Return the files of a test in `folder`, each with what it is called in ids.
 
         Raises:
-            ScenarioError: a pattern matches nothing, or two files would be called the same.
+            ScenarioError: a pattern matches nothing.
         """
         found: dict[Path, str] = {}
         for pattern in self.patterns:
@@ -102,12 +102,6 @@ class Recordings:
                 )
             for path, name in here.items():
                 found.setdefault(path, name)
-        first: dict[str, Path] = {}
-        for path, name in found.items():
-            if first.setdefault(name, path) != path:
-                raise ScenarioError(
-                    f"{first[name]} and {path} would both be called {name!r} in ids: rename one of them, or make two tests of it"
-                )
         return found
 
     def cells(self, files: Iterable[tuple[Path, str]], opened: OpenFiles, takes_rule: bool) -> Iterator[RecordedCell]:
@@ -159,13 +153,12 @@ def _look(path: Path, opened: OpenFiles) -> tuple[Junction, Sequence[str]]:
 
 
 def _apart(names: Iterable[str]) -> list[str]:
-    """Return names, those that come again with a number behind."""
-    seen: Counter[str] = Counter()
-    told = []
+    """Return names, those that come again with the first number behind that makes them another."""
+    told: dict[str, None] = {}
     for name in names:
-        seen[name] += 1
-        told.append(name if seen[name] == 1 else f"{name}.{seen[name]}")
-    return told
+        numbered = (f"{name}.{number}" for number in count(2))
+        told[next(one for one in chain((name,), numbered) if one not in told)] = None
+    return list(told)
 
 
 def _plain(text: str) -> str:

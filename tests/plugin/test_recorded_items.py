@@ -1,6 +1,7 @@
 """Recorded runs as items: what is collected, how it is called, what becomes of verdicts, and what is not touched."""
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,8 +10,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import pytest_rvads as rvads
+from pytest_rvads.collection.recordings import OpenFiles, Recordings
 from pytest_rvads.logic import check as checking
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs import readers
@@ -115,6 +119,20 @@ def test_runs_are_called_by_file_time_and_label(
         *("deep.it_s-a_b_c-p1", "deep.it_s-last-p1", "deep.it_s-last.2-p1"),
         "it_s-p1",
     ]
+
+
+@settings(max_examples=50, deadline=None)
+@given(labels=st.lists(st.text(min_size=1, max_size=8) | st.sampled_from(["a", "a.2", "a.3", "b/c", "b\\c"]), max_size=9))
+def test_no_two_runs_of_a_file_are_called_the_same_and_ids_are_plain(labels: list[str]) -> None:
+    class Given(OpenFiles):
+        def runs(self, path: str) -> list[rvads.Run]:
+            return [rvads.Run(label, place, (), none, none) for label in labels]
+
+    place, none = rvads.find("stop4"), np.zeros((0, 0), dtype=np.int8)
+    asked = {"patterns": ("x",), "rules": None, "requirement": None, "misspelt": {}}
+    cells = list(Recordings.of("here", asked).cells([(Path("x"), "drive17")], Given(), takes_rule=False))
+    assert len({cell.id for cell in cells}) == max(len(labels), 1), "one that says so where there is none"
+    assert all(re.fullmatch(r"drive17(-[A-Za-z0-9_.-]+)?", cell.id) for cell in cells)
 
 
 def test_a_folder_holds_the_runs_below_it(pytester: pytest.Pytester, stops: rvads.Run, brackets: Lines) -> None:
