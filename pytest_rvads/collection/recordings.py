@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.collection.ask import judged_at
 from pytest_rvads.collection.cells import RecordedCell
+from pytest_rvads.collection.lately import Lately
 from pytest_rvads.collection.misuse import several
 from pytest_rvads.errors import RvadsError, ScenarioError, suggest
 from pytest_rvads.logic.rules.rule import Rule
@@ -34,9 +35,8 @@ _UNKNOWN = "unknown"
 class OpenFiles:
     """The runs of the files read last. Items of one file follow each other, and so do looking into it and judging it."""
 
-    def __init__(self, most: int = 2) -> None:
-        self._most = most
-        self._files: dict[str, Sequence[Run]] = {}
+    def __init__(self) -> None:
+        self._files: Lately[Sequence[Run]] = Lately(2)
 
     def runs(self, path: str) -> Sequence[Run]:
         """Return the runs of a file, which may be made only when they are asked for.
@@ -44,11 +44,7 @@ class OpenFiles:
         Raises:
             RvadsError: it can't be read.
         """
-        found = self._files.pop(path, None)
-        self._files[path] = found = read_runs(path) if found is None else found
-        if len(self._files) > self._most:
-            del self._files[next(iter(self._files))]
-        return found
+        return self._files.get(path, lambda: read_runs(path))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
