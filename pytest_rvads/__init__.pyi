@@ -8,7 +8,7 @@ from pytest_rvads.drivers.rolling import RollingStop as RollingStop
 from pytest_rvads.drivers.lgsvl import LgsvlLike as LgsvlLike
 from pytest_rvads.drivers.playback import Replay as Replay
 from pytest_rvads.drivers.traffic import traffic as traffic
-from pytest_rvads.collection import known as known, scenario as scenario
+from pytest_rvads.collection import known as known, recorded as recorded, scenario as scenario
 from pytest_rvads.collection.searching import falsify as falsify
 from pytest_rvads.errors import (
     AutopilotError as AutopilotError,

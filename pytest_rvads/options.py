@@ -97,6 +97,11 @@ _DECLARED = {
     ),
     "artefacts": _Option("folder for the replay pages of failures and an index of the session, or 'none'", ".rvads"),
     "unavoidable": _Option("what a violation that nobody could have avoided does to its test", "pass", ("pass", "fail")),
+    "unsure": _Option(
+        "what a verdict does to its test that another reading of the recording, within its accuracy, would change",
+        "skip",
+        ("skip", "fail"),
+    ),
     "open": _Option("what an obligation still open at the end of a run does to its test", "fail", ("fail", "skip", "pass")),
 }
 
@@ -149,6 +154,8 @@ class Options:
     """What OPEN does to a test: fail, skip or pass."""
     unavoidable: str
     """What UNAVOIDABLE does to a test: pass or fail."""
+    unsure: str
+    """What UNSURE does to a test: skip or fail."""
 
     @property
     def driver(self) -> str:
@@ -197,6 +204,7 @@ class Options:
             artefacts=None if values["artefacts"] == "none" else values["artefacts"],
             open=values["open"],
             unavoidable=values["unavoidable"],
+            unsure=values["unsure"],
         )
 
 

@@ -16,7 +16,7 @@ from pytest_rvads import hooks
 from pytest_rvads.collection.books import open_book, open_session, outliving
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.fixtures.monitoring import monitor, rule, settle
-from pytest_rvads.fixtures.running import run, rvads_cell, rvads_run, rvads_runs
+from pytest_rvads.fixtures.running import run, rvads_cell, rvads_recorded, rvads_run, rvads_runs
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
 from pytest_rvads.options import Options, declare
 from pytest_rvads.session.bundled import offer
@@ -39,6 +39,7 @@ __all__ = [
     "rvads_autopilot",
     "rvads_cell",
     "rvads_map",
+    "rvads_recorded",
     "rvads_run",
     "rvads_runs",
     "rvads_simulator",
@@ -89,6 +90,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.stash[BUDGET] = None if seconds is None else Budget(config, seconds)
     if config.stash[BUDGET]:
         config.pluginmanager.register(config.stash[BUDGET], "rvads_budget")
+    config.pluginmanager.register(Recorded(), "rvads_recorded")
     planner = Planner(config)
     config.pluginmanager.register(planner, "rvads_planner")
     if hasattr(config, "workerinput"):
@@ -107,7 +109,10 @@ def pytest_report_header(config: pytest.Config) -> list[str]:
 
 def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Item]) -> str | None:
     """Say that fixtures name what drives, where no option does."""
-    if config.stash[OPTIONS].driver or not any("rvads_cell" in getattr(item, "fixturenames", ()) for item in items):
+    from pytest_rvads.collection import is_recorded
+
+    ours = (item for item in items if "rvads_cell" in getattr(item, "fixturenames", ()))
+    if config.stash[OPTIONS].driver or all(map(is_recorded, ours)):
         return None
     return "rvads: driven by what the fixture rvads_autopilot returns"
 
@@ -122,11 +127,31 @@ def pytest_make_collect_report(
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Expand ``@rvads.scenario``."""
-    if "rvads_cell" in metafunc.fixturenames or metafunc.definition.get_closest_marker("rvads_scenario"):
+    """Expand ``@rvads.scenario``; the plugin `Recorded` has expanded the other mark."""
+    test = metafunc.definition
+    if test.get_closest_marker("rvads_recorded"):
+        return
+    if "rvads_cell" in metafunc.fixturenames or test.get_closest_marker("rvads_scenario"):
         from pytest_rvads.collection import expand
 
         expand(metafunc, metafunc.config.stash[OPTIONS])
+
+
+class Recorded:
+    """Expands ``@rvads.recorded``, before pytest does fixtures with parameters: those that drive are no business of its tests."""
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
+        """Expand the mark."""
+        if metafunc.definition.get_closest_marker("rvads_recorded"):
+            from pytest_rvads.collection import expand_recorded
+
+            expand_recorded(metafunc, metafunc.config.stash[OPTIONS])
+
+    def pytest_itemcollected(self, item: pytest.Item) -> None:
+        """Let ``-k`` select by junction, which ids of recorded runs don't name."""
+        if item.get_closest_marker("rvads_recorded"):
+            item.extra_keyword_matches |= {str(mark.kwargs.get("junction", "")) for mark in item.iter_markers("rvads")}
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -135,9 +160,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if "rvads_cell" in getattr(item, "fixturenames", ()):
             encode_all(sys.stdout, sys.stderr)  # what a driver prints is no reason to end its run
             continue
-        if mark := item.get_closest_marker("rvads_scenario"):
-            said = "has @rvads.scenario(...), which works on functions and classes of pytest only"
-            raise pytest.UsageError(f"{mark.args[0].place}: {item.nodeid} {said}")
+        for name in ("scenario", "recorded"):
+            if mark := item.get_closest_marker(f"rvads_{name}"):
+                said = f"has @rvads.{name}(...), which works on functions and classes of pytest only"
+                raise pytest.UsageError(f"{mark.args[0].place}: {item.nodeid} {said}")
         if item.get_closest_marker("rvads_known"):
             from pytest_rvads.collection import idle
 

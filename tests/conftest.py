@@ -13,7 +13,10 @@ import pytest
 import pytest_rvads
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.logic import check as checking
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.current import own_desk
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
@@ -36,6 +39,23 @@ def _book() -> Iterator[None]:
     """What a test registers, or a command that it runs in this process, is forgotten at its end."""
     with own_desk():
         yield
+
+
+@pytest.fixture
+def doubted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What would pass is UNSURE in sessions within this test, as if the recordings were too inexact to tell."""
+    why = "a0 stood for 0.02 s, known to 0.05 s"
+
+    def check(run: Run, rule: str | Rule) -> Verdict:
+        found = judged(run, rule)
+        if found.status != Status.PASS:
+            return found
+        hanging = tuple(replace(one, status=Status.UNSURE, hangs=why) for one in found.instances)
+        message = f"{found.rule} UNSURE: {why}"
+        return replace(found, status=Status.UNSURE, message=message, reason=why, instances=hanging)
+
+    judged = checking.check
+    monkeypatch.setattr(checking, "check", check)
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -26,6 +27,8 @@ FEW = "not class or class00 or class01 or class07 or class13"
 @pytest.mark.parametrize("code", [pytest.param(c, id=f"block{n}") for n, c in enumerate(PYTHON) if "def test_" in c])
 def test_examples_of_tests_pass_or_fail_as_said(pytester: pytest.Pytester, code: str) -> None:
     pytester.makepyfile(code)
+    if "@rvads.recorded" in code:
+        shutil.copytree(ROOT / "examples" / "drives", pytester.path / "drives", ignore=shutil.ignore_patterns("rolls.*"))
     own = "def rvads_autopilot" in code or "falsify" in code
     result = pytester.runpytest("-k", FEW, *([] if own else ["--rvads-autopilot=reference"]))
     outcomes = result.parseoutcomes()

@@ -27,7 +27,7 @@ from pytest_rvads.scenarios.scenario import check_followers, check_numbers
 from pytest_rvads.scenarios.selection import CHOOSING, COVERS, Selection
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
-__all__ = ["Ask"]
+__all__ = ["Ask", "judged_at"]
 
 Values = tuple[float | tuple[float, ...], ...]
 """One after the other, each for all entrances or per entrance."""
@@ -120,16 +120,7 @@ class Ask:
         Raises:
             RvadsError: no such rule, none about this kind of junction, or one of a name that means another one elsewhere.
         """
-        names = self.rules or ("paper" if self.subject is None else "road",)
-        rules = rules_for(names, place)
-        if not rules:
-            raise ScenarioError(
-                f"no rule of {', '.join(map(repr, names))} is about a junction with control {place.control.value!r} like "
-                f"{place.name!r}: name rules outright, `rvads rules` lists them"
-            )
-        for rule in rules:
-            claim(rule)
-        return rules
+        return judged_at(self.rules or ("paper" if self.subject is None else "road",), place)
 
     def _source(self, folder: Path, default: str | None, added: Extensions) -> tuple[str, str | None]:
         """Return junction and map as the finder takes them."""
@@ -170,6 +161,23 @@ class Ask:
         from pytest_rvads.simulators.simulator import vmax  # most tests need no physics before they run
 
         return [point for point in watch(points) if not outside(point, lambda d: vmax(d, self.aggression))]
+
+
+def judged_at(names: Sequence[str | Rule], place: Junction) -> tuple[Rule, ...]:
+    """Return those of the rules and rulebooks named that runs at a junction are judged by.
+
+    Raises:
+        RvadsError: no such rule, none about this kind of junction, or one of a name that means another one elsewhere.
+    """
+    rules = rules_for(names, place)
+    if not rules:
+        raise ScenarioError(
+            f"no rule of {', '.join(map(repr, names))} is about a junction with control {place.control.value!r} like "
+            f"{place.name!r}: name rules outright, `rvads rules` lists them"
+        )
+    for rule in rules:
+        claim(rule)
+    return rules
 
 
 _SAME = ("occupancy", "classes", "subject", "followers", "senses", "duration", "aggression", "wait")

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.scenarios.selection import Selection
 
-__all__ = ["DEFAULT", "KEYS", "Cell", "Known", "cells_of"]
+__all__ = ["DEFAULT", "KEYS", "Cell", "Known", "RecordedCell", "cells_of"]
 
-KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "traffic", "rule")
+KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "traffic", "recording", "rule")
 """Keywords that select cells, in ``-m "rvads(cls=7)"`` and in ``@rvads.known(cls=7)``."""
 
 DEFAULT = "reference"
@@ -42,6 +42,44 @@ class Cell:
     """What the cell is selected by; every value a str or an int."""
     requirements: tuple[str, ...] = field(compare=False)
     """What scenario and rule trace to."""
+
+    @property
+    def ways(self) -> int:
+        """Number of arms of the junction."""
+        return self.scenario.ways
+
+    @property
+    def start(self) -> dict[str, str | int]:
+        """What its record begins with."""
+        return {**self.keys, "orbit": self.scenario.orbit}
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedCell:
+    """What one item judges: a run of a file."""
+
+    path: str
+    index: int
+    """Of the run among those of its file."""
+    rule: Rule | None
+    """None where the test does not ask for the rule axis."""
+    trouble: str = field(compare=False)
+    """Why the file can't be read, or nothing."""
+    ways: int = field(compare=False)
+    """Number of arms of the junction."""
+    id: str = field(compare=False)
+    """The part in brackets of the item's id."""
+    run: str = field(compare=False)
+    """The id without the rule: what cells of the same run share."""
+    keys: dict[str, str | int] = field(compare=False)
+    """What the cell is selected by."""
+    requirements: tuple[str, ...] = field(compare=False)
+    """What mark and rule trace to."""
+
+    @property
+    def start(self) -> dict[str, str | int]:
+        """What its record begins with."""
+        return self.keys
 
 
 def cells_of(
@@ -125,6 +163,6 @@ class Known:
     def __str__(self) -> str:
         return f"@rvads.known({self.name!r}{''.join(f', {key}={values!r}' for key, values in self.where.items())})"
 
-    def matches(self, cell: Cell) -> bool:
+    def matches(self, cell: Cell | RecordedCell) -> bool:
         """Tell whether a cell has the deficiency."""
         return all(cell.keys.get(key) in values for key, values in self.where.items())

@@ -6,13 +6,13 @@ run follow each other.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import pytest
 
-from pytest_rvads.collection.cells import Cell, Known, cells_of
+from pytest_rvads.collection.cells import Cell, Known, RecordedCell, cells_of
 from pytest_rvads.collection.extensions import extensions
 from pytest_rvads.collection.meter import watched
 from pytest_rvads.collection.misuse import told_at
@@ -21,20 +21,26 @@ from pytest_rvads.errors import OpenObligation, RuleViolation, ScenarioError
 if TYPE_CHECKING:
     from pytest_rvads.collection.ask import Ask
     from pytest_rvads.collection.extensions import Extensions
+    from pytest_rvads.collection.recordings import OpenFiles, Recordings
     from pytest_rvads.options import Options
     from pytest_rvads.report.session_report import Extent
 
-__all__ = ["EXTENTS", "LEFT_OUT", "UNFIT", "expand", "idle", "unused"]
+__all__ = ["EXTENTS", "FILES", "LEFT_OUT", "UNFIT", "expand", "expand_recorded", "idle", "is_recorded", "unused"]
 
 T = TypeVar("T")
-_POINTS, _CELLS = 10, 5000
-"""From how many points or cells on a terminal shows how far the collection is."""
+C = TypeVar("C", Cell, RecordedCell)
+_POINTS, _CELLS, _FILES = 10, 5000, 100
+"""From how many points, cells or files on a terminal shows how far the collection is."""
 LEFT_OUT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
 """Node id of a test to how many points of its grid are beyond v(d)max and were left out."""
 UNFIT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
 """Likewise to how many scenarios were left out because a vehicle has no room where it would start."""
 EXTENTS: pytest.StashKey[dict[str, Extent]] = pytest.StashKey()
 """Junction to how much there is to cover, where its number of ways does not tell."""
+FILES: pytest.StashKey[OpenFiles] = pytest.StashKey()
+"""The files of recorded runs that were read last."""
+_DRIVING = ("rvads_sut", "rvads_autopilot", "rvads_vehicle", "rvads_simulator")
+"""What a run is simulated with, and what nobody needs where it was recorded."""
 _KNOWN: pytest.StashKey[dict[Known, tuple[str, bool]]] = pytest.StashKey()
 """Known deficiencies: the node id they stand at, and whether they match a cell."""
 
@@ -65,6 +71,41 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
     metafunc.parametrize("rvads_cell", list(_params(items, [k for _, k in known])), indirect=True)
 
 
+def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
+    """Parametrize a test over the recorded runs of its marks; what would drive and simulate is not set up for it.
+
+    Raises:
+        Misuse: a mark that can't be expanded, in one sentence.
+    """
+    from pytest_rvads.collection.recordings import OpenFiles, Recordings
+
+    test = metafunc.definition
+    marks = _marks(test, "recorded", Recordings)
+    asks = [ask for node, ask in marks if node is marks[0][0]]
+    known = _marks(test, "known", Known)
+    if next(test.iter_markers("rvads_scenario"), None):
+        why = "has @rvads.recorded(...) and @rvads.scenario(...), but a run is one or the other: make two tests of it"
+        raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} {why}")
+    _takes_run(metafunc, asks[0].place, "recorded")
+    with told_at(test.nodeid):
+        extensions(metafunc.config, options.rules)  # rules of users have names, too
+    opened = metafunc.config.stash.setdefault(FILES, OpenFiles())
+    cells: dict[str, RecordedCell] = {}
+    for ask in asks:
+        with told_at(f"{ask.place}: {test.nodeid}"):
+            for cell in _recorded_cells(ask, metafunc, options, opened):
+                _add(cell, cells)
+    _note(known, metafunc, cells.values())
+    unused = [name for name in _DRIVING if name in metafunc.fixturenames]
+    params = _params(cells.values(), [k for _, k in known], [None] * len(unused))
+    metafunc.parametrize(("rvads_cell", *unused), list(params), indirect=["rvads_cell"])
+
+
+def is_recorded(item: pytest.Item) -> bool:
+    """Return whether an item judges what was recorded; no other one is driven by anybody."""
+    return item.get_closest_marker("rvads_recorded") is not None
+
+
 def idle(item: pytest.Item) -> None:
     """Note the known deficiencies of a test without cells, which none of them match."""
     noted = item.config.stash.setdefault(_KNOWN, {})
@@ -93,16 +134,27 @@ def _takes(metafunc: pytest.Metafunc, asks: Sequence[Ask]) -> str:
     """Refuse a test that lacks the mark or an argument; else return its id."""
     test = metafunc.definition
     if not asks:
-        why = "asks for a run, but no @rvads.scenario(...) says which: add the mark"
-        raise pytest.Collector.CollectError(f"{_line(test)}: {test.nodeid} {why}")
+        which = "no @rvads.scenario(...) says which: add the mark"
+        if "rvads_recorded" in metafunc.fixturenames:
+            which = "no @rvads.recorded(...) says which: add the mark"
+        raise pytest.Collector.CollectError(f"{_line(test)}: {test.nodeid} asks for a run, but {which}")
+    if "rvads_recorded" in metafunc.fixturenames:
+        why = "has @rvads.scenario(...) but takes rvads_recorded, a run that nobody simulated: take run instead"
+        raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} {why}")
+    _takes_run(metafunc, asks[0].place, "scenario")
+    return test.nodeid
+
+
+def _takes_run(metafunc: pytest.Metafunc, place: str, mark: str) -> None:
+    """Refuse a test that has a mark of ours and does not get its run by it."""
+    test = metafunc.definition
     if "rvads_run" not in metafunc.fixturenames:
         own = "run" in metafunc.fixturenames
         why = "its `run` is a fixture of yours: call that otherwise" if own else "takes neither run nor monitor: add an argument"
-        raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} has @rvads.scenario(...) but {why}")
+        raise pytest.Collector.CollectError(f"{place}: {test.nodeid} has @rvads.{mark}(...) but {why}")
     if "run" in _parametrized(test):
-        why = "has @rvads.scenario(...), which gives it its `run`: parametrize another argument"
-        raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} {why}")
-    return test.nodeid
+        why = f"has @rvads.{mark}(...), which gives it its `run`: parametrize another argument"
+        raise pytest.Collector.CollectError(f"{place}: {test.nodeid} {why}")
 
 
 def _parametrized(test: pytest.Function) -> Iterator[str]:
@@ -121,9 +173,7 @@ def _line(test: pytest.Function) -> str:
 def _cells(ask: Ask, metafunc: pytest.Metafunc, options: Options, added: Extensions) -> Iterator[Cell]:
     """Yield the cells of one mark."""
     test = metafunc.definition
-    takes_rule = "rule" in metafunc.fixturenames
-    if ask.rules and not takes_rule:
-        raise ScenarioError("rules= is what the argument `rule` of a test runs over: add that argument, or leave rules= out")
+    takes_rule = _takes_rule(metafunc, ask.rules)
     watch = partial(watched, metafunc.config, "v(d)max of point", least=_POINTS)
     selection = ask.resolve(test.path.parent, options, added, watch)
     rules = ask.judged_by(selection.place) if takes_rule else (None,)
@@ -150,29 +200,64 @@ def _cells(ask: Ask, metafunc: pytest.Metafunc, options: Options, added: Extensi
     stash[EXTENTS] = extended(known, selection)
 
 
-def _add(cell: Cell, cells: dict[str, Cell]) -> None:
+def _recorded_cells(ask: Recordings, metafunc: pytest.Metafunc, options: Options, opened: OpenFiles) -> Iterator[RecordedCell]:
+    """Yield the cells of one mark."""
+    takes_rule = _takes_rule(metafunc, ask.rules)
+    files = ask.files(metafunc.definition.path.parent)
+    watch = watched(metafunc.config, f"files of {metafunc.function.__name__}", list(files.items()), _FILES)
+    for count, cell in enumerate(ask.cells(watch, opened, takes_rule)):
+        if count >= options.max_items:
+            raise ScenarioError(
+                f"would expand to more than {options.max_items:,} items in {len(files):,} files: narrow the patterns, ask for "
+                "fewer rules, or raise --rvads-max-items"
+            )
+        yield cell
+
+
+def _takes_rule(metafunc: pytest.Metafunc, rules: object) -> bool:
+    """Return whether a test runs over rules; refuse one that names some and does not."""
+    takes_rule = "rule" in metafunc.fixturenames
+    if rules and not takes_rule:
+        raise ScenarioError("rules= is what the argument `rule` of a test runs over: add that argument, or leave rules= out")
+    return takes_rule
+
+
+def _add(cell: C, cells: dict[str, C]) -> None:
     """Add a cell once; refuse one that differs from another only in what is not part of their id."""
     known = cells.setdefault(cell.id, cell)
-    if known is not cell and known != cell:
+    if known is cell or known == cell:
+        return
+    if isinstance(cell, RecordedCell) and isinstance(known, RecordedCell):
         raise ScenarioError(
-            f"two different scenarios have the id {cell.id!r}: they differ in duration, aggression, wait or map, which ids "
-            "do not tell; put them into two tests"
+            f"{known.path} and {cell.path} would both be called {cell.run!r} in ids: rename one of them, or make two tests"
         )
+    raise ScenarioError(
+        f"two different scenarios have the id {cell.id!r}: they differ in duration, aggression, wait or map, which ids "
+        "do not tell; put them into two tests"
+    )
 
 
-def _note(known: Sequence[tuple[Any, Known]], metafunc: pytest.Metafunc, cells: Iterable[Cell]) -> None:
+def _note(
+    known: Sequence[tuple[Any, Known]], metafunc: pytest.Metafunc, cells: Collection[Cell] | Collection[RecordedCell]
+) -> None:
     """Note which known deficiencies a test has; one that stands at the test itself must match, else that is refused."""
     noted = metafunc.config.stash.setdefault(_KNOWN, {})
     for node, deficiency in known:
         used = any(map(deficiency.matches, cells))
         if not used and node is metafunc.definition:
             with told_at(f"{deficiency.place}: {node.nodeid}"):
-                raise ScenarioError(f"{deficiency} matches none of the {len(list(cells))} cells of this test")
+                raise ScenarioError(f"{deficiency} matches none of the {len(cells)} cells of this test")
         noted[deficiency] = node.nodeid, used or noted.get(deficiency, ("", False))[1]
 
 
-def _params(cells: Iterable[Cell], known: Sequence[Known]) -> Iterator[Any]:
-    """Yield a parameter per cell, with one mark to select it by and the xfail of every known deficiency it has."""
+def _params(cells: Iterable[Cell | RecordedCell], known: Sequence[Known], more: Sequence[None] = ()) -> Iterator[Any]:
+    """Yield a parameter per cell, with one mark to select it by and the xfail of every known deficiency it has.
+
+    Args:
+        cells: of a test.
+        known: its known deficiencies.
+        more: values of further arguments.
+    """
     select = pytest.mark.rvads
     for cell in cells:
         marks = [select.with_args(**cell.keys)]
@@ -180,4 +265,4 @@ def _params(cells: Iterable[Cell], known: Sequence[Known]) -> Iterator[Any]:
             if deficiency.matches(cell):
                 reason = ": ".join(filter(None, (deficiency.name, deficiency.reason)))
                 marks.append(pytest.mark.xfail(strict=True, raises=(RuleViolation, OpenObligation), reason=reason))
-        yield pytest.param(cell, id=cell.id, marks=marks)
+        yield pytest.param(cell, *more, id=cell.id, marks=marks)

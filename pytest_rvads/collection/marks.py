@@ -1,8 +1,9 @@
-"""The marks ``@rvads.scenario`` and ``@rvads.known``: what is asked for, to be expanded at collection."""
+"""The marks ``@rvads.scenario``, ``@rvads.recorded`` and ``@rvads.known``: what is asked for, to be expanded at collection."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from os import PathLike
 from typing import TYPE_CHECKING, Any, Never
 
 import pytest
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.scenarios.senses import Senses
 
-__all__ = ["known", "register_marks", "scenario"]
+__all__ = ["known", "recorded", "register_marks", "scenario"]
 
 
 def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
@@ -92,13 +93,47 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
     return mark
 
 
+def recorded(
+    *patterns: str | PathLike[str],
+    rules: str | Rule | Iterable[str | Rule] | None = None,
+    requirement: str | Iterable[str] | None = None,
+    **misspelt: Never,
+) -> pytest.MarkDecorator:
+    """Run a test over recorded runs: those of files that somebody kept, or busy periods of recorded traffic.
+
+    The test takes ``run``, ``rule`` and ``monitor`` as for scenarios; ``rvads_recorded`` is the same run. Nothing drives. A file
+    that can't be read costs its own items, which are errors, and no others.
+
+    Args:
+        patterns: files, folders with files of runs in them or in their folders, or patterns such as ``"drives/**/*.npz"``;
+            looked for beside the test file, then in the working directory. One that matches nothing is refused.
+        rules: a rulebook, rules, or both; of a rulebook only the rules about the junction of a file run. By default ``"road"``.
+        requirement: identifier of the requirement that the recordings trace to, or several; see `--rvads-report=FILE.csv`.
+        misspelt: no other keyword is taken.
+
+    Raises:
+        ScenarioError: an argument that means nothing; pytest shows it with the line of the mark and without a traceback.
+
+    Example:
+        >>> @recorded("drives/*.npz", rules="road")
+        ... def test_drives(monitor, rule):
+        ...     monitor.check(rule)
+    """
+    asked, place = locals(), caller()
+    from pytest_rvads.collection.recordings import Recordings  # likewise
+
+    with told_at(place):
+        mark: pytest.MarkDecorator = pytest.mark.rvads_recorded(Recordings.of(place, asked))
+    return mark
+
+
 def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | int]) -> pytest.MarkDecorator:
     """Mark the cells of a known deficiency: they must fail (a strict xfail), and a pass is reported.
 
     Args:
         name: of the deficiency, as it shall appear in reports.
         reason: what goes wrong.
-        where: values, or several of them, for any of junction, cls, scenario, cfg, rotation, seat, traffic, rule.
+        where: values, or several of them, for any of junction, cls, scenario, cfg, rotation, seat, traffic, recording, rule.
 
     Raises:
         ScenarioError: another keyword.
@@ -113,6 +148,7 @@ def register_marks(config: pytest.Config) -> None:
     """Tell pytest about the marks."""
     for line in (
         "rvads_scenario(junction, ...): run over scenarios; written as @rvads.scenario",
+        "rvads_recorded(pattern, ...): run over recorded runs; written as @rvads.recorded",
         "rvads_known(name, ...): cells of a known deficiency; written as @rvads.known",
         f"rvads({', '.join(KEYS)}): on every item, to select by -m \"rvads(cls=7, rule='p1')\"",
     ):

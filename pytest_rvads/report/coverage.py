@@ -1,8 +1,9 @@
 """Coverage: which cells of the tables a session exercised, of those that its tests ask for.
 
-A cell is (junction, class, configuration, rule), and with a subject its seat and the traffic around it. It is exercised when
-a rule asked something of the system under test there, and got an answer: PASS, FAIL or OPEN, expected or not. What only the
-traffic was asked exercises nothing, nor does NA, an error, or an item that did not run.
+A cell is (junction, class, configuration, rule), and with a subject its seat and the traffic around it; of what was recorded it
+is (junction, recording, rule). It is exercised when a rule asked something of the system under test there, and got an answer:
+PASS, FAIL or OPEN, expected or not. What only the traffic was asked exercises nothing, nor does NA, what is UNSURE, an error, or
+an item that did not run.
 """
 
 from __future__ import annotations
@@ -97,21 +98,24 @@ def traced(records: Sequence[Record]) -> list[str]:
 def at_junctions(
     records: Sequence[Record], totals: Mapping[int, tuple[int, int]], extents: Mapping[str, Extent] | None = None
 ) -> list[str]:
-    """Return a line per junction: what was exercised of it, and the verdicts by status.
+    """Return a line per junction: what was exercised of it, and the verdicts by status; one of its own for what was recorded.
 
     Args:
         records: of a session.
         totals: per number of ways, how many classes and how many full scenarios exist, where that is known.
         extents: how much there is to cover at junctions of which that does not tell.
     """
-    here: dict[str, list[Record]] = {}
+    here: dict[tuple[str, bool], list[Record]] = {}
     for record in records:
-        here.setdefault(record.junction, []).append(record)
+        here.setdefault((record.junction, bool(record.recording)), []).append(record)
     lines = []
-    for junction, found in here.items():
+    for (junction, recorded), found in here.items():
         extent = (extents or {}).get(junction)
         ran = [record for record in found if record.hash and record.status is not Outcome.ERROR]
-        if extent is None:
+        covered: list[str] = []
+        if recorded:
+            junction = f"{junction} as recorded"
+        elif extent is None:
             classes, scenarios = totals.get(found[0].ways, ("?", "?"))
             covered = [*_classes(ran, (classes, scenarios, scenarios), found[0].ways)]
         else:
@@ -123,9 +127,8 @@ def at_junctions(
 def _at(junction: str, records: Sequence[Record], ran: Sequence[Record], covered: Sequence[str]) -> str:
     runs = {record.hash for record in ran}
     idle = sorted({record.asks for record in records} - {r.asks for r in records if r.status is not Outcome.NA})
-    return f"{junction}: {', '.join(covered)}, {len(runs)} runs, {len(records)} verdicts: {_counted(records)}" + (
-        f"  (never applicable: {', '.join(idle)})" if idle else ""
-    )
+    told = ", ".join([*covered, f"{len(runs)} runs", f"{len(records)} verdicts"])
+    return f"{junction}: {told}: {_counted(records)}" + (f"  (never applicable: {', '.join(idle)})" if idle else "")
 
 
 def _classes(ran: Sequence[Record], totals: tuple[int | str, int | str, int | str], turns: int, where: str = "") -> Iterator[str]:

@@ -40,9 +40,11 @@ def _render(block: Block) -> Iterator[str]:
             yield from (f"- {_text(line)}" for line in lines)
         case Verdicts(matrix):
             yield from (f"## {_text(matrix.title)}", "")
-            yield "| class | " + " | ".join(_text(f"{cfg} {rule}") for cfg, rule in matrix.columns) + " |"
+            yield f"| {matrix.corner} | " + " | ".join(map(_text, matrix.headings)) + " |"
             yield "|---|" + "---|" * len(matrix.columns)
-            yield from (f"| {label} | " + " | ".join(_text(e.text) for e in entries) + " |" for label, entries in matrix.rows)
+            yield from (
+                f"| {_text(label)} | " + " | ".join(_text(e.text) for e in entries) + " |" for label, entries in matrix.rows
+            )
 
 
 def _heading(title: str) -> str:

@@ -6,15 +6,17 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record
 
-__all__ = ["Entry", "Matrix", "group_of", "matrices"]
+__all__ = ["Entry", "Matrix", "group_of", "matrices", "member_of"]
 
 
 _CLASS = re.compile(r"-class(\d{2,9})-")
+_NAMED = 3
+"""Recordings of a row that are named."""
 _MOST = 200_000
 """Most entries of a matrix: nobody reads a larger one, and most of it would be empty."""
 
@@ -49,13 +51,22 @@ class Matrix:
     columns: tuple[tuple[str, str], ...]
     """(configuration, rule) of each column."""
     rows: tuple[tuple[str, tuple[Entry, ...]], ...]
-    """Classes with equal verdicts, and an entry per column."""
+    """Classes with equal verdicts, and an entry per column; likewise of runs that were recorded."""
+    members: tuple[tuple[int | str, ...], ...] = ()
+    """Per row its classes by number, or its recordings by name."""
+    corner: str = "class"
+    """What a row is: class, or recording."""
+
+    @property
+    def headings(self) -> list[str]:
+        """Configuration, where there is one, and rule of each column."""
+        return [f"{cfg} {rule}".lstrip() for cfg, rule in self.columns]
 
     def shortened(self, most: int) -> Matrix:
         """Return the matrix with at most so many rows: those in which something is wrong, then the first ones."""
         wrong = [any(entry.bad or entry.known for entry in entries) for _, entries in self.rows]
         kept = sorted(sorted(range(len(self.rows)), key=lambda i: not wrong[i])[:most])
-        return replace(self, rows=tuple(self.rows[i] for i in kept))
+        return replace(self, rows=tuple(self.rows[i] for i in kept), members=tuple(self.members[i] for i in kept))
 
 
 def matrices(records: Sequence[Record]) -> list[Matrix]:
@@ -68,23 +79,37 @@ def matrices(records: Sequence[Record]) -> list[Matrix]:
 
 def group_of(record: Record) -> str:
     """Return the title of the matrix that a record belongs to."""
-    among = f" among {record.traffic} traffic" if record.traffic else ""
+    among = " as recorded" if record.recording else f" among {record.traffic} traffic" if record.traffic else ""
     return f"{record.junction}{among}   {record.nodeid.partition('[')[0]}"
 
 
 def _matrix(title: str, records: Sequence[Record]) -> Matrix:
     columns = tuple(sorted({(record.cfg, record.asks) for record in records}))
-    cells: dict[int, dict[tuple[str, str], list[Record]]] = {}
+    recorded = bool(records[0].recording)
+    cells: dict[Any, dict[tuple[str, str], list[Record]]] = {}
     for record in records:
-        cells.setdefault(record.cls, {}).setdefault((record.cfg, record.asks), []).append(record)
+        cells.setdefault(member_of(record), {}).setdefault((record.cfg, record.asks), []).append(record)
     if len(cells) * len(columns) > _MOST:
-        return Matrix(f"{title}: {len(cells):,} classes in {len(columns):,} columns are too many for a table", (), ())
-    alike: dict[tuple[Entry, ...], list[int]] = {}
-    for number in sorted(cells):
-        row = tuple(_entry(cells[number].get(column, [])) for column in columns)
-        alike.setdefault(row, []).append(number)
+        what = "recordings" if recorded else "classes"
+        return Matrix(f"{title}: {len(cells):,} {what} in {len(columns):,} columns are too many for a table", (), ())
+    alike: dict[tuple[Entry, ...], list[Any]] = {}
+    for member in sorted(cells):
+        row = tuple(_entry(cells[member].get(column, [])) for column in columns)
+        alike.setdefault(row, []).append(member)
     width = max(map(_width, records))
-    return Matrix(title, columns, tuple((_spans(numbers, width), row) for row, numbers in alike.items()))
+    rows = tuple((_names(found) if recorded else _spans(found, width), row) for row, found in alike.items())
+    return Matrix(title, columns, rows, tuple(map(tuple, alike.values())), "recording" if recorded else "class")
+
+
+def member_of(record: Record) -> int | str:
+    """Return what a record stands for in a row of its matrix: the number of its class, or its recording."""
+    return record.recording or record.cls
+
+
+def _names(recordings: Sequence[str]) -> str:
+    """Return the first recordings of a row, and how many more there are."""
+    more = len(recordings) - _NAMED
+    return ", ".join(recordings[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _width(record: Record) -> int:

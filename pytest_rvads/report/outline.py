@@ -12,7 +12,7 @@ from pytest_rvads.report.coverage import at_junctions, dropped, measure, traced
 from pytest_rvads.report.figures import extremes, makers, slowest, timing
 from pytest_rvads.report.matrix import Matrix, matrices
 from pytest_rvads.report.session_report import Comparison, Report
-from pytest_rvads.report.triage import Cause, causes, idle, known, provoked, unavoidable
+from pytest_rvads.report.triage import Cause, causes, idle, known, provoked, unavoidable, unsure
 
 __all__ = ["Block", "Causes", "Changes", "Figures", "Notes", "Verdicts", "outline"]
 
@@ -62,9 +62,9 @@ class Verdicts:
 
     def plain(self) -> Iterator[str]:
         """Yield what the block says, a line each."""
-        for classes, entries in self.matrix.rows:
-            told = (f"{cfg} {rule} {e.text}" for (cfg, rule), e in zip(self.matrix.columns, entries, strict=True) if e.text)
-            yield f"class {classes}: {'; '.join(told)}"
+        for rows, entries in self.matrix.rows:
+            told = (f"{column} {e.text}" for column, e in zip(self.matrix.headings, entries, strict=True) if e.text)
+            yield f"{self.matrix.corner} {rows}: {'; '.join(told)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +107,7 @@ def outline(report: Report, short: bool = False) -> list[Block]:
         ("causes of failures", causes),
         ("provoked by traffic", provoked),
         ("unavoidable: nobody could have kept the rule", unavoidable),
+        ("unsure: another reading of what was recorded changes the verdict", unsure),
     ]
     grouped += [] if short else [("known failures", known), ("not applicable, skipped or not run", idle)]
     for title, group in grouped:

@@ -30,12 +30,6 @@ function list() {
   get("count").textContent = `${found.length} of ${session.items.length} items`;
   get("more").hidden = found.length <= shown;
 }
-function numbers(label) {
-  return label.split(", ").flatMap(span => {
-    const [first, last = first] = span.split("-").map(Number);
-    return Array.from({length: last - first + 1}, (_, k) => first + k);
-  });
-}
 session.causes.forEach(block => {
   make("h2", get("causes"), block.title);
   const body = make("table", get("causes"), "", "causes").createTBody();
@@ -53,16 +47,16 @@ session.matrices.forEach(matrix => {
   make("h3", get("matrices"), matrix.title);
   const table = make("table", make("div", get("matrices"), "", "scroll"), "", "matrix");
   const head = table.createTHead().insertRow();
-  make("th", head, "class");
-  matrix.columns.forEach(([cfg, rule]) => make("th", head, cfg + " " + rule));
+  make("th", head, matrix.corner);
+  matrix.columns.forEach(([cfg, rule]) => make("th", head, (cfg + " " + rule).trim()));
   const body = table.createTBody();
-  matrix.rows.forEach(([label, cells]) => {
-    const row = body.insertRow(), classes = numbers(label);
+  matrix.rows.forEach(([label, cells, members]) => {
+    const row = body.insertRow(), here = new Set(members);
     make("th", row, label);
     cells.forEach(([text, bad], k) => {
       const cell = row.insertCell(), [cfg, rule] = matrix.columns[k];
       if (text) make("button", cell, text, bad ? "bad" : "").onclick = () =>
-        pick(item => item.group === matrix.title && item.cfg === cfg && item.rule === rule && classes.includes(item.cls));
+        pick(item => item.group === matrix.title && item.cfg === cfg && item.rule === rule && here.has(item.member));
     });
   });
 });

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from pytest_rvads.report.matrix import group_of
+from pytest_rvads.report.matrix import group_of, member_of
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Notes, Verdicts, outline
 from pytest_rvads.report.record import Record
@@ -60,8 +60,12 @@ def _causes(block: Causes) -> dict[str, Any]:
 
 
 def _matrix(block: Verdicts) -> dict[str, Any]:
-    rows = [(label, [(entry.text, entry.bad) for entry in entries]) for label, entries in block.matrix.rows]
-    return {"title": block.title, "columns": block.matrix.columns, "rows": rows}
+    matrix = block.matrix
+    rows = [
+        (label, [(entry.text, entry.bad) for entry in entries], members)
+        for (label, entries), members in zip(matrix.rows, matrix.members, strict=True)
+    ]
+    return {"title": block.title, "corner": matrix.corner, "columns": matrix.columns, "rows": rows}
 
 
 def _item(record: Record, folder: Path) -> dict[str, Any]:
@@ -70,7 +74,7 @@ def _item(record: Record, folder: Path) -> dict[str, Any]:
         "group": group_of(record),
         "status": record.status,
         "known": bool(record.known),
-        "cls": record.cls,
+        "member": member_of(record),
         "cfg": record.cfg,
         "rule": record.asks,
         "text": record.message,

@@ -42,6 +42,8 @@ class InstanceRecord(msgspec.Struct, frozen=True, kw_only=True):
     broken: tuple[str, ...] = ()
     margin: float | None = None
     """How long before it was allowed the bound vehicle acted, negative when it waited [s]."""
+    hangs: str | msgspec.UnsetType = msgspec.UNSET
+    """Of what is UNSURE, what it hangs on; left out elsewhere."""
 
 
 class NearRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -83,6 +85,13 @@ class VerdictRecord(msgspec.Struct, frozen=True, kw_only=True):
     def outcome(self) -> Outcome:
         """What it makes of its item."""
         return Outcome.UNAVOIDABLE if self.unavoidable else Outcome.PROVOKED if self.provoked else self.status
+
+    @property
+    def hangs(self) -> tuple[str, ...]:
+        """What each of its unsure instances hangs on, with who that is about; where no instance tells, the reason given."""
+        unsure = [instance for instance in self.instances if instance.status is Outcome.UNSURE and instance.hangs]
+        told = (f"{', '.join(f'{name}={who}' for name, who in i.binding.items())}: {i.hangs}" for i in unsure)
+        return tuple(told) or ((self.reason,) if self.reason else ())
 
 
 class VehicleIndicators(msgspec.Struct, frozen=True, kw_only=True):
@@ -198,6 +207,9 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Since the baseline, where there is one."""
     orbit: str = ""
     """The least scenario of the class, where the number does not tell which one that is."""
+    recording: str = ""
+    """What was recorded, as in the id of the item: file, and time or label where it holds several runs. It has no class, no
+    scenario and no configuration: those are 0 and empty."""
 
     @property
     def took_part(self) -> str:
@@ -230,11 +242,13 @@ def planned_record(
         nodeid: of the item.
         line: of the test function in its file.
         test: name of the test function.
-        keys: what selects the cell: junction, cls, scenario, cfg, rotation, and seat, traffic, rule, orbit where there is one.
+        keys: what selects the cell: junction, then cls, scenario, cfg, rotation or recording, and seat, traffic, rule, orbit
+            where there is one.
         ways: number of arms of the junction.
         requirements: identifiers of what scenario and rule trace to.
     """
-    known: dict[str, Any] = {"seat": None, "traffic": None, "rule": None, "driver": "", **keys}
+    unsaid: dict[str, Any] = {"cls": 0, "scenario": "", "cfg": "", "rotation": 0, "seat": None, "traffic": None, "rule": None}
+    known = {**unsaid, "driver": "", **keys}
     return Record(
         nodeid=nodeid,
         line=line,
@@ -269,7 +283,8 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
         outcome: pytest's outcome.
         known: reason of the xfail that matched, or None.
         text: of the exception, or empty.
-        error: what a failure is that is no failed assertion: ERROR, or NOT JUDGED where the test was to judge and did not.
+        error: what a failure is that is no failed assertion: ERROR, NOT JUDGED where the test was to judge and did not, or
+            UNSURE where that is to fail.
 
     The status is that of the verdicts, worst first. A test of a run without rule and monitor is PASS or FAIL by its
     assertions, also where an xfail expected the latter. One that was skipped by somebody is NOT RUN; it never counts as a pass,
@@ -280,7 +295,7 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
     if outcome != "failed":
         ran = Outcome.FAIL if known else Outcome.NOT_RUN if outcome == "skipped" else Outcome.PASS
         status = worst or (ran if when == "call" else Outcome.NOT_RUN)
-    elif error is Outcome.NOT_JUDGED:
+    elif error in (Outcome.NOT_JUDGED, Outcome.UNSURE):
         status = error
     elif error or when != "call" or worst is Outcome.ERROR:
         status = Outcome.ERROR
@@ -307,15 +322,18 @@ def received(content: Mapping[str, Any]) -> Record:
 def properties(record: Record) -> list[tuple[str, Any]]:
     """Return the properties of an item for JUnit."""
     seat = [] if record.seat is None else [("seat", record.seat), ("traffic", record.traffic)]
-    return [
-        ("junction", record.junction),
+    simulated = [
         ("class", record.cls),
         ("scenario", record.scenario),
         ("configuration", record.cfg),
         ("rotation", record.rotation),
         *seat,
+    ]
+    made = [("driver", record.driver), ("simulator", record.simulator)]
+    return [
+        ("junction", record.junction),
+        *([("recording", record.recording)] if record.recording else simulated),
         ("rule", record.rule or record.test),
         ("verdict", record.status.value),
-        ("driver", record.driver),
-        ("simulator", record.simulator),
+        *([] if record.recording else made),
     ]

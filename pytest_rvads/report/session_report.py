@@ -18,7 +18,7 @@ UNFINISHED = 2
 
 Cell = tuple[str, int | str, str, str, int | None, str | None]
 """Junction, class, configuration, rule, seat of the subject, traffic around it; where a test has no rule axis, its name stands
-for the rule, and where a number does not tell a class, its least member for that."""
+for the rule, and where a number does not tell a class, its least member for that. Of a recording, its name for the class."""
 Move = tuple[tuple[int, int], tuple[int, int]]
 """A movement: arm and lane that it comes from, arm and lane that it leads to."""
 
@@ -43,7 +43,7 @@ _KINDS = {
     "NEW": "fails now and did not before, or is new and fails",
     "FIXED": "failed before, also as a known failure, and passes now",
     "ERODED": "passes both times, with less of a margin",
-    "LOST": "was judged before, and now is NA, is another place, or does not exist",
+    "LOST": "was judged before, and now is NA or UNSURE, is another place, or does not exist",
     "KNOWN": "passed before and is marked as a known failure now",
     "ADDED": "is judged now and was not before",
     "UNCHANGED": "the same",
@@ -159,7 +159,14 @@ def begun(
 
 def cell_of(record: Record) -> Cell:
     """Return the cell of a table that a record belongs to; the rows of a class share it."""
-    return record.junction, record.orbit or record.cls, record.cfg, record.rule or record.test, record.seat, record.traffic
+    return (
+        record.junction,
+        record.recording or record.orbit or record.cls,
+        record.cfg,
+        record.rule or record.test,
+        record.seat,
+        record.traffic,
+    )
 
 
 def in_order(records: Sequence[Record]) -> tuple[Record, ...]:

@@ -101,7 +101,7 @@ class _Screen:
 
 def _pages(matrix: Matrix, short: dict[str, str], width: int) -> list[list[int]]:
     """Split the columns so that no table is wider than the terminal; a configuration stays together where it can."""
-    room = width - 3 - min(max(map(len, ["class", *(label for label, _ in matrix.rows)])), width // 3)
+    room = width - 3 - min(max(map(len, [matrix.corner, *(label for label, _ in matrix.rows)])), width // 3)
     pages: list[list[int]] = [[]]
     used = 0
     for _, group in groupby(range(len(matrix.columns)), lambda i: matrix.columns[i][0]):
@@ -126,14 +126,15 @@ def _wide(matrix: Matrix, column: int, short: dict[str, str]) -> int:
 def _table(matrix: Matrix, columns: list[int], short: dict[str, str], width: int, unicode: bool) -> Table:
     table = Table(box=box.SIMPLE_HEAD if unicode else box.ASCII2, show_edge=False)
     # Where it is narrow the classes are broken, not the names of rules.
-    table.add_column("class", max_width=max(width - 2 - sum(_wide(matrix, i, short) for i in columns), len("class")))
+    room = width - 2 - sum(_wide(matrix, i, short) for i in columns)
+    table.add_column(matrix.corner, max_width=max(room, len(matrix.corner)))
     previous = None
     for configuration, rule in (matrix.columns[i] for i in columns):
         head = short.get(configuration, configuration) if configuration != previous else ""
         table.add_column(_text(head) + Text("\n") + _text(rule), no_wrap=len(columns) > 1, overflow="fold")
         previous = configuration
     for label, cells in matrix.rows:
-        table.add_row(label, *(_text(cells[i].text, cells[i].style) for i in columns))
+        table.add_row(_text(label), *(_text(cells[i].text, cells[i].style) for i in columns))
     return table
 
 

@@ -20,6 +20,7 @@ _COLUMNS = {
     "rotation": "rotation",
     "seat": "seat",
     "traffic": "traffic",
+    "recording": "recording",
     "rule": "rule",
     "verdict": "status",
     "known": "known",
@@ -30,6 +31,8 @@ _COLUMNS = {
     "item": "nodeid",
 }
 """Heading to attribute of the record."""
+_SIMULATED = ("cls", "scenario", "cfg", "rotation")
+"""What a recording has none of."""
 _FORMULA = re.compile(r"[\s'\"\u200b\ufeff]*[=+\-@＝＋－＠\t\r]")
 """What spreadsheets compute (OWASP, CSV Injection)."""
 _NUMBER = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
@@ -51,7 +54,8 @@ def table(report: Report) -> str:
     versions = "; ".join(f"{name} {version}" for name, version in report.versions.items())
     rows = [(requirement, record) for record in report.records for requirement in record.requirements or ("",)]
     for requirement, record in sorted(rows, key=lambda row: (row[0] == "", row[0])):
-        cells = [requirement, *(getattr(record, key) for key in _COLUMNS.values()), versions, "", record.message]
+        told = ("" if record.recording and key in _SIMULATED else getattr(record, key) for key in _COLUMNS.values())
+        cells = [requirement, *told, versions, "", record.message]
         writer.writerow(map(_cell, cells))
     empty = [""] * (2 + len(_COLUMNS))
     writer.writerows([*empty, _cell(block.title), _cell(line)] for block in outline(report) for line in block.plain())

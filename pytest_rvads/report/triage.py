@@ -19,10 +19,12 @@ from dataclasses import dataclass
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, VerdictRecord
 
-__all__ = ["Cause", "causes", "idle", "known", "provoked", "unavoidable"]
+__all__ = ["Cause", "causes", "idle", "known", "provoked", "unavoidable", "unsure"]
 
 _RULES = 3
 """Rules named per cause; the rest is counted."""
+_INSTANCES = 3
+"""Unsure instances of an item that are told; likewise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,15 +76,21 @@ def unavoidable(records: Sequence[Record]) -> list[Cause]:
     return _grouped([record for record in records if record.status is Outcome.UNAVOIDABLE and not record.failed])
 
 
+def unsure(records: Sequence[Record]) -> list[Cause]:
+    """Group what is UNSURE, and failed no test, by what it hangs on, likewise."""
+    return _worded([(_hanging(record), record) for record in records if record.status is Outcome.UNSURE and not record.failed])
+
+
 def known(records: Sequence[Record]) -> list[Cause]:
     """Group known failures by what they are known as, likewise."""
     return _worded([(record.known, record) for record in records if record.known])
 
 
 def idle(records: Sequence[Record]) -> list[Cause]:
-    """Group what neither passed nor failed, and is no known failure, by the reason given, likewise."""
+    """Group what neither passed nor failed, is no known failure and not UNSURE, by the reason given, likewise."""
     rest = [record for record in records if not (record.failed or record.known or record.outcome == "passed")]
-    return _worded([(record.message.strip().partition("\n")[0], record) for record in rest if record.message])
+    told = [record for record in rest if record.message and record.status is not Outcome.UNSURE]
+    return _worded([(_first_line(record), record) for record in told])
 
 
 def _worded(told: Sequence[tuple[str, Record]]) -> list[Cause]:
@@ -165,5 +173,19 @@ def _signature(record: Record) -> Hashable:
 def _violated(record: Record) -> str:
     if record.status is Outcome.FLAKY:
         return "not deterministic: the same start gave another run"
+    if record.status is Outcome.UNSURE:
+        return _hanging(record)
     verdict = _verdict(record)
-    return (verdict.violated or verdict.cause) if verdict else record.message.strip().partition("\n")[0]
+    return (verdict.violated or verdict.cause) if verdict else _first_line(record)
+
+
+def _hanging(record: Record) -> str:
+    """Return what an unsure record hangs on."""
+    verdict = _verdict(record)
+    told = verdict.hangs if verdict else ()
+    more = len(told) - _INSTANCES
+    return "; ".join(told[:_INSTANCES]) + (f" and {more} more" if more > 0 else "") or _first_line(record)
+
+
+def _first_line(record: Record) -> str:
+    return record.message.strip().partition("\n")[0]

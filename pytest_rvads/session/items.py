@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from pytest_rvads.collection.cells import RecordedCell
 from pytest_rvads.drivers.naming import stand_in
 from pytest_rvads.options import Options
 from pytest_rvads.report.outcome import Outcome
@@ -19,13 +20,28 @@ from pytest_rvads.session.plan import start
 from pytest_rvads.wording import one_line, printable
 
 if TYPE_CHECKING:
+    from pytest_rvads.collection import Cell
     from pytest_rvads.logic.judging.verdicts import Verdict
     from pytest_rvads.report.record import Record
     from pytest_rvads.runs.divergence import Divergence
     from pytest_rvads.runs.run import Run
+    from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.simulators.simulator import Simulator
 
-__all__ = ["OPTIONS", "RECORD", "REPEAT", "RUN", "SIMULATOR", "VERDICTS", "NoVerdict", "NotJudged", "attach", "letter", "prepare"]
+__all__ = [
+    "OPTIONS",
+    "RECORD",
+    "REPEAT",
+    "RUN",
+    "SIMULATOR",
+    "VERDICTS",
+    "NoVerdict",
+    "NotJudged",
+    "Unsure",
+    "attach",
+    "letter",
+    "prepare",
+]
 
 OPTIONS: pytest.StashKey[Options] = pytest.StashKey()
 RECORD: pytest.StashKey[Record] = pytest.StashKey()
@@ -34,6 +50,8 @@ VERDICTS: pytest.StashKey[list[Verdict]] = pytest.StashKey()
 
 _LONGEST = 20_000
 """Of a message [characters]."""
+_SKIPPED = (Outcome.NA, Outcome.UNSURE)
+"""What skips a test by itself: its reason is told at the test."""
 
 
 class NoVerdict(pytest.fail.Exception):  # type: ignore[name-defined,misc]
@@ -44,7 +62,11 @@ class NotJudged(NoVerdict):
     """A test that was to judge its run did not."""
 
 
-for _shown in (NoVerdict, NotJudged):
+class Unsure(NoVerdict):
+    """A verdict that another reading of the recording would change, where that is to fail."""
+
+
+for _shown in (NoVerdict, NotJudged, Unsure):
     _shown.__module__ = "builtins"  # as pytest's own: it is shown, and nobody is to import it
 
 RUN: pytest.StashKey[Run] = pytest.StashKey()
@@ -64,12 +86,12 @@ def prepare(item: pytest.Item) -> bool:
 
 
 def letter(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
-    """Return how to show NA, counted with the skips, and what a time budget had no room for, counted apart."""
+    """Return how to show NA and UNSURE, counted with the skips, and what a time budget had no room for, counted apart."""
     record = getattr(report, "rvads", None)
     if not record:
         return None
     outcome = Outcome(record["status"])
-    if report.when == "call" and report.skipped and outcome is Outcome.NA:
+    if report.when == "call" and report.skipped and outcome in _SKIPPED:
         return "skipped", outcome.letter, outcome.value
     if report.when == "setup" and record["message"].startswith("NOT RUN: "):
         return "not run", outcome.letter, outcome.value
@@ -125,6 +147,7 @@ def _concluded(item: pytest.Item, raised: BaseException | None, report: pytest.T
     text = str(raised) if raised else report.longrepr if isinstance(report.longrepr, str) else ""
     known = _known(report, raised, text)
     error = None if raised is None or isinstance(raised, AssertionError) else Outcome.ERROR
+    told = Outcome.NOT_JUDGED if isinstance(raised, NotJudged) else Outcome.UNSURE if isinstance(raised, Unsure) else error
     return conclude(
         item.stash[RECORD],
         [verdict.record() for verdict in item.stash[VERDICTS]],
@@ -132,7 +155,7 @@ def _concluded(item: pytest.Item, raised: BaseException | None, report: pytest.T
         report.outcome,
         known=known,
         text=printable(text, _LONGEST),
-        error=Outcome.NOT_JUDGED if isinstance(raised, NotJudged) else error,
+        error=told,
     )
 
 
@@ -150,7 +173,7 @@ def _known(report: pytest.TestReport, raised: BaseException | None, text: str) -
 
 
 def _publish(item: pytest.Item, record: Record, report: pytest.TestReport) -> None:
-    """Put a record on a report, with its properties and, of NA, the place."""
+    """Put a record on a report, with its properties and, of what skipped its test, the place."""
     from pytest_rvads.report.record import properties, sent
 
     item.stash[RECORD] = record
@@ -160,7 +183,7 @@ def _publish(item: pytest.Item, record: Record, report: pytest.TestReport) -> No
     names = {name for name, _ in mine}
     item.user_properties[:] = [p for p in item.user_properties if p[0] not in names] + mine
     report.user_properties = list(item.user_properties)
-    if report.skipped and record.status is Outcome.NA:
+    if report.skipped and record.status in _SKIPPED:
         path, line, _ = item.location
         report.longrepr = (str(path), (line or 0) + 1, record.message)
 
@@ -198,9 +221,9 @@ def _repeated(item: pytest.Item, record: Record, report: pytest.TestReport) -> R
 
 
 def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
-    """Print what there is to say of a violation, and return the record with the page that shows it."""
+    """Print what there is to say of a violation, or of one that may be, and return the record with the page that shows it."""
     verdicts = item.stash[VERDICTS]
-    if not (report.failed and verdicts and verdicts[-1].status in ("FAIL", "OPEN")):
+    if not (report.failed and verdicts and verdicts[-1].status in ("FAIL", "OPEN", "UNSURE")):
         return record
     from msgspec.structs import replace
 
@@ -215,20 +238,23 @@ def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> 
     return replace(record, look=page)
 
 
-def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: pytest.TestReport) -> tuple[str, str]:
-    """Return what to print of a failure, and its page or nothing; its picture is put on the report."""
+def _made(item: pytest.Item, scenario: Scenario, record: Record) -> list[str]:
+    """Return who drove, what simulated, from which start, and whether that was beyond the braking envelope, a line each."""
     from pytest_rvads.scenarios.configurations import Configuration, probe
     from pytest_rvads.simulators.simulator import vmax
 
-    cell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
-    scenario = cell.scenario
-    made = [f"driven by {record.driver}", f"simulated by {record.simulator}"]
-    lines = [verdict.explanation, *made, f"start     {scenario.describe()}"]
+    made = [f"driven by {record.driver}", f"simulated by {record.simulator}", f"start     {scenario.describe()}"]
     point = Configuration(scenario.configuration, scenario.distances, scenario.speeds)
     vehicle = item.funcargs.get("rvads_vehicle")  # type: ignore[attr-defined]
     probed = probe(point, lambda distance: vmax(distance, scenario.aggression, vehicle, item.stash[SIMULATOR]))
-    if probed:
-        lines.append(f"probe     {probed}")
+    return [*made, f"probe     {probed}"] if probed else made
+
+
+def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: pytest.TestReport) -> tuple[str, str]:
+    """Return what to print of a failure, and its page or nothing; its picture is put on the report."""
+    cell: Cell | RecordedCell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
+    made = [f"recorded  {cell.path}"] if isinstance(cell, RecordedCell) else _made(item, cell.scenario, record)
+    lines = [verdict.explanation, *made]
     run, folder = item.stash.get(RUN, None), item.config.stash[OPTIONS].artefacts
     rerun, page = f'rerun     pytest "{item.nodeid}"', ""
     if folder and run is not None:

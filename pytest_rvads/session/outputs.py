@@ -47,7 +47,8 @@ def totals(records: Iterable[Record]) -> dict[int, tuple[int, int]]:
     """Return how many classes and scenarios there are at junctions of so many ways, for each kind that has records."""
     from pytest_rvads.scenarios.classes import count_classes, count_scenarios
 
-    return {ways: (count_classes(ways), count_scenarios(ways)) for ways in sorted({record.ways for record in records})}
+    found = sorted({record.ways for record in records if not record.recording})
+    return {ways: (count_classes(ways), count_scenarios(ways)) for ways in found}
 
 
 class Outputs:

@@ -14,6 +14,7 @@ from pytest_rvads.collection.expansion import EXTENTS, LEFT_OUT, UNFIT
 
 if TYPE_CHECKING:
     from pytest_rvads.collection import Cell as Parameter
+    from pytest_rvads.collection import RecordedCell
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Cell, Extent
 
@@ -84,9 +85,8 @@ def start(item: pytest.Item) -> Record | None:
         return None
     from pytest_rvads.report.record import planned_record
 
-    cell = cast("Parameter", item.callspec.params["rvads_cell"])
-    keys = {**cell.keys, "orbit": cell.scenario.orbit}
-    return planned_record(item.nodeid, item.location[1] or 0, item.originalname, keys, cell.scenario.ways, cell.requirements)
+    cell = cast("Parameter | RecordedCell", item.callspec.params["rvads_cell"])
+    return planned_record(item.nodeid, item.location[1] or 0, item.originalname, cell.start, cell.ways, cell.requirements)
 
 
 class Planner:

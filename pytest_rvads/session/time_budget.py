@@ -90,7 +90,8 @@ def priority(records: Iterable[Record], failed: Mapping[str, Any], history: Mapp
     classes: dict[tuple[Any, ...], list[tuple[Any, ...]]] = {}
     for record in records:
         group = record.junction, record.cls
-        run = record.nodeid.partition("[")[0], *group, record.scenario, record.cfg, record.rotation, record.seat
+        start = record.scenario, record.cfg, record.rotation, record.seat, record.recording
+        run = record.nodeid.partition("[")[0], *group, *start
         if run not in runs:
             classes.setdefault(group, []).append(run)
         runs.setdefault(run, []).append(record.nodeid)

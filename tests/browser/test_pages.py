@@ -244,6 +244,27 @@ def test_the_index_leads_from_a_cell_to_its_replay(open_page: Open) -> None:
     assert by_id(browser, "count").text == "1 of 798 items"
 
 
+def test_a_row_of_recordings_leads_to_all_of_them(open_page: Open) -> None:
+    """Its label names three of nine; what is unsure has the mark of a doubt."""
+
+    def recorded(name: str, status: str) -> Record:
+        keys = {"junction": "stop4", "recording": name, "rule": "p3"}
+        found = planned_record(f"test_x.py::test[{name}-p3]", 3, "test", keys, 4)
+        return conclude(found, [{"status": status, "reason": "0.02 s apart"}], "call", "skipped", text=f"{status}: 0.02 s apart")
+
+    records = [recorded(f"d{number}", "UNSURE" if number == 5 else "NA") for number in range(10)]
+    browser = open_page(page(Report(in_order(records)), Path(".rvads")), "")
+    browser.find_element("xpath", "//table[@class='matrix']//tr[th='d0, d1, d2 and 6 more']//button[text()='NA']").click()
+    assert by_id(browser, "count").text == "9 of 10 items"
+    browser.find_element("xpath", "//table[@class='matrix']//tr[th='d5']//button[text()='unsure']").click()
+    assert by_id(browser, "count").text == "1 of 10 items"
+    assert browser.find_element("css selector", "#items .s.doubt").text == "UNSURE"
+    assert [title.text for title in browser.find_elements("css selector", "#causes h2")] == [
+        "unsure: another reading of what was recorded changes the verdict",
+        "not applicable, skipped or not run",
+    ]
+
+
 HOSTILE = [
     "<script>window.owned = 1</script>",
     "</script><script>window.owned = 1</script><!--",

@@ -1,8 +1,8 @@
 """The catalogue: what was tried in order to get a green that is not deserved, what an innocent driver does, and what is told.
 
 Plain data, for the tests beside it and for a page of the documentation. Every entry is shown by one test, see
-``test_catalogue.py``. Rules go by their names: `progress` is a rule, PASS FAIL OPEN UNAVOIDABLE PROVOKED NA ERROR NOT JUDGED
-NOT RUN are outcomes. What is not mentioned is PASS or NA.
+``test_catalogue.py``. Rules go by their names: `progress` is a rule, PASS FAIL OPEN UNAVOIDABLE PROVOKED UNSURE NA
+ERROR NOT JUDGED NOT RUN are outcomes. What is not mentioned is PASS or NA.
 """
 
 from dataclasses import dataclass
@@ -479,6 +479,18 @@ CHEATS = (
         "asks for a rule of its own whose condition can't hold",
         "NA; exit status 5, nothing was judged",
     ),
+    Entry(
+        "nothing_but_unsure",
+        SESSIONS,
+        "judges nothing but recordings that are too inexact to tell",
+        "UNSURE; exit status 5, nothing was judged",
+    ),
+    Entry(
+        "pass_over_what_is_unsure",
+        SESSIONS,
+        "asks for a verdict that hangs on the accuracy of a recording, and asserts nothing",
+        "UNSURE; exit status 5, nothing was judged",
+    ),
     Entry("skip_everything", SESSIONS, "skips all its tests", "NOT RUN; exit status 5, nothing was judged"),
     Entry("no_time_for_anything", SESSIONS, "sets a time budget of 0 s", "NOT RUN; exit status 5, nothing was judged"),
     # Sessions in which nothing of the user's drives, or something is left out.
@@ -627,6 +639,18 @@ CHEATS = (
         RECORDINGS,
         "makes the vehicles of a kept run so thin that nothing touches",
         "its hash is another one than in the report",
+    ),
+    Entry(
+        "one_file_is_no_recording",
+        RECORDINGS,
+        "has a file that can't be read among its recordings",
+        "ERROR, which names it; the other ones are judged",
+    ),
+    Entry(
+        "no_recordings_at_all",
+        RECORDINGS,
+        "asks for recordings of which there are none",
+        "the test is refused",
     ),
     Entry(
         "nothing_applies",

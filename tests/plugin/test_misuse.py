@@ -1,10 +1,15 @@
 """Wrong use gives one sentence that helps, and hides nothing else."""
 
 import re
+from collections.abc import Callable
 
 import pytest
 
 from pytest_rvads.errors import ScenarioError
+from pytest_rvads.runs.readers import READERS
+from pytest_rvads.runs.run import Run
+
+Make = Callable[..., Run]
 
 BODY = """import pytest_rvads as rvads
 
@@ -164,6 +169,85 @@ def test_a_search_is_no_test_whose_body_a_call_does_not_run(pytester: pytest.Pyt
 def test_a_search_is_no_class(pytester: pytest.Pytester) -> None:
     code = "import pytest_rvads as rvads\n\n@rvads.falsify('stop4', rule='p1')\nclass TestIt:\n    def test_it(self): ..."
     refused(pytester, code, 3, "@rvads.falsify makes a test of a function or method, got <class '")
+
+
+RECORDED = """import pytest
+import pytest_rvads as rvads
+"""
+"""The code of the next tests goes on in line 3."""
+
+
+@pytest.mark.parametrize(
+    ("code", "line", "says"),
+    [
+        ("@rvads.recorded()\ndef test_it(run): ...", 3, "@rvads.recorded needs files to judge: give it one or several, such as"),
+        ("@rvads.recorded(3)\ndef test_it(run): ...", 3, "write @rvads.recorded('drives/*.npz', ...) with files, folders or"),
+        ("@rvads.recorded('')\ndef test_it(run): ...", 3, "patterns in quotes, got ''"),
+        ("@rvads.recorded('a\\0b')\ndef test_it(run): ...", 3, "patterns in quotes, got 'a\\x00b'"),
+        ("@rvads.recorded\ndef test_it(run): ...", 3, "patterns in quotes, got <function test_it"),
+        (
+            "@rvads.recorded('a.json', rule='p1')\ndef test_it(run): ...",
+            3,
+            "got 'rule'; did you mean 'rules'",
+        ),
+        ("@rvads.recorded('a.json', rules=[])\ndef test_it(run): ...", 3, "rules is empty: name rules or names of rules or"),
+        ("@rvads.recorded('a.json', requirement=3)\ndef test_it(run): ...", 3, "requirement takes identifiers of requirements,"),
+        ("@rvads.recorded('no/*.npz')\ndef test_it(run): ...", 3, "test_it: no file matches 'no/*.npz', looked for in "),
+        ("@rvads.recorded('x' * 999)\ndef test_it(run): ...", 3, "test_it: no file matches 'xxx"),
+        ("@rvads.recorded('no[*')\ndef test_it(run): ...", 3, "test_it: no file matches 'no[*'"),
+        ("@rvads.recorded('a.json', rules='p0')\ndef test_it(run, rule): ...", 3, "test_it: unknown rule 'p0'"),
+        (
+            "@rvads.recorded('a.json', rules='p1')\ndef test_it(run): ...",
+            3,
+            "test_it: rules= is what the argument `rule` of a test runs over: add that argument, or leave rules= out",
+        ),
+        (
+            "@rvads.recorded('a.json', 'b/*.json')\ndef test_it(run): ...",
+            3,
+            "b/a.json would both be called 'a' in ids: ",
+        ),
+        (
+            "@rvads.recorded('a.json')\ndef test_it(): ...",
+            3,
+            "test_it has @rvads.recorded(...) but takes neither run nor ",
+        ),
+        (
+            "@rvads.recorded('a.json')\n@rvads.scenario('stop3')\ndef test_it(run): ...",
+            3,
+            "test_it has @rvads.recorded(...) and @rvads.scenario(...), but a run is one or the other: make two tests of it",
+        ),
+        (
+            "@pytest.mark.parametrize('run', [1])\n@rvads.recorded('a.json')\ndef test_it(run, monitor): ...",
+            4,
+            "test_it has @rvads.recorded(...), which gives it its `run`: parametrize another argument",
+        ),
+        ("def test_it(rvads_recorded): ...", 3, "test_it asks for a run, but no @rvads.recorded(...) says which: add the mark"),
+        (
+            "@rvads.scenario('stop3')\ndef test_it(rvads_recorded): ...",
+            3,
+            "test_it has @rvads.scenario(...) but takes rvads_recorded, a run that nobody simulated: take run instead",
+        ),
+        (
+            "@pytest.mark.rvads_recorded('a')\ndef test_it(run): ...",
+            3,
+            "write @rvads.recorded(...) instead of pytest.mark.",
+        ),
+        (
+            "@rvads.known('I1', recording='b')\n@rvads.recorded('a.json')\ndef test_it(run): ...",
+            3,
+            "test_it: @rvads.known('I1', recording=('b',)) matches none of the 1 cells of this test",
+        ),
+    ],
+)
+def test_marks_of_recordings_are_told_by_their_line(
+    pytester: pytest.Pytester, make: Make, monkeypatch: pytest.MonkeyPatch, code: str, line: int, says: str
+) -> None:
+    run = make("stop4", {0: (2, 10, 20, None)}, 30)
+    monkeypatch.setitem(READERS, ".json", lambda _: [run])
+    (pytester.path / "b").mkdir()
+    for name in ("a.json", "b/a.json"):
+        (pytester.path / name).touch()
+    refused(pytester, RECORDED + code, line, says)
 
 
 HEAD = """import pytest

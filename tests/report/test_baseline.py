@@ -17,7 +17,7 @@ def record(name: str, status: str, *, known: str | None = None, margin: float | 
     made = planned_record(name, 3, "test", keys, 4)
     if status == "NOT RUN":
         return made
-    outcome = "skipped" if status == "NA" or known else "passed" if status == "PASS" else "failed"
+    outcome = "skipped" if status in ("NA", "UNSURE") or known else "passed" if status == "PASS" else "failed"
     verdicts = [{"status": status, "cause": "both in", "instances": [{"margin": margin}]}]
     made = replace(made, kpis=Indicators(pet=pet))
     return conclude(made, verdicts, "call", outcome, known=known, text="p1 at t=1.00 s: both in")
@@ -42,6 +42,12 @@ def changes(before: list[Any], now: list[Any], gone: bool = False) -> Comparison
         ("NA", "PASS", "ADDED"),
         (None, "PASS", "ADDED"),
         (None, "NA", "ADDED"),
+        ("PASS", "UNSURE", "LOST"),
+        ("FAIL", "UNSURE", "LOST"),
+        ("NA", "UNSURE", "UNCHANGED"),
+        ("UNSURE", "UNSURE", "UNCHANGED"),
+        ("UNSURE", "PASS", "ADDED"),
+        ("UNSURE", "FAIL", "NEW"),
         ("PASS", "NOT RUN", "NOT RUN"),
         ("FAIL", "NOT RUN", "NOT RUN"),
     ],
@@ -49,6 +55,11 @@ def changes(before: list[Any], now: list[Any], gone: bool = False) -> Comparison
 def test_kinds(before: str | None, now: str, kind: str) -> None:
     found = changes([record("t", before)] if before else [], [record("t", now)])
     assert [c.kind for c in found.changes] == [kind]
+
+
+def test_a_pass_that_became_unsure_is_told() -> None:
+    (change,) = changes([record("t", "PASS")], [record("t", "UNSURE")]).changes
+    assert change.text == "was PASS, is UNSURE"
 
 
 def test_known_failures() -> None:

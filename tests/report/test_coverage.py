@@ -18,7 +18,7 @@ def record(cls: int, rule: str, status: str, *, row: int = 0, hash: str = "aa") 
     made = planned_record(f"t.py::test[{cls}-r{row}-{rule}]", 3, "test", keys, 4)
     if status == "NOT RUN":
         return made
-    outcome = {"PASS": "passed", "NA": "skipped"}.get(status, "failed")
+    outcome = {"PASS": "passed", "NA": "skipped", "UNSURE": "skipped"}.get(status, "failed")
     error = Outcome.ERROR if status == "ERROR" else None
     verdicts = [] if error else [{"status": status, "cause": "c"}]
     return conclude(structs.replace(made, hash=hash), verdicts, "call", outcome, error=error)
@@ -41,6 +41,28 @@ def test_what_exercises_nothing_is_said_why() -> None:
     found = measure(report(record(1, "p1", "ERROR"), record(1, "p2", "NOT RUN"), record(2, "p1", "NA")))
     assert found.exercised == 0
     assert found.idle == {"error": 1, "NA": 1, "not run": 1, "not selected": 1}
+
+
+def test_what_is_unsure_exercises_nothing_and_is_no_success() -> None:
+    unsure = report(record(1, "p1", "UNSURE"), planned=())
+    assert str(measure(unsure)) == "0/1 cells exercised (0.0 %): 1 unsure"
+    assert merge([("one", unsure), ("two", unsure)]).exitstatus == 5, "nothing was judged"
+
+
+def recorded(name: str, rule: str, status: str) -> Record:
+    """A record of what nobody simulated, which has no class."""
+    made = planned_record(f"t.py::test[{name}-{rule}]", 3, "test", {"junction": "stop4", "recording": name, "rule": rule}, 4)
+    outcome = {"PASS": "passed", "NA": "skipped"}.get(status, "failed")
+    return conclude(structs.replace(made, hash=name), [{"status": status}], "call", outcome)
+
+
+def test_recordings_have_cells_of_their_own_and_no_classes() -> None:
+    records = [recorded("mon", "p1", "PASS"), recorded("mon", "p2", "NA"), recorded("tue", "p1", "FAIL"), record(1, "p1", "PASS")]
+    assert str(measure(report(*records, planned=()))) == "3/4 cells exercised (75.0 %): 1 NA"
+    assert at_junctions(records, {4: (24, 81)}) == [
+        "stop4 as recorded: 2 runs, 3 verdicts: 1 pass, 1 fail, 1 NA  (never applicable: p2)",
+        "stop4: 1/24 classes, 1/81 scenarios, 1 runs, 1 verdicts: 1 pass",
+    ]
 
 
 def test_one_row_of_a_class_exercises_its_cell() -> None:

@@ -15,6 +15,7 @@ from msgspec import structs
 
 import pytest_rvads as rvads
 from pytest_rvads.conduct.kpis import kpis
+from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.report.files import FORMATS, load, save
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import Block, Causes, Changes, Verdicts, outline
@@ -27,11 +28,12 @@ INDICATORS = {
     "vehicles": [{"agent": "a0", "waiting": 7.0, "delay": 3.0, "deceleration": 4.5, "jerk": 1.0}],
     "pairs": [{"agents": ["a0", "a1"], "ttc": 0.4, "pet": 1.3}],
 }
-TELLING = {
+TELLING: dict[str, dict[str, Any]] = {
     "FAIL": {"violated": "both <in> | it", "roles": "a left from +0", "time": 2.0},
     "OPEN": {"violated": "waits for ever", "time": 9.0},
     "PROVOKED": {"status": "FAIL", "provoked": True, "violated": "was run into"},
     "UNAVOIDABLE": {"status": "FAIL", "unavoidable": True, "violated": "a cycle of four"},
+    "UNSURE": {"instances": [{"status": "UNSURE", "binding": {"a": "v7", "a'": "v9"}, "hangs": "v7 came 0.02 s <= v9"}]},
 }
 
 
@@ -59,9 +61,16 @@ def record(number: int, outcome: Outcome, known: str | None = None) -> Record:
     return structs.replace(over, status=outcome)
 
 
+def recorded(one: Record) -> Record:
+    """The record of a run that nobody simulated."""
+    keys = {"cls": 0, "scenario": "", "cfg": "", "seat": None, "traffic": None, "driver": "", "simulator": ""}
+    return structs.replace(one, nodeid="t.py::test[drive17-t0312.4-p1]", recording="drive17-t0312.4", timing=None, **keys)
+
+
 def everything() -> Report:
     records = [record(number, outcome) for number, outcome in enumerate(Outcome, start=1)]
-    records.append(record(11, Outcome.FAIL, "I3: order of creation"))
+    records.append(record(len(records) + 1, Outcome.FAIL, "I3: order of creation"))
+    records.append(recorded(record(len(records) + 1, Outcome.PASS)))
     comparison = Comparison(
         "main.json",
         (
@@ -74,7 +83,7 @@ def everything() -> Report:
     return Report(
         tuple(records),
         {4: (24, 81)},
-        (*map(cell_of, records), ("stop4", 12, "C", "p1", None, None)),
+        (*map(cell_of, records), ("stop4", 20, "C", "p1", None, None)),
         {"numpy": "2.0"},
         1,
         ("3 items vanished", "2 items did not run"),
@@ -90,7 +99,7 @@ def facts(block: Block) -> Iterator[str]:
         case Changes(comparison):
             yield from (comparison.headline, *comparison.lines())
         case Verdicts(matrix):
-            yield matrix.title
+            yield from (matrix.title, matrix.corner)
             yield from (word for column in matrix.columns for word in column)
             yield from (text for label, entries in matrix.rows for text in (label, *(entry.text for entry in entries)))
         case Causes(title, causes):
@@ -130,8 +139,9 @@ def test_no_form_leaves_out_what_another_says(form: str) -> None:
     report = everything()
     blocks = outline(report)
     assert [block.title for block in blocks] == [
-        *("notes", "since the baseline", "stop4 among hesitant traffic   t.py::test"),
+        *("notes", "since the baseline", "stop4 among hesitant traffic   t.py::test", "stop4 as recorded   t.py::test"),
         *("causes of failures", "provoked by traffic", "unavoidable: nobody could have kept the rule"),
+        "unsure: another reading of what was recorded changes the verdict",
         *("known failures", "not applicable, skipped or not run", "coverage"),
     ]
     figures = blocks[-1].plain()
@@ -140,7 +150,8 @@ def test_no_form_leaves_out_what_another_says(form: str) -> None:
         "simulated by",
         "nearest",
         "most",
-        "stop4",
+        "stop4: ",
+        "stop4 as recorded: 1 runs",
         "stack ./mine",
         "slowest",
         "requirement REQ-1",
@@ -195,10 +206,11 @@ def told(one: Record) -> dict[str, tuple[str, ...]]:
     return {
         "junction": (one.junction,),
         "test": (one.test,),
-        "cls": (f"{one.cls:02d}",),
+        "cls": () if one.recording else (f"{one.cls:02d}",),
+        "recording": (one.recording,),
         "cfg": (one.cfg,),
         "rule": (one.asks,),
-        "traffic": (one.traffic,),
+        "traffic": (one.traffic or "",),
         "driver": (one.driver,),
         "simulator": (one.simulator,),
         "requirements": one.requirements,
@@ -223,7 +235,7 @@ def test_the_tables_have_a_row_with_all_columns_for_every_record() -> None:
     rows = {row["item"]: row for row in csv.DictReader(FORMATS[".csv"](report, Path()).splitlines())}
     for one in report.records:
         found = {heading: rows[one.nodeid][heading] for heading in ("class", "verdict", "known", "run", "text", "versions")}
-        assert list(found.values()) == [str(one.cls), one.status, one.known or "", one.hash, one.message, "numpy 2.0"]
+        assert list(found.values()) == [str(one.cls or ""), one.status, one.known or "", one.hash, one.message, "numpy 2.0"]
 
 
 def test_a_known_failure_without_a_rule_is_a_failure_and_not_something_that_did_not_run() -> None:
@@ -290,6 +302,17 @@ def test_records_hold_all_that_verdicts_and_indicators_say() -> None:
         assert msgspec.json.decode(msgspec.json.encode(msgspec.convert(told, VerdictRecord))) == told
     found = kpis(run).record()
     assert msgspec.json.decode(msgspec.json.encode(msgspec.convert(found, Indicators))) == found
+
+
+def test_records_hold_what_an_unsure_instance_hangs_on() -> None:
+    binding = (("a", "v7"), ("a'", "v9"))
+    hanging, sure = (
+        InstanceVerdict(binding, Status(s), (), 3, None, (), 0.02, h) for s, h in (("UNSURE", "0.02 s"), ("PASS", ""))
+    )
+    told = Verdict("p3", Status.UNSURE, "p3 UNSURE", instances=(hanging, sure)).record()
+    back = msgspec.convert(told, VerdictRecord)
+    assert msgspec.json.decode(msgspec.json.encode(back)) == told
+    assert back.hangs == ("a=v7, a'=v9: 0.02 s",)
 
 
 def test_a_record_crosses_processes_as_builtins() -> None:

@@ -14,6 +14,7 @@ from msgspec.structs import replace
 
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.logic.rules.book import rulebook
+from pytest_rvads.report import triage
 from pytest_rvads.report.coverage import at_junctions
 from pytest_rvads.report.figures import extremes
 from pytest_rvads.report.files import load, save
@@ -139,6 +140,10 @@ def test_nothing_but_a_judged_pass_is_a_pass() -> None:
     assert status(["PASS"], "failed") == "FAIL", "an assertion after the verdict failed, or a known failure passed"
     assert status([], "failed", error=Outcome.ERROR) == "ERROR"
     assert status(["NA"], "failed", error=Outcome.ERROR) == "ERROR"
+    assert status(["UNSURE"], "skipped") == "UNSURE"
+    assert status(["UNSURE"], "passed") == "UNSURE", "whatever the test makes of it"
+    assert status(["UNSURE"], "failed", error=Outcome.UNSURE) == "UNSURE"
+    assert status(["UNSURE"], "failed") == "FAIL", "an assertion of the test"
 
 
 def test_a_known_failure_does_not_hide_an_unexpected_one() -> None:
@@ -163,6 +168,42 @@ def test_properties_are_builtins() -> None:
         "driver": "mine.Pilot",
         "simulator": "mine",
     }
+
+
+def recorded(name: str, rule: str, status: str) -> Record:
+    """The record of a run that nobody simulated."""
+    keys = {"junction": "stop4", "recording": name, "rule": rule}
+    return replace(planned_record(f"t.py::test[{name}-{rule}]", 3, "test", keys, 4), status=Outcome(status), outcome="passed")
+
+
+def test_of_what_was_recorded_no_scenario_is_told() -> None:
+    told = {"junction": "stop4", "recording": "drive17-t0312.4", "rule": "p1", "verdict": "PASS"}
+    assert dict(properties(recorded("drive17-t0312.4", "p1", "PASS"))) == told
+
+
+def test_recordings_with_the_same_verdicts_are_a_row() -> None:
+    names = [f"d{number}" for number in range(6)]
+    records = [recorded(name, "p1", "FAIL" if name == "d3" else "PASS") for name in names]
+    (matrix,) = matrices(records)
+    assert (matrix.title, matrix.corner, matrix.headings) == ("stop4 as recorded   t.py::test", "recording", ["p1"])
+    assert texts(matrix) == (("d0, d1, d2 and 2 more", ("pass",)), ("d3", ("FAIL",)))
+    assert matrix.members == (("d0", "d1", "d2", "d4", "d5"), ("d3",)), "what a page lists by a click"
+    assert matrix.shortened(1).members == (("d3",),), "what went wrong first"
+
+
+def test_what_is_unsure_is_listed_with_what_it_hangs_on() -> None:
+    def unsure(name: str, *hangs: str, reason: str = "") -> Record:
+        instances = [{"status": "UNSURE", "binding": {"a": f"v{n}"}, "hangs": text} for n, text in enumerate(hangs)]
+        verdict = {"status": "UNSURE", "instances": instances, "reason": reason}
+        return conclude(recorded(name, "p3", "NOT RUN"), [verdict], "call", "skipped", text="p3 UNSURE")
+
+    one, two = unsure("d0", "0.02 s", "0.03 s", reason="first come"), unsure("d1", reason="who came first")
+    many, silent = unsure("d2", *"12345"), unsure("d3")
+    told = ["a=v0: 0.02 s; a=v1: 0.03 s", "who came first", "a=v0: 1; a=v1: 2; a=v2: 3 and 2 more", "p3 UNSURE"]
+    assert [cause.text for cause in triage.unsure([one, two, many, silent])] == told
+    assert triage.idle([one]) == [], "told once"
+    failed = replace(one, outcome="failed")
+    assert (triage.unsure([failed]), [cause.text for cause in causes([failed])]) == ([], told[:1])
 
 
 def test_a_report_is_read_back(tmp_path: Path) -> None:
@@ -371,7 +412,9 @@ def test_a_long_label_of_a_configuration_has_a_number() -> None:
 def test_every_status_has_a_word() -> None:
     records = [replace(record(n, "C", "p1", "FAIL"), status=outcome) for n, outcome in enumerate(Outcome, start=1)]
     (line,) = at_junctions(records, {4: (24, 81)})
-    words = "1 pass, 1 fail, 1 open, 1 unavoidable, 1 provoked by traffic, 1 NA, 1 error, 1 flaky, 1 not judged, 1 not run"
+    words = (
+        "1 pass, 1 fail, 1 open, 1 unavoidable, 1 provoked by traffic, 1 unsure, 1 NA, 1 error, 1 flaky, 1 not judged, 1 not run"
+    )
     assert f"{len(Outcome)} verdicts: {words}" in line
 
 

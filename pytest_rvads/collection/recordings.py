@@ -1,0 +1,186 @@
+"""What a test asks for by ``@rvads.recorded``: files of recorded runs, found and looked into at collection."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain, count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pytest_rvads.collection.ask import judged_at
+from pytest_rvads.collection.cells import RecordedCell
+from pytest_rvads.collection.lately import Lately
+from pytest_rvads.collection.misuse import several
+from pytest_rvads.errors import RvadsError, ScenarioError, suggest
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.runs.glance import glance
+from pytest_rvads.runs.readers import READERS, read_runs
+from pytest_rvads.runs.recording import Recording
+from pytest_rvads.wording import one_line
+
+if TYPE_CHECKING:
+    from pytest_rvads.junctions.junction import Junction
+    from pytest_rvads.runs.run import Run
+
+__all__ = ["OpenFiles", "Recordings"]
+
+_UNKNOWN = "unknown"
+"""The junction of a file that can't be read."""
+
+
+class OpenFiles:
+    """The runs of the files read last. Items of one file follow each other, and so do looking into it and judging it."""
+
+    def __init__(self) -> None:
+        self._files: Lately[Sequence[Run]] = Lately(2)
+
+    def runs(self, path: str) -> Sequence[Run]:
+        """Return the runs of a file, which may be made only when they are asked for.
+
+        Raises:
+            RvadsError: it can't be read.
+        """
+        return self._files.get(path, lambda: read_runs(path))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recordings:
+    """What ``@rvads.recorded`` asks for, see there."""
+
+    place: str
+    """File and line of the mark."""
+    patterns: tuple[str, ...]
+    rules: tuple[str | Rule, ...] | None
+    requirement: tuple[str, ...]
+
+    @classmethod
+    def of(cls, place: str, asked: Mapping[str, Any]) -> Recordings:
+        """Check arguments as far as they can be without looking for files.
+
+        Raises:
+            ScenarioError: an argument of a wrong type, or none.
+        """
+        for wrong in asked["misspelt"]:
+            taken = [name for name in asked if name not in ("patterns", "misspelt")]
+            raise ScenarioError(f"@rvads.recorded takes patterns, {', '.join(taken)}, got {wrong!r}{suggest(wrong, taken)}")
+        patterns = asked["patterns"]
+        if not patterns:
+            raise ScenarioError("@rvads.recorded needs files to judge: give it one or several, such as 'drives/*.npz'")
+        for pattern in patterns:
+            if not isinstance(pattern, str | os.PathLike) or os.fspath(pattern) in ("", b"") or "\0" in str(pattern):
+                raise ScenarioError(
+                    f"write @rvads.recorded('drives/*.npz', ...) with files, folders or patterns in quotes, got {pattern!r}"
+                )
+        return cls(
+            place=place,
+            patterns=tuple(str(os.fspath(pattern)) for pattern in patterns),
+            rules=several("rules", asked["rules"], (str, Rule), "rules or names of rules or rulebooks"),
+            requirement=several("requirement", asked["requirement"], str, "identifiers of requirements") or (),
+        )
+
+    def files(self, folder: Path) -> dict[Path, str]:
+        """Return the files of a test in `folder`, each with what it is called in ids.
+
+        Raises:
+            ScenarioError: a pattern matches nothing.
+        """
+        found: dict[Path, str] = {}
+        for pattern in self.patterns:
+            here = _matches(pattern, folder) or _matches(pattern, Path.cwd())
+            if not here:
+                raise ScenarioError(
+                    f"no file matches {pattern!r}, looked for in {folder} and in the working directory: expected files of runs "
+                    f"({', '.join(READERS)}), a folder of them, or a pattern such as 'drives/*.npz'"
+                )
+            for path, name in here.items():
+                found.setdefault(path, name)
+        return found
+
+    def cells(self, files: Iterable[tuple[Path, str]], opened: OpenFiles, takes_rule: bool) -> Iterator[RecordedCell]:
+        """Yield the cells of files, the rule innermost; a file that can't be read has one, for the item that tells so.
+
+        Raises:
+            RvadsError: no such rule, or none about the junction of a file.
+        """
+        for path, name in files:
+            try:
+                place, runs = _look(path, opened)
+            except RvadsError as error:
+                yield self._cell(path, 0, None, None, name, str(error))
+                continue
+            rules = judged_at(self.rules or ("road",), place) if takes_rule else (None,)
+            for index, run in enumerate(runs):
+                label = f"{name}-{run}" if run else name
+                yield from (self._cell(path, index, rule, place, label) for rule in rules)
+
+    def _cell(
+        self, path: Path, index: int, rule: Rule | None, place: Junction | None, run: str, trouble: str = ""
+    ) -> RecordedCell:
+        keys: dict[str, str | int] = {"junction": place.name if place else _UNKNOWN, "recording": run}
+        traced = (*self.requirement, rule.requirement) if rule and rule.requirement else self.requirement
+        ways = place.ways if place else 0
+        if rule is None:
+            return RecordedCell(str(path), index, rule, trouble, ways, run, run, keys, traced)
+        keys["rule"] = rule.name
+        return RecordedCell(str(path), index, rule, trouble, ways, f"{run}-{rule.name}", run, keys, traced)
+
+
+def _look(path: Path, opened: OpenFiles) -> tuple[Junction, Sequence[str]]:
+    """Return the junction of a file and what its runs are called in ids, nothing where there is one only.
+
+    Raises:
+        RvadsError: the file can't be read, or holds no run.
+    """
+    place = glance(path)
+    if place is not None:
+        return place, ("",)
+    runs = opened.runs(str(path))
+    if not len(runs):
+        raise RvadsError(f"{path}: holds no run, so there is nothing to judge: nobody came near the junction")
+    if len(runs) == 1:
+        return (runs.junction if isinstance(runs, Recording) else runs[0].junction), ("",)
+    if isinstance(runs, Recording):  # whose runs need not be made for this
+        return runs.junction, _apart(f"t{period.busy:06.1f}" for period in runs.periods)
+    return runs[0].junction, _apart(_plain(run.label) for run in runs)
+
+
+def _apart(names: Iterable[str]) -> list[str]:
+    """Return names, those that come again with the first number behind that makes them another."""
+    told: dict[str, None] = {}
+    for name in names:
+        numbered = (f"{name}.{number}" for number in count(2))
+        told[next(one for one in chain((name,), numbered) if one not in told)] = None
+    return list(told)
+
+
+def _plain(text: str) -> str:
+    """Return a text as it may stand in ids."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", one_line(text))
+
+
+def _matches(pattern: str, folder: Path) -> dict[Path, str]:
+    """Return the files that a pattern matches in a folder, in order, with what each is called.
+
+    That is its name without the ending, and before it the folders that it lies in below the part of the pattern that has no
+    wildcards: so no file that comes later changes what others are called.
+    """
+    literal = folder / pattern
+    if os.path.exists(literal):
+        base, found = literal if literal.is_dir() else literal.parent, [literal]
+    else:
+        parts = Path(pattern).parts
+        plain = next((k for k, part in enumerate(parts) if glob.has_magic(part)), len(parts))
+        base = folder.joinpath(*parts[:plain])
+        found = [folder / name for name in glob.glob(pattern, root_dir=folder, recursive=True)]
+    files = {path.resolve(): path for one in sorted(found) for path in (_inside(one) if one.is_dir() else [one])}
+    return {real: ".".join(map(_plain, path.relative_to(base).with_suffix("").parts)) for real, path in files.items()}
+
+
+def _inside(folder: Path) -> list[Path]:
+    """Return the files of a folder and of those in it whose endings are those of runs; hidden ones are nobody's recordings."""
+    inside = (path for path in folder.rglob("*") if path.suffix.lower() in READERS and path.is_file())
+    return sorted(path for path in inside if not any(part.startswith(".") for part in path.relative_to(folder).parts))
