@@ -47,9 +47,7 @@ def test_who_steps_over_the_entrance_zone_was_there(make: Callable[..., Run], th
     assert verdict.time == pytest.approx(2.1, abs=0.1)
 
 
-def test_a_light_that_turns_between_the_same_samples_as_somebody_enters(
-    make: Callable[..., Run], thinned: Callable[..., Run]
-) -> None:
+def test_a_light_turns_while_somebody_enters(make: Callable[..., Run], thinned: Callable[..., Run]) -> None:
     run = make("light4", {0: (2, 150, 205, 320)}, 400, {0: [(0, Colour.RED), (207, Colour.GREEN)]})
     verdict = check(thinned(run), "p4")
     assert check(run, "p4").status is Status.FAIL

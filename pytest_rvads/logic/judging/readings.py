@@ -66,16 +66,17 @@ class Reading:
         return f"{self.asks}, known to {self.within:.2f} {'m/s' if self.asks == _PACE else 'm'}"
 
 
-def doubted(found: Sequence[Judgement], values: Values, *, standing: bool = False) -> list[Judgement]:
+def doubted(found: Sequence[Judgement], values: Values, sampled: Run, *, standing: bool = False) -> list[Judgement]:
     """Return what instances say, UNSURE where another reading of the run within its accuracy says something else.
 
     Args:
         found: what they say of the run as it was recorded.
         values: of the run.
+        sampled: the run as it was recorded, which tells between which samples events lie.
         standing: waiting times count from standstill, so speeds decide orders, too.
     """
     run, result = values.run, list(found)
-    known = crossings(run)
+    known = crossings(sampled)
     if not known.exact:
         result = [reordered(j, known, values) if about_order(j.template) and not standing else j for j in result]
     rest = {k: j for k, j in enumerate(found) if standing or not about_order(j.template)}
