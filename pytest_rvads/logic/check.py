@@ -82,8 +82,8 @@ def check(
     broken = once(run, damage)
     if broken:
         return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason if run.fault else str(broken[0])))
-    run = without_jumps(run)
-    story = _judged(rule, Values(run, window, standing=standing), book, itinerary, standing)
+    values = Values(without_jumps(run), window, standing=standing)
+    story = _judged(rule, values, book, run, itinerary=itinerary, standing=standing)
     if run.fault is None:
         return tell(story)
     if story.status is Status.FAIL and not (story.provoked or story.unavoidable):
@@ -92,8 +92,8 @@ def check(
     return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason))
 
 
-def _judged(rule: Rule, values: Values, book: RuleBook, itinerary: bool, standing: bool) -> Story:
-    """Return what a rule says of the states of a run, whatever ended it."""
+def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinerary: bool, standing: bool) -> Story:
+    """Return what a rule says of the states of a run, whatever ended it; `sampled` is the run as it was recorded."""
     run = values.run
     if not rule.concerns(run.junction):
         return Story(rule, run, Status.NA, reason=_elsewhere(rule, run.junction))
@@ -105,7 +105,7 @@ def _judged(rule: Rule, values: Values, book: RuleBook, itinerary: bool, standin
             return Story(rule, run, Status.NA, reason=reason, collapsed=collapsed)
         return Story(rule, run, Status.PASS, collapsed=collapsed)
     try:
-        found = doubted(judge(templates, values), values, standing=standing)
+        found = doubted(judge(templates, values), values, sampled, standing=standing)
     except RunError as error:
         return Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=collapsed)
     whose = attribute(found, rule, values, book)

@@ -148,9 +148,9 @@ class Recording(Sequence[Run]):
         )
 
     def _speeds_known(self, tracks: Sequence[Track]) -> float:
-        """Return the standard deviation of the speeds of vehicles [m/s], what happens between samples included."""
-        if self.position_accuracy <= 0.0:
-            return self.speed_accuracy
+        """Return the standard deviation of the speeds of vehicles [m/s]; unless it is 0, with what happens between samples."""
+        if self.speed_accuracy <= 0.0:
+            return 0.0
         apart = float(np.median(np.concatenate([np.diff(track.times) for track in tracks])))
         return max(self.speed_accuracy, HARDEST * max(apart - DT, 0.0) / 2 / 3)  # three deviations are all that can be
 

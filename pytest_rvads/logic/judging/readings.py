@@ -6,7 +6,7 @@ two places at once. Order of events has all its readings (`orders`); for the res
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, log2
 
@@ -30,6 +30,7 @@ __all__ = ["SURE", "Reading", "doubted"]
 SURE = 3.0
 """What was measured is within so many standard deviations."""
 _SIZES, _SIDES, _PACE, _ALONG = "how near bodies came", "how far beside its way it was", "how fast it was", "how far it had come"
+_ALONE = "how far it had come on its way"
 _ASKS: dict[str, tuple[str, ...]] = {
     "collide": (_SIZES, _ALONG),
     "meet": (_ALONG,),
@@ -48,6 +49,7 @@ _ASKS: dict[str, tuple[str, ...]] = {
 }
 """Per word, what in a run its truth turns on; of those that are not here, on everything."""
 _EVERYTHING = (_SIZES, _SIDES, _PACE, _ALONG)
+_ORDER = (*_EVERYTHING, _ALONE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,21 +68,22 @@ class Reading:
         return f"{self.asks}, known to {self.within:.2f} {'m/s' if self.asks == _PACE else 'm'}"
 
 
-def doubted(found: Sequence[Judgement], values: Values, *, standing: bool = False) -> list[Judgement]:
+def doubted(found: Sequence[Judgement], values: Values, sampled: Run, *, standing: bool = False) -> list[Judgement]:
     """Return what instances say, UNSURE where another reading of the run within its accuracy says something else.
 
     Args:
         found: what they say of the run as it was recorded.
         values: of the run.
+        sampled: the run as it was recorded, which tells between which samples events lie.
         standing: waiting times count from standstill, so speeds decide orders, too.
     """
     run, result = values.run, list(found)
-    known = crossings(run)
+    known = crossings(sampled)
     if not known.exact:
         result = [reordered(j, known, values) if about_order(j.template) and not standing else j for j in result]
     rest = {k: j for k, j in enumerate(found) if standing or not about_order(j.template)}
     asked = {ask for j in rest.values() for ask in _asks(j.template)}
-    for ask in (a for a in _EVERYTHING if a in asked):
+    for ask in (a for a in _ORDER if a in asked):
         for reading in _readings(run, ask):
             left = {k: j for k, j in rest.items() if result[k] is j and ask in _asks(j.template) and _near(run, j)}
             again = Values(reading.run, values.tie, standing=standing)
@@ -93,7 +96,10 @@ def doubted(found: Sequence[Judgement], values: Values, *, standing: bool = Fals
 
 def _asks(template: Template) -> frozenset[str]:
     """Return what in a run an instance turns on."""
-    return frozenset(ask for atom in template.atoms for ask in _ASKS.get(atom.name, _EVERYTHING if _is_word(atom) else (_PACE,)))
+    asks = {ask for atom in template.atoms for ask in _ASKS.get(atom.name, _EVERYTHING if _is_word(atom) else (_PACE,))}
+    if _ALONG in asks and len(agents_of(template.formula)) < 2:
+        asks = asks - {_ALONG} | {_ALONE}
+    return frozenset(asks)
 
 
 def _is_word(atom: f.Atom) -> bool:
@@ -166,14 +172,23 @@ def _of_pace(run: Run) -> tuple[Reading, ...]:
 
 
 def _of_way(run: Run) -> tuple[Reading, ...]:
+    return _all_moved(run, _ALONG, _patterns(run))
+
+
+def _of_one(run: Run) -> tuple[Reading, ...]:
+    return _all_moved(run, _ALONE, (np.full(len(run.agents), sign) for sign in (1.0, -1.0)))
+
+
+def _all_moved(run: Run, asks: str, patterns: Iterable[NDArray[np.float64]]) -> tuple[Reading, ...]:
+    """Return a reading per choice of who is ahead of where it was measured (1) and who behind (-1)."""
     if run.spread is None or run.station is None:
         return ()
     within = float(np.nanmax(run.spread, initial=0.0))
-    return tuple(Reading(_ALONG, within, _moved(run, signs)) for signs in _patterns(run)) if within > 0.0 else ()
+    return tuple(Reading(asks, within, _moved(run, signs)) for signs in patterns) if within > 0.0 else ()
 
 
 def _patterns(run: Run) -> Iterator[NDArray[np.float64]]:
-    """Yield which agents are ahead of where they were measured (1) and which behind (-1).
+    """Yield who is ahead and who behind, in turns.
 
     Those of one entrance are so together; of any two entrances each is once ahead when the other one is behind.
     """
@@ -208,4 +223,5 @@ _MAKERS: dict[str, Callable[[Run], tuple[Reading, ...]]] = {
     _SIDES: _of_sides,
     _PACE: _of_pace,
     _ALONG: _of_way,
+    _ALONE: _of_one,
 }

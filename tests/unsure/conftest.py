@@ -1,0 +1,54 @@
+"""Recordings of runs that are known: thinned, with noise, smoothed as imported tracks are."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pytest_rvads.conduct.lane import itinerary
+from pytest_rvads.runs.recording import Changes, Recording, Track
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.smoothing import DERIVED, smoothed
+
+Measure = Callable[..., Recording]
+
+
+@pytest.fixture(scope="session")
+def measured() -> Measure:
+    """Return a function that measures a run again.
+
+    It takes the run, how often a second, the standard deviation of a coordinate [m], whether speeds are measured, and a seed.
+    """
+
+    def measure(run: Run, often: int = 10, accuracy: float = 0.1, speeds: bool = True, seed: int = 0) -> Recording:
+        rng, every = np.random.default_rng(seed), round(1 / (often * run.dt))
+        tracks = []
+        for column, agent in enumerate(run.agents):
+            here = np.flatnonzero(run.here[:, column])[::every]
+            pose = run.need("pose")[here, column] + rng.normal(0, accuracy, (len(here), 3)) * (1, 1, 0)
+            way = itinerary(run.junction, *agent.route.key)
+            around = run.need("station")[here, column]
+            station = np.array([way.project(x, y, near)[0] for (x, y, _), near in zip(pose, around, strict=True)])
+            fast = run.need("speed")[here, column] if speeds else None
+            times = run.times[here]
+            station, speed, spread = smoothed(times, station, fast, accuracy)
+            tracks.append(Track(agent, times, station, speed, pose, spread))
+        lights = {
+            k: Changes(run.times[changed], run.lights[changed, k])
+            for k in range(run.lights.shape[1])
+            if len(changed := np.flatnonzero(np.diff(run.lights[:, k], prepend=-1)))
+        }
+        return Recording(run.label, run.junction, tuple(tracks), lights, run.facts, accuracy, 0.0 if speeds else DERIVED)
+
+    return measure
+
+
+@pytest.fixture(scope="session")
+def thinned() -> Callable[..., Run]:
+    """Return a function that makes a run of every tenth state of another one, from a given one on."""
+
+    def thin(run: Run, first: int = 0) -> Run:
+        return replace(run, zone=run.zone[first::10], lights=run.lights[first::10], dt=run.dt * 10)
+
+    return thin
