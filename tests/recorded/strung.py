@@ -17,7 +17,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.periods import Period
 from pytest_rvads.runs.recording import Recording, Track
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Zone
+from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
@@ -32,6 +32,8 @@ class Racer(Follower):
         return 8.0
 
 
+Told = dict[tuple[Any, ...], dict[str, Any]]
+"""What instances say, by their bindings."""
 DRIVERS = {"reference": Reference, "lgsvl": LgsvlLike, "racer": Racer}
 
 
@@ -52,7 +54,8 @@ def strung(runs: Sequence[Run], starts: Sequence[int]) -> Run:
     Lights are those of the last run that has begun.
     """
     steps = max(start + run.steps for start, run in zip(starts, runs, strict=True))
-    agents, arrays = [], {name: [] for name in ("zone", "station", "speed", "pose")}
+    agents: list[Agent] = []
+    arrays: dict[str, list[np.ndarray]] = {name: [] for name in ("zone", "station", "speed", "pose")}
     lights = np.zeros((steps, runs[0].lights.shape[1]), dtype=np.int8)
     for number, (run, start) in enumerate(zip(runs, starts, strict=True)):
         agents += [replace(agent, name=f"{number}-{agent.name}") for agent in run.agents]
@@ -73,7 +76,7 @@ def recorded(run: Run, every: int = 10) -> Recording:
     for column, agent in enumerate(run.agents):
         ticks = np.flatnonzero(run.here[:, column])[::every]
         values = (array[ticks, column] for array in (run.station, run.speed, run.pose))
-        tracks.append(Track(agent, ticks * run.dt, *values))
+        tracks.append(Track(agent, np.asarray(ticks * run.dt, dtype=np.float64), *values))
     return Recording("strung", run.junction, tuple(tracks))
 
 
@@ -86,14 +89,14 @@ def uncut(recording: Recording) -> Recording:
     return whole
 
 
-def instances(run: Run, rule: Rule, after: float = 0.0, prefix: str = "") -> dict[tuple[Any, ...], dict[str, Any]]:
+def instances(run: Run, rule: Rule, after: float = 0.0, prefix: str = "") -> Told:
     """Return what every instance says, by its binding; times count from `after`, and names get a prefix."""
     names = {agent.name for agent in run.agents}
 
     def named(text: str) -> str:
         return f"{prefix}{text}" if text in names else text
 
-    found = {}
+    found: Told = {}
     for instance in check(run, rule).instances:
         told = instance.record(run.dt, run.start + after)
         told["binding"] = tuple((variable, named(name)) for variable, name in told["binding"].items())

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,15 +12,17 @@ from hypothesis import strategies as st
 from pytest_rvads.conduct import predicates
 from pytest_rvads.conduct.presence import near, together
 from pytest_rvads.conduct.standing import stopped
+from pytest_rvads.conduct.validate import validate
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.timeline import timelines
 from pytest_rvads.runs import periods
 from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.runs.states import Colour, Zone
 
-from .strung import concerning, driven, instances, recorded, strung, uncut
+from .strung import Told, concerning, driven, instances, recorded, strung, uncut
 
 LAW = settings(deadline=None, derandomize=True, max_examples=6)
 Make = Callable[..., Run]
@@ -47,7 +50,7 @@ def test_runs_one_after_the_other_are_judged_as_each_by_itself(choices: Choices,
     starts = np.cumsum([0, *(run.steps + gap for run in runs[:-1])]).tolist()
     whole = strung(runs, starts)
     for rule in concerning(whole):
-        apart = {}
+        apart: Told = {}
         for number, (run, start) in enumerate(zip(runs, starts, strict=True)):
             apart |= instances(run, rule, start * run.dt, f"{number}-")
         found = instances(whole, rule)
@@ -67,16 +70,12 @@ def test_excerpts_say_what_the_whole_recording_says(choices: Choices, later: int
         parts = list(replace(whole))
     assert len(parts) > 1
     for rule in concerning(single):
-        found: dict = {}
+        found: Told = {}
         for part in parts:
             told = instances(part, rule)
             assert not told.keys() & found.keys(), "judged twice"
             found |= told
-        assert _untimed(found) == _untimed(instances(single, rule)), rule
-
-
-def _untimed(found: dict) -> dict:
-    return {key: {**told, "broken": None} for key, told in found.items()}
+        assert found == instances(single, rule), rule
 
 
 @LAW
@@ -174,8 +173,27 @@ def test_a_run_of_many_vehicles_is_judged_at_once() -> None:
     """Two hundred that come and go, in one run: no instance is too many, and none costs what all pairs would."""
     run = driven("stop4", "1133", "reference", (8.0, 12.0, 16.0, 9.0))
     coarse = replace(run, dt=0.1, **{name: getattr(run, name)[::10] for name in ("zone", "lights", "station", "speed", "pose")})
-    several = strung([coarse] * 50, [160 * number for number in range(50)])
+    several = strung([coarse] * 50, [coarse.steps * number for number in range(50)])
     assert len(several.agents) == 200
     for rule in ("p1", "p3", "first_come", "right_first", "no_collision", "no_conflict", "progress"):
         once, often = check(coarse, rule), check(several, rule)
         assert often.counts == {word: 50 * count for word, count in once.counts.items()}, rule
+
+
+def test_coarse_sampling_is_told_once_for_all() -> None:
+    run = driven("stop4", "1133", "racer", (8.0, 12.0, 16.0, 9.0))
+    coarse = replace(run, dt=0.2, **{name: getattr(run, name)[::20] for name in ("zone", "lights", "station", "speed", "pose")})
+    (told,) = [finding.message for finding in validate(coarse) if finding.kind == "sampling"]
+    assert ", as do 3 others: in 0.2 s that is more than the entrance zone of 1 m" in told
+
+
+def test_runs_of_one_junction_share_it(tmp_path: Path) -> None:
+    """What is found out about a junction, where ways meet above all, is found out once for thousands of files."""
+    run = driven("stop4", "1133", "racer", (8.0, 12.0, 16.0, 9.0))
+    other = driven("light4", "2323", "racer", (8.0, 12.0, 16.0, 9.0))
+    for name, what in (("one", run), ("two", replace(run, label="two")), ("other", other)):
+        save_run(what, tmp_path / f"{name}.npz")
+    one, two, third = (load_run(tmp_path / f"{name}.npz") for name in ("one", "two", "other"))
+    assert one.junction is two.junction
+    assert (one.junction, third.junction) == (run.junction, other.junction)
+    assert one == run
