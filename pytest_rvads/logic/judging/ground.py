@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from math import prod
 
 from pytest_rvads.conduct.predicates import Static
@@ -62,6 +63,7 @@ class Grounding:
         return "\n".join(lines)
 
 
+@lru_cache(maxsize=64)
 def domain(sort: str, static: Static) -> tuple[f.Element, ...]:
     """Return the elements that a variable of a sort ranges over, at the junction under test."""
     match Sort(sort):
