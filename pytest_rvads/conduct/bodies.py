@@ -137,10 +137,12 @@ def _find_blocks(run: Run) -> _Blocks:
     travel = np.add.reduceat(moved, starts, axis=0) if run.steps else moved
     reach = np.hypot(*sizes.T) / 2 + _MARGIN / 2
     place, wide = centre[starts], travel + reach
+    there = np.logical_or.reduceat(run.here, starts, axis=0) if run.steps else run.here
     near = np.empty((len(starts), count, count), dtype=np.bool_)
     for block in range(len(starts)):
         apart = place[block, :, None] - place[block]
         near[block] = np.hypot(apart[..., 0], apart[..., 1]) <= wide[block, :, None] + wide[block]
+        near[block] &= there[block, :, None] & there[block]
     return _Blocks(centre, reach, near)
 
 

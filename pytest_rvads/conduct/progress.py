@@ -61,6 +61,10 @@ def part(run: Run, agent: int) -> NDArray[np.int8]:
 
 def lost_time(run: Run) -> NDArray[np.float64]:
     """Return the time that every agent loses in each state although it could go, shape ``(steps, agents)`` [s]."""
+    return once(run, _lose_time)
+
+
+def _lose_time(run: Run) -> NDArray[np.float64]:
     return np.where(_waiting(run).free, _slowness(run, run.advance), 0.0)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from math import prod
 
 from pytest_rvads.conduct.predicates import Static
@@ -62,6 +63,7 @@ class Grounding:
         return "\n".join(lines)
 
 
+@lru_cache(maxsize=64)
 def domain(sort: str, static: Static) -> tuple[f.Element, ...]:
     """Return the elements that a variable of a sort ranges over, at the junction under test."""
     match Sort(sort):
@@ -162,8 +164,9 @@ def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Bindin
         if not rest and not static.judges(_columns((*(e for _, e in binding), element))):
             continue
         # Inner variables may hide the name; they are handled by _reduce.
-        reduced = _reduce(body, {first.name: element}, static, budget, decide=True, itinerary=itinerary)
         bound = (*binding, (first.name, element))
+        known = dict(bound) if static.together is not None else {first.name: element}
+        reduced = _reduce(body, known, static, budget, decide=True, itinerary=itinerary)
         if isinstance(reduced, f.Const) and isinstance(body, f.Forall):
             count = _count(body, static)
             if reduced.value or not count:
@@ -184,7 +187,11 @@ def _count(formula: f.Formula, static: Static) -> int:
 def _reduce(
     formula: f.Formula, values: Mapping[str, f.Element], static: Static, budget: Budget, *, decide: bool, itinerary: bool
 ) -> f.Formula:
-    """Replace variables; with `decide`, evaluate what is static and simplify; quantifiers below the outermost unfold."""
+    """Replace variables; with `decide`, evaluate what is static and simplify; quantifiers below the outermost unfold.
+
+    Where agents come and go, they do when all of the outermost variables are known: who was there together with these.
+    """
+    waits = static.together is not None and isinstance(formula, f.Forall)
 
     def go(node: f.Formula, env: Mapping[str, f.Element], prefix: bool) -> f.Formula:
         match node:
@@ -199,6 +206,9 @@ def _reduce(
                 inner = {k: v for k, v in env.items() if k not in {b.name for b in variables}}
                 reduced = go(body, inner, True)
                 return reduced if isinstance(reduced, f.Const) else f.Forall(variables, reduced)
+            case f.Forall(variables, body) | f.Exists(variables, body) if waits:
+                inner = {k: v for k, v in env.items() if k not in {b.name for b in variables}}
+                return type(node)(variables, go(body, inner, False))
             case f.Forall(variables, body) | f.Exists(variables, body):
                 first, rest = variables[0], variables[1:]
                 kind = type(node)
