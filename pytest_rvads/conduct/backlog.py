@@ -1,0 +1,165 @@
+"""Time lost, followed instant by instant, and worked out only when it may have become too much.
+
+Who waits for whom takes a look at all pairs of vehicles. A vehicle loses at most the time that goes by while it is slow: as long
+as that is less than anybody's patience, nothing has happened yet, and the instants are kept. Then they are worked out at once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.conduct.instant import Instant, Mover
+from pytest_rvads.conduct.progress import (
+    AT_LINE,
+    BLOCKING_TIME,
+    PACE,
+    PATIENCE,
+    blocking_time,
+    lost_time,
+    may_go,
+)
+from pytest_rvads.runs.itineraries import LEAVE
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import ABSENT, ENTRANCE, EXIT, Colour
+
+__all__ = ["Backlog"]
+
+_MOST = 2000
+"""Instants that are kept."""
+_ROUNDING = 1e-8
+"""Sums of times in another order differ by less [s]."""
+_RED = (int(Colour.YELLOW), int(Colour.RED))
+
+
+class _Loss:
+    """What a vehicle has lost [s]."""
+
+    __slots__ = ("blocked", "idle", "may_block", "may_idle", "part", "settled_part")
+
+    def __init__(self) -> None:
+        self.idle = self.blocked = 0.0
+        self.may_idle = self.may_block = 0.0
+        self.part = self.settled_part = -1
+
+
+class Backlog:
+    """Instants that nobody has worked out yet.
+
+    Args:
+        now: the instant, which goes on.
+    """
+
+    def __init__(self, now: Instant) -> None:
+        self._now = now
+        self._losses: dict[Mover, _Loss] = {}
+        self._columns: list[Mover] = []
+        self._rows: list[tuple[list[float], ...]] = []
+        self._lights: list[list[int]] = []
+        self._free: NDArray[np.bool_] | None = None
+
+    def add(self) -> None:
+        """Read an instant."""
+        now, losses = self._now, self._losses
+        slots = now.slots
+        if len(self._rows) >= _MOST or any(mover is not slot for mover, slot in zip(self._columns, slots, strict=False)):
+            self.settle()
+        self._columns = list(slots)
+        self._free = None
+        self._lights.append(now.lights)
+        self._rows.append(
+            (
+                [m.zone for m in slots],
+                [m.station for m in slots],
+                [m.speed for m in slots],
+                [m.wt for m in slots],
+                [m.facing for m in slots],
+                [m.advance for m in slots],
+            )
+        )
+        for mover in now.movers:
+            loss = losses.get(mover)
+            if loss is None:
+                loss = losses[mover] = _Loss()
+            zone = mover.zone
+            part = ENTRANCE if zone < ENTRANCE else EXIT if zone > EXIT else zone
+            if part != loss.part:
+                loss.part, loss.may_idle = part, 0.0
+            if mover.advance < PACE and mover.here and not self._excused(mover):
+                loss.may_idle += (1.0 - max(mover.advance, 0.0) / PACE) * now.dt
+            if abs(mover.speed) < PACE and now.inside(mover):
+                loss.may_block += (1.0 - abs(mover.speed) / PACE) * now.dt
+
+    def _excused(self, mover: Mover) -> bool:
+        """Return whether a vehicle surely may not go, or has arrived."""
+        if mover.zone <= ENTRANCE:
+            return mover.facing in _RED and mover.station > mover.line - AT_LINE
+        return mover.station - mover.agent.route.length >= LEAVE
+
+    def drop(self, mover: Mover) -> None:
+        """Forget a vehicle that has vanished."""
+        self._losses.pop(mover, None)
+
+    def idles(self, mover: Mover) -> bool:
+        """`progress.idles`."""
+        loss = self._losses.get(mover)
+        if loss is not None and loss.may_idle > PATIENCE - _ROUNDING:
+            self.settle()
+            return loss.idle > PATIENCE
+        return False
+
+    def blocks(self, mover: Mover) -> bool:
+        """`progress.blocks`."""
+        loss = self._losses.get(mover)
+        if loss is not None and loss.may_block > BLOCKING_TIME - _ROUNDING:
+            self.settle()
+            return loss.blocked > BLOCKING_TIME
+        return False
+
+    def may_go(self, mover: Mover) -> bool:
+        """`progress.may_go`."""
+        if self._free is None:
+            run = self._now.run
+            self._free = np.array([may_go(run, slot)[0] for slot in range(len(run.agents))])
+        return bool(self._free[mover.slot])
+
+    def settle(self) -> None:
+        """Work out what the instants so far have cost everybody."""
+        if not self._rows:
+            return
+        run = self._as_run()
+        lost = lost_time(run)
+        for mover in self._columns:
+            loss, zone = self._losses.get(mover), run.zone[:, mover.slot]
+            if loss is None:
+                continue
+            parts = np.clip(zone, ENTRANCE, EXIT)
+            changes = np.flatnonzero(np.diff(parts)) + 1
+            begin = int(changes[-1]) if len(changes) else 0
+            kept = loss.idle if not begin and int(parts[0]) == loss.settled_part else 0.0
+            loss.idle = loss.may_idle = _total(kept, lost[begin:, mover.slot])
+            loss.settled_part = int(parts[-1])
+            loss.blocked = loss.may_block = _total(loss.blocked, blocking_time(run, mover.slot))
+        self._rows.clear()
+        self._lights.clear()
+
+    def _as_run(self) -> Run:
+        """Return the instants as a run; vehicles that came meanwhile are absent before."""
+        now, count = self._now, len(self._columns)
+
+        def table(column: int, fill: float) -> NDArray[np.float64]:
+            return np.array([row[column] + [fill] * (count - len(row[column])) for row in self._rows])
+
+        agents = tuple(mover.agent for mover in self._columns)
+        zone, lights = table(0, ABSENT).astype(np.int8), np.array(self._lights, dtype=np.int8)
+        run = Run("live", now.junction, agents, zone, lights, now.dt, station=table(1, np.nan), speed=table(2, np.nan))
+        known = run.__dict__
+        known["wt"], known["facing"] = table(3, 0).astype(np.int32), table(4, 0).astype(np.int8)
+        known["advance"] = table(5, np.nan)
+        known["entered"] = np.array([mover.entered for mover in self._columns], dtype=np.int64)
+        return run
+
+
+def _total(before: float, losses: NDArray[np.float64]) -> float:
+    """Return a sum, added up in the order of time."""
+    return float(np.cumsum(np.concatenate(([before], losses)))[-1])

@@ -1,0 +1,5 @@
+"""A rule on a run while it is being produced: one state at a time."""
+
+from pytest_rvads.logic.live.rule_monitor import RuleMonitor
+
+__all__ = ["RuleMonitor"]
