@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.instant import Instant, Mover
+from pytest_rvads.conduct.priority import DUE
 from pytest_rvads.conduct.progress import (
     AT_LINE,
     BLOCKING_TIME,
+    GAP,
     PACE,
     PATIENCE,
     blocking_time,
@@ -21,7 +23,7 @@ from pytest_rvads.conduct.progress import (
 )
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import ABSENT, ENTRANCE, EXIT, Colour
+from pytest_rvads.runs.states import ABSENT, APPROACH, ENTRANCE, EXIT, Colour
 
 __all__ = ["Backlog"]
 
@@ -92,9 +94,29 @@ class Backlog:
 
     def _excused(self, mover: Mover) -> bool:
         """Return whether a vehicle surely may not go, or has arrived."""
-        if mover.zone <= ENTRANCE:
-            return mover.facing in _RED and mover.station > mover.line - AT_LINE
-        return mover.station - mover.agent.route.length >= LEAVE
+        if mover.zone > ENTRANCE:
+            return mover.station - mover.agent.route.length >= LEAVE
+        if mover.facing in _RED and mover.station > mover.line - AT_LINE:
+            return True
+        return mover.zone == APPROACH and self._queues(mover)
+
+    def _queues(self, mover: Mover) -> bool:
+        """Return whether a vehicle waits behind another one, which surely does not wait for it.
+
+        Who is on its approach, and would not be at the junction within `DUE`, is waited for by nobody but who is behind it in its
+        lane. Where that is said of the vehicle and of all behind it, nobody ahead of it waits for it, not even by way of others.
+        """
+        front = mover.station
+        waits = False
+        for other in self._now.movers:
+            if other.entrance != mover.entrance:
+                continue
+            if other.station <= front:
+                if other.zone != APPROACH or other.station + DUE * max(other.speed, 0.0) >= 0.0:
+                    return False
+            elif other.speed < PACE and other.zone <= ENTRANCE and other.station - other.length - front < GAP:
+                waits = True
+        return waits
 
     def drop(self, mover: Mover) -> None:
         """Forget a vehicle that has vanished."""

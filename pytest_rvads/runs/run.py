@@ -224,11 +224,15 @@ class Run:
     def advance(self) -> NDArray[np.float64]:
         """How fast every agent gets on along its itinerary, shape ``(steps, agents)``; negative when it backs off [m/s].
 
+        In the first state in which it is there, its speed.
+
         Raises:
             RunError: the run does not record positions and speeds.
         """
         station = self.need("station")
         rate = np.vstack((self.need("speed")[:1], np.diff(station, axis=0) / self.dt))
+        appears = np.isnan(rate) & ~np.isnan(station)
+        rate[appears] = self.need("speed")[appears]
         rate.flags.writeable = False
         return rate
 
