@@ -31,6 +31,7 @@ _MOST = 2000
 """Instants that are kept."""
 _ROUNDING = 1e-8
 """Sums of times in another order differ by less [s]."""
+_IDLE, _BLOCKED = PATIENCE - _ROUNDING, BLOCKING_TIME - _ROUNDING
 _RED = (int(Colour.YELLOW), int(Colour.RED))
 
 
@@ -60,8 +61,8 @@ class Backlog:
         self._lights: list[list[int]] = []
         self._free: NDArray[np.bool_] | None = None
 
-    def add(self) -> None:
-        """Read an instant."""
+    def add(self) -> bool:
+        """Read an instant, and return whether somebody may have lost too much by now."""
         now, losses = self._now, self._losses
         slots = now.slots
         if len(self._rows) >= _MOST or any(mover is not slot for mover, slot in zip(self._columns, slots, strict=False)):
@@ -79,6 +80,7 @@ class Backlog:
                 [m.advance for m in slots],
             )
         )
+        much = False
         for mover in now.movers:
             loss = losses.get(mover)
             if loss is None:
@@ -86,11 +88,14 @@ class Backlog:
             zone = mover.zone
             part = ENTRANCE if zone < ENTRANCE else EXIT if zone > EXIT else zone
             if part != loss.part:
-                loss.part, loss.may_idle = part, 0.0
+                loss.part, loss.idle, loss.may_idle = part, 0.0, 0.0
             if mover.advance < PACE and mover.here and not self._excused(mover):
                 loss.may_idle += (1.0 - max(mover.advance, 0.0) / PACE) * now.dt
             if abs(mover.speed) < PACE and now.inside(mover):
                 loss.may_block += (1.0 - abs(mover.speed) / PACE) * now.dt
+            if loss.may_idle > _IDLE or loss.may_block > _BLOCKED:
+                much = True
+        return much
 
     def _excused(self, mover: Mover) -> bool:
         """Return whether a vehicle surely may not go, or has arrived."""
@@ -125,18 +130,20 @@ class Backlog:
     def idles(self, mover: Mover) -> bool:
         """`progress.idles`."""
         loss = self._losses.get(mover)
-        if loss is not None and loss.may_idle > PATIENCE - _ROUNDING:
+        if loss is None or mover.zone == ABSENT:
+            return False
+        if loss.idle <= PATIENCE < loss.may_idle + _ROUNDING:
             self.settle()
-            return loss.idle > PATIENCE
-        return False
+        return loss.idle > PATIENCE
 
     def blocks(self, mover: Mover) -> bool:
         """`progress.blocks`."""
         loss = self._losses.get(mover)
-        if loss is not None and loss.may_block > BLOCKING_TIME - _ROUNDING:
+        if loss is None:
+            return False
+        if loss.blocked <= BLOCKING_TIME < loss.may_block + _ROUNDING:
             self.settle()
-            return loss.blocked > BLOCKING_TIME
-        return False
+        return loss.blocked > BLOCKING_TIME
 
     def may_go(self, mover: Mover) -> bool:
         """`progress.may_go`."""
@@ -149,37 +156,44 @@ class Backlog:
         """Work out what the instants so far have cost everybody."""
         if not self._rows:
             return
-        run = self._as_run()
+        zones = self._table(0, ABSENT)
+        there = np.flatnonzero((zones != ABSENT).any(axis=0)).tolist()
+        run = self._as_run(zones, there)
         lost = lost_time(run)
-        for mover in self._columns:
-            loss, zone = self._losses.get(mover), run.zone[:, mover.slot]
+        for column, slot in enumerate(there):
+            loss = self._losses.get(self._columns[slot])
             if loss is None:
                 continue
-            parts = np.clip(zone, ENTRANCE, EXIT)
+            parts = np.clip(run.zone[:, column], ENTRANCE, EXIT)
             changes = np.flatnonzero(np.diff(parts)) + 1
             begin = int(changes[-1]) if len(changes) else 0
             kept = loss.idle if not begin and int(parts[0]) == loss.settled_part else 0.0
-            loss.idle = loss.may_idle = _total(kept, lost[begin:, mover.slot])
+            loss.idle = loss.may_idle = _total(kept, lost[begin:, column])
             loss.settled_part = int(parts[-1])
-            loss.blocked = loss.may_block = _total(loss.blocked, blocking_time(run, mover.slot))
+            loss.blocked = loss.may_block = _total(loss.blocked, blocking_time(run, column))
         self._rows.clear()
         self._lights.clear()
 
-    def _as_run(self) -> Run:
-        """Return the instants as a run; vehicles that came meanwhile are absent before."""
-        now, count = self._now, len(self._columns)
+    def _table(self, item: int, absent: float) -> NDArray[np.float64]:
+        """Return one number of every vehicle in every instant, by column; vehicles that came meanwhile are absent before."""
+        count = len(self._columns)
+        return np.array([row[item] + [absent] * (count - len(row[item])) for row in self._rows])
 
-        def table(column: int, fill: float) -> NDArray[np.float64]:
-            return np.array([row[column] + [fill] * (count - len(row[column])) for row in self._rows])
-
-        agents = tuple(mover.agent for mover in self._columns)
-        zone, lights = table(0, ABSENT).astype(np.int8), np.array(self._lights, dtype=np.int8)
-        run = Run("live", now.junction, agents, zone, lights, now.dt, station=table(1, np.nan), speed=table(2, np.nan))
+    def _as_run(self, zones: NDArray[np.float64], slots: list[int]) -> Run:
+        """Return the instants as a run of the vehicles in some columns."""
+        now, movers = self._now, [self._columns[slot] for slot in slots]
+        zone, lights = zones[:, slots].astype(np.int8), np.array(self._lights, dtype=np.int8)
+        station, speed, wt, facing, advance = (self._table(k, fill)[:, slots] for k, fill in _ABSENT)
+        agents = tuple(mover.agent for mover in movers)
+        run = Run("live", now.junction, agents, zone, lights, now.dt, station=station, speed=speed)
         known = run.__dict__
-        known["wt"], known["facing"] = table(3, 0).astype(np.int32), table(4, 0).astype(np.int8)
-        known["advance"] = table(5, np.nan)
-        known["entered"] = np.array([mover.entered for mover in self._columns], dtype=np.int64)
+        known["wt"], known["facing"], known["advance"] = wt.astype(np.int32), facing.astype(np.int8), advance
+        known["entered"] = np.array([mover.entered for mover in movers], dtype=np.int64)
         return run
+
+
+_ABSENT = ((1, np.nan), (2, np.nan), (3, 0), (4, 0), (5, np.nan))
+"""Which numbers of a vehicle are kept beside its zone, and what they are as long as it is absent."""
 
 
 def _total(before: float, losses: NDArray[np.float64]) -> float:

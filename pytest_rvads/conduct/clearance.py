@@ -32,25 +32,27 @@ class Bodies:
         two: another one.
     """
 
-    __slots__ = ("_due", "_touch", "_two", "one")
+    __slots__ = ("due", "one", "touch", "two")
 
     def __init__(self, one: Mover, two: Mover) -> None:
-        self.one, self._two = one, two
-        self._due, self._touch = -math.inf, False
+        self.one, self.two = one, two
+        self.due = -math.inf
+        """Nothing changes before both together have moved so far [m]."""
+        self.touch = False
+        """`bodies.overlap`, as it was found the last time."""
 
-    def touch(self, now: Instant) -> bool:
-        """`bodies.overlap`."""
-        one, two = self.one, self._two
+    def look(self, now: Instant) -> bool:
+        """Return whether they touch now."""
+        one, two = self.one, self.two
         moved = one.moved + two.moved
-        if moved < self._due:
-            return self._touch
-        if not (one.here and two.here):
-            return False
-        gap = _gap(one, two)
-        touch = bool(overlap(now.run, one.slot, two.slot)[0]) if abs(gap) < _DOUBT else gap < 0.0
-        self._touch = touch
-        self._due = -math.inf if touch else moved + gap - _DOUBT
-        return touch
+        if moved < self.due and one.here and two.here:
+            return self.touch
+        self.touch, self.due = False, -math.inf
+        if one.here and two.here:
+            gap = _gap(one, two)
+            self.touch = bool(overlap(now.run, one.slot, two.slot)[0]) if abs(gap) < _DOUBT else gap < 0.0
+            self.due = -math.inf if self.touch else moved + gap - _DOUBT
+        return self.touch
 
 
 def _gap(one: Mover, two: Mover) -> float:
@@ -83,20 +85,20 @@ class Course:
         RunError: it is not known where the lanes lie.
     """
 
-    __slots__ = ("_due_lane", "_due_route", "_half", "_mover", "_off_lane", "_off_route", "_room", "_way")
+    __slots__ = ("_half", "_mover", "_off_lane", "_off_route", "_room", "_way", "due_lane", "due_route")
 
     def __init__(self, now: Instant, mover: Mover) -> None:
         self._mover = mover
         self._way = itinerary(now.junction, *mover.agent.route.key)
         self._half = now.junction.lane_width / 2 + LANE_TOLERANCE
         self._room = 0.05 + _BEND * _sharpest(self._way) ** 2
-        self._due_lane = self._due_route = -math.inf
+        self.due_lane = self.due_route = -math.inf
         self._off_lane = self._off_route = False
 
     def off_lane(self, now: Instant) -> bool:
         """`lane.off_lane`."""
         mover = self._mover
-        if mover.moved < self._due_lane:
+        if mover.moved < self.due_lane:
             return self._off_lane
         if not mover.here:
             return False
@@ -119,19 +121,19 @@ class Course:
         if doubt:
             off = bool(lane.off_lane(now.run, mover.slot)[0])
         self._off_lane = off
-        self._due_lane = -math.inf if off or doubt else mover.moved + room / 2 - self._room
+        self.due_lane = -math.inf if off or doubt else mover.moved + room / 2 - self._room
         return off
 
     def off_route(self, now: Instant) -> bool:
         """`lane.off_route`."""
         mover = self._mover
-        if mover.moved < self._due_route:
+        if mover.moved < self.due_route:
             return self._off_route
         if not mover.here:
             return False
         room = MAX_OFFSET - 2 * NEAR - abs(_offset(self._way, mover.x, mover.y, mover.station))
         self._off_route = room < _DOUBT and bool(lane.off_route(now.run, mover.slot)[0])
-        self._due_route = -math.inf if room < _DOUBT else mover.moved + room / 2 - self._room
+        self.due_route = -math.inf if room < _DOUBT else mover.moved + room / 2 - self._room
         return self._off_route
 
 

@@ -82,5 +82,5 @@ class Giving:
 
     def _touching(self, now: Instant) -> bool:
         if now.touching is None:
-            return self._bodies.touch(now)
+            return self._bodies.look(now)
         return frozenset((self._me.agent.name, self._you.agent.name)) in now.touching

@@ -45,6 +45,9 @@ class Board:
         """Waiting times at which a comparison of two of them may change [ticks]."""
         self._colours: list[tuple[Fact, _Test]] = []
         self._polled: list[tuple[Fact, _Test]] = []
+        self._lost: list[tuple[Fact, _Test]] = []
+        self._apart: list[tuple[Fact, Bodies, _Test]] = []
+        self._within: list[tuple[Fact, Mover, Course, _Test]] = []
         self._meetings: list[tuple[Fact, Mover, Mover, _Test]] = []
         self._followed: list[tuple[Fact, Follower]] = []
         self._givings: dict[tuple[Mover, Mover], Giving] = {}
@@ -87,10 +90,12 @@ class Board:
         now = self.now
         now.require(*self._needs)
         self._read_changes(changed)
-        if self._backlog is not None:
-            self._backlog.add()
+        if self._backlog is not None and (self._backlog.add() or any(fact.value for fact, _ in self._lost)):
+            for fact, test in self._lost:
+                fact.tell(test())
         for fact, test in self._polled:
             fact.tell(test())
+        self._read_distances()
         for fact, one, two, test in self._meetings:
             fact.tell(one.zone >= JUNCTION and two.zone >= JUNCTION and test())
         for giving, owes, obstructs in self._given:
@@ -100,6 +105,16 @@ class Board:
             obstructs.tell(hit)
         for fact, follow in self._followed:
             fact.tell(bool(follow(now.run)))
+
+    def _read_distances(self) -> None:
+        """Tell what hangs on distances, of who has moved far enough for it to matter."""
+        recorded = self.now.touching is not None
+        for fact, bodies, test in self._apart:
+            if recorded or fact.value or bodies.one.moved + bodies.two.moved >= bodies.due:
+                fact.tell(test())
+        for fact, mover, course, test in self._within:
+            if fact.value or mover.moved >= course.due_lane or mover.moved >= course.due_route:
+                fact.tell(test())
 
     def _read_changes(self, changed: Sequence[Mover]) -> None:
         """Tell what hangs on zones, waiting times and lights."""
@@ -176,12 +191,23 @@ class Board:
             case "may_go", _:
                 backlog, who = self._losses(), agents[0]
                 return Fact(False, lambda: backlog.may_go(who))
-        test = self._test(atom.name, agents)
+        return self._continuous(atom.name, agents)
+
+    def _continuous(self, name: str, agents: Sequence[Mover]) -> Fact | None:
+        """Return a fact about something continuous, None where none is called so."""
+        test = self._test(name, agents)
         if test is None:
             return None
         fact = Fact(test())
-        if atom.name == "stopped":  # remembers, so it goes on for whoever asks later
-            return self._keep(fact, self._polled, (fact, test), agents[0])
+        match name:
+            case "stopped":  # remembers, so it goes on for whoever asks later
+                return self._keep(fact, self._polled, (fact, test), agents[0])
+            case "idles" | "blocks":
+                return self._keep(fact, self._lost, (fact, test))
+            case "collide":
+                return self._keep(fact, self._apart, (fact, self._two(*agents), test))
+            case "off_lane" | "off_route":
+                return self._keep(fact, self._within, (fact, agents[0], self._course(agents[0]), test))
         return self._keep(fact, self._polled, (fact, test))
 
     def _test(self, name: str, agents: Sequence[Mover]) -> _Test | None:
@@ -196,20 +222,16 @@ class Board:
                 most = (now.facts.speed_limit or 0.0) + SPEED_TOLERANCE
                 return lambda: abs(who.speed) > most
             case "idles", [who]:
-                backlog = self._losses()
-                return lambda: backlog.idles(who)
+                return partial(self._losses().idles, who)
             case "blocks", [who]:
-                backlog = self._losses()
-                return lambda: backlog.blocks(who)
+                return partial(self._losses().blocks, who)
             case "off_lane", [who]:
-                course = self._course(who)
-                return lambda: course.off_lane(now)
+                return partial(self._course(who).off_lane, now)
             case "off_route", [who]:
-                course = self._course(who)
-                return lambda: course.off_route(now)
+                return partial(self._course(who).off_route, now)
             case "collide", [one, two]:
                 bodies, names = self._two(one, two), frozenset((one.agent.name, two.agent.name))
-                return lambda: bodies.touch(now) if now.touching is None else names in now.touching
+                return lambda: bodies.look(now) if now.touching is None else names in now.touching
         return None
 
     def _general(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
