@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli import rules_command
+from pytest_rvads.cli import follow_command, rules_command
 from pytest_rvads.cli.common import Subparsers, lines, say, warn
 from pytest_rvads.errors import RunError
 
@@ -39,6 +39,7 @@ def declare(commands: Subparsers) -> None:
         "--json", action="store_true", help="print one JSON object: run, rule, status; exit 0 whatever the verdicts"
     )
     check.add_argument("--kpis", action="store_true", help="with --json, also the key performance indicators of every run")
+    follow_command.declare(check)
     check.set_defaults(command=_check)
 
     monitor = commands.add_parser("monitor", help="show the LTL3 monitor of a formula, or monitor words")
@@ -61,6 +62,8 @@ def _rules(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
+    if options.follow:
+        return follow_command.follow(options)
     from pytest_rvads.cli.answers import check_runs, doubts, named_rules
     from pytest_rvads.conduct.kpis import describe, kpis
     from pytest_rvads.conduct.validate import damage

@@ -145,7 +145,7 @@ class RuleMonitor:
 
     @property
     def violated(self) -> tuple[dict[str, str], ...]:
-        """Of violated instances, the variables of the rule and what they stand for; without `agents` as long as these are there."""
+        """Of violated instances, what the variables of the rule stand for; without `agents`, as long as these are there."""
         return tuple(_binding(watch.template, movers) for watch, movers in self._broken.items())
 
     def violated_of(self, rule: str) -> tuple[dict[str, str], ...]:
