@@ -1,5 +1,5 @@
 """A rule on a run while it is being produced: one state at a time."""
 
-from pytest_rvads.logic.live.rule_monitor import RuleMonitor
+from pytest_rvads.logic.live.rule_monitor import Decided, RuleMonitor, Seen
 
-__all__ = ["RuleMonitor"]
+__all__ = ["Decided", "RuleMonitor", "Seen"]
