@@ -46,7 +46,7 @@ def coming(run: Run) -> Callable[[int], object]:
 
 @pytest.mark.parametrize("reading", [fixed, coming])
 def test_all_rules_for_the_road(run: Run, reading: Callable[[Run], Callable[[int], object]]) -> None:
-    """A state of up to twelve vehicles: at most 0.2 ms in the mean, after the first one, in which instances and monitors are made."""
+    """A state of up to twelve vehicles: at most 0.2 ms in the mean, after the first one, which makes their monitors."""
     read = reading(run)
     read(0)
     costs = []

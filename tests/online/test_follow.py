@@ -14,6 +14,7 @@ import pytest
 from pytest_rvads.conduct.lane import itinerary
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
+from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.streaming import GONE_AFTER, LONGEST, Stream
 
 RVADS = str(Path(sys.executable).with_name("rvads"))
@@ -121,14 +122,15 @@ def test_lights_hold_until_they_change() -> None:
     stream = Stream("log", find("light4"))
     junction = find("light4")
     way = itinerary(junction, *min(junction.movements))
-    runs = []
+    runs: list[Run] = []
     for k in range(120):
         x, y, heading = way.pose(-30.0 + 0.5 * k)
         lights = {0: {"0": "green"}, 40: {"0": "red", "1": "green"}}.get(k, {})
         seen = [{"id": "a", "x": x, "y": y, "heading": heading}]
         state = {"t": round(k * 0.1, 1), "vehicles": seen, "lights": lights}
         runs += stream.read(json.dumps(state).encode(), "here")
-    (run,) = (*runs, *stream.end())
+    runs += stream.end()
+    (run,) = runs
     changes = [(round(run.start + k * run.dt, 2), run.lights[k].tolist()) for k in (0, 399, 400, run.steps - 1)]
     assert [colours for _, colours in changes] == [[1, 0, 0, 0], [1, 0, 0, 0], [3, 1, 0, 0], [3, 1, 0, 0]]
 
