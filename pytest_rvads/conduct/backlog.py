@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.instant import Instant, Mover
+from pytest_rvads.conduct.instant import Instant
+from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.conduct.priority import DUE
 from pytest_rvads.conduct.progress import (
     AT_LINE,

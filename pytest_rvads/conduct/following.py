@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable
 
 from pytest_rvads.conduct.clearance import Bodies
-from pytest_rvads.conduct.instant import Instant, Mover
+from pytest_rvads.conduct.instant import Instant
+from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.conduct.priority import Encounter
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import ABSENT, APPROACH, JUNCTION

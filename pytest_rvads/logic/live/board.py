@@ -14,9 +14,11 @@ from typing import TypeVar
 from pytest_rvads.conduct.backlog import Backlog
 from pytest_rvads.conduct.clearance import Bodies, Course
 from pytest_rvads.conduct.following import Follower, Giving
-from pytest_rvads.conduct.instant import Instant, Mover
+from pytest_rvads.conduct.instant import Instant
+from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.conduct.standing import SPEED_TOLERANCE
 from pytest_rvads.logic.judging.evaluate import OPERATORS, Values
+from pytest_rvads.logic.live.ground_atoms import element_of, in_columns, key_of
 from pytest_rvads.logic.live.watch import Fact
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, BUILT_IN, word_of
@@ -145,10 +147,10 @@ class Board:
         Raises:
             RunError: something is not given that it asks for.
         """
-        key = (atom.word or atom.name, tuple(_key(term, movers) for term in atom.terms), tie if atom.name in OPERATORS else 0.0)
+        key = (atom.word or atom.name, tuple(key_of(term, movers) for term in atom.terms), tie if atom.name in OPERATORS else 0.0)
         found = self._facts.get(key)
         if found is None:
-            agents = [movers[e.index] for e in map(_element, atom.terms) if e is not None and e.sort == Sort.AGENT]
+            agents = [movers[e.index] for e in map(element_of, atom.terms) if e is not None and e.sort == Sort.AGENT]
             self._check(atom, movers)
             found = self._quick(atom, agents, tie) or self._general(atom, movers, tie)
             self._facts[key] = found
@@ -164,7 +166,7 @@ class Board:
         case = atom.name, all(mover.agent.size is not None for mover in movers)
         if needs is not None and case not in self._checked:
             word = BUILT_IN[atom.name]
-            word.on(self.now.run, *word.arguments(_moved(atom, movers)))
+            word.on(self.now.run, *word.arguments(in_columns(atom, movers)))
             self._checked.add(case)
             self._needs.update(needs)
 
@@ -236,7 +238,7 @@ class Board:
 
     def _general(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
         """Return a fact that is worked out on a run of one state."""
-        now, moved, word = self.now, _moved(atom, movers), word_of(atom)
+        now, moved, word = self.now, in_columns(atom, movers), word_of(atom)
         if word is not None and word.follow is not None:
             follow = word.follow(now.run, *word.arguments(moved))
             fact = Fact(bool(follow(now.run)))
@@ -337,34 +339,3 @@ _NEEDS: Mapping[str, tuple[str, ...]] = {
     "collide": (),
 }
 """What our words ask of a state."""
-
-
-def _element(term: f.Term) -> f.Element | None:
-    inner = term.of if isinstance(term, f.Attr) else term
-    return inner if isinstance(inner, f.Element) else None
-
-
-def _key(term: f.Term, movers: Sequence[Mover]) -> object:
-    """Return what tells terms apart: the vehicle for an agent, and which attribute of it is asked for."""
-    element = _element(term)
-    if element is None or element.sort != Sort.AGENT:
-        return term
-    mover = movers[element.index]
-    return (mover, term.name) if isinstance(term, f.Attr) else mover
-
-
-def _moved(atom: f.Atom, movers: Sequence[Mover]) -> f.Atom:
-    """Return an atom that speaks of agents by their columns."""
-
-    def move(term: f.Term) -> f.Term:
-        if isinstance(term, f.Attr) and isinstance(term.of, f.Element):
-            return f.Attr(element(term.of), term.name)
-        return element(term) if isinstance(term, f.Element) else term
-
-    def element(old: f.Element) -> f.Element:
-        if old.sort != Sort.AGENT:
-            return old
-        mover = movers[old.index]
-        return f.Element(old.sort, mover.slot, mover.agent.name)
-
-    return f.Atom(atom.name, tuple(map(move, atom.terms)), atom.at, atom.word)

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from pytest_rvads.conduct.instant import Instant, Mover
+from pytest_rvads.conduct.instant import Instant
 from pytest_rvads.conduct.lane import itinerary
+from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.conduct.predicates import extract
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.prepare import Template, prepare
 from pytest_rvads.logic.live.board import Board
 from pytest_rvads.logic.live.instances import Instances
+from pytest_rvads.logic.live.seeing import Decided, Seen, row_of, sizes_of
 from pytest_rvads.logic.live.watch import Fact, Reading, Watch
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
@@ -28,38 +28,7 @@ from pytest_rvads.logic.telling.phrase import element_name
 from pytest_rvads.runs.run import DT, Facts
 from pytest_rvads.runs.states import ABSENT, Agent
 
-__all__ = ["Decided", "RuleMonitor", "Seen"]
-
-
-class Seen(NamedTuple):
-    """A vehicle as it is seen in one state; see `RuleMonitor.see`."""
-
-    agent: Agent
-    """Its name, way and size; the same in every state, and nobody else's name as long as it is there."""
-    station: float
-    """Reference point along its itinerary, 0 at the entrance vertex [m]."""
-    speed: float
-    """Forward [m/s]."""
-    x: float
-    """East coordinate of the reference point [m]."""
-    y: float
-    """North coordinate of the reference point [m]."""
-    heading: float
-    """Counter-clockwise from east [rad]."""
-
-
-@dataclass(frozen=True, slots=True)
-class Decided:
-    """The last word on one instance of a rule."""
-
-    rule: str
-    binding: Mapping[str, str]
-    """Variables of the rule and the names they stand for."""
-    verdict: Truth
-    """``F``: violated in this very state; ``T``: nothing can violate it any more; ``?``: it was not violated as long as its
-    vehicles were there."""
-    time: float
-    """When that was known, since the first state [s]."""
+__all__ = ["RuleMonitor"]
 
 
 class RuleMonitor:
@@ -105,9 +74,9 @@ class RuleMonitor:
         self._junction = junction
         self._agents = None if agents is None else tuple(agents)
         if vehicle_size is not None and self._agents is not None:
-            sizes = _sizes(vehicle_size, len(self._agents))
+            sizes = sizes_of(vehicle_size, len(self._agents))
             self._agents = tuple(replace(a, size=size) for a, size in zip(self._agents, sizes, strict=True))
-        self._size = None if vehicle_size is None or agents is not None else _sizes(vehicle_size, 1)[0]
+        self._size = None if vehicle_size is None or agents is not None else sizes_of(vehicle_size, 1)[0]
         self._now = Instant(junction, dt, Facts(speed_limit=speed_limit))
         self._board = Board(self._now)
         self._queue: list[Watch] = []
@@ -179,11 +148,11 @@ class RuleMonitor:
         if self._agents is None:
             raise RunError("step reads vehicles that are known beforehand: give RuleMonitor its agents, or call see")
         count, now = len(self._agents), self._now
-        zones = _row("zone", zone, (count,))
+        zones = row_of("zone", zone, (count,))
         colours = self._colours(lights)
-        stations = None if station is None else _row("station", station, (count,))
-        speeds = None if speed is None else _row("speed", speed, (count,))
-        poses = None if pose is None else _row("pose", pose, (count, 3))
+        stations = None if station is None else row_of("station", station, (count,))
+        speeds = None if speed is None else row_of("speed", speed, (count,))
+        poses = None if pose is None else row_of("pose", pose, (count, 3))
         now.touching = None if collisions is None else frozenset(frozenset(pair) for pair in collisions)
         first = now.tick < 0
         if first:
@@ -358,7 +327,7 @@ class RuleMonitor:
 
     def _colours(self, lights: ArrayLike | None) -> list[int]:
         entrances = len(self._junction.entrances)
-        return [0] * entrances if lights is None else list(map(int, _row("lights", lights, (entrances,))))
+        return [0] * entrances if lights is None else list(map(int, row_of("lights", lights, (entrances,))))
 
 
 _SPARE = 4
@@ -373,19 +342,3 @@ def _binding(template: Template, movers: Sequence[Mover]) -> dict[str, str]:
         return movers[element.index].agent.name if element.sort == Sort.AGENT else element_name(element)
 
     return {variable: name(element) for variable, element in template.binding}
-
-
-def _sizes(given: tuple[float, float] | Sequence[tuple[float, float]], count: int) -> tuple[tuple[float, float], ...]:
-    sizes = np.asarray(given, dtype=np.float64)
-    if sizes.shape not in ((2,), (count, 2)) or not (np.isfinite(sizes) & (sizes > 0)).all():
-        raise RunError(f"vehicle_size must be a length and width [m], for all {count} vehicles or for each, got {given!r:.60}")
-    return tuple((float(length), float(width)) for length, width in np.broadcast_to(sizes, (count, 2)))
-
-
-def _row(name: str, values: ArrayLike, shape: tuple[int, ...]) -> list[Any]:
-    row = np.asarray(values, dtype=np.float64)
-    if row.shape != shape or not np.isfinite(row).all():
-        what = f"{shape[0]} finite numbers" if len(shape) == 1 else f"finite numbers of shape {shape}"
-        raise RunError(f"{name} of a state must be {what}, got {values!r:.60}")
-    found: list[Any] = row.tolist()
-    return found
