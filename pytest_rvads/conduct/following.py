@@ -75,7 +75,7 @@ class Giving:
         self.value = (owes, obstructs)
 
     def _begin(self, now: Instant, encounter: Encounter) -> None:
-        """Read what counts of the instants before: how fast the other one was, and that the agent was inside already."""
+        """Read what counts of the instants before: how fast the other one was (NaN: not there), and who was inside already."""
         self._active = True
         inside = self._me.entered < now.tick
         for speed in list(self._you.speeds)[:-1]:

@@ -213,7 +213,7 @@ class Instant:
         return mover.here and (_coming(mover, stretch) or self._next(mover))
 
     def unhindered(self, mover: Mover) -> bool:
-        """`priority.has_no_reason_to_brake`: no light, no stop sign, nobody with priority or ahead of it."""
+        """Return whether it has no reason of its own to brake: light, stop sign, who has priority, who is ahead."""
         if mover.lit:
             if mover.facing != _GREEN:
                 return False
@@ -252,7 +252,7 @@ class Instant:
 
 
 def _coming(mover: Mover, stretch: Stretch) -> bool:
-    """`priority.coming`."""
+    """Return whether it is on a stretch of its movement, or would be there within `DUE`; as in `priority.due`."""
     front = mover.station
     return stretch.start - front <= DUE * max(mover.speed, 0.0) and front - mover.length <= stretch.end
 
