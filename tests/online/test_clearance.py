@@ -1,5 +1,7 @@
 """Looking again only after somebody has moved far enough finds the same as looking in every instant."""
 
+from typing import Any
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -21,7 +23,7 @@ STEPS = 150
 def wander(seed: int, wide: float) -> Run:
     """Return a run of two vehicles that drive along their ways, stand, turn and stray by chance."""
     rng = np.random.default_rng(seed)
-    columns = []
+    columns: list[tuple[Any, ...]] = []
     for key in (WAYS[k] for k in rng.integers(len(WAYS), size=2)):
         way = itinerary(JUNCTION, *key)
         pace = np.repeat(rng.choice([0.0, 0.1, 0.4], 10), STEPS // 10)
@@ -50,9 +52,8 @@ def test_it_finds_what_looking_in_every_instant_finds(seed: int, wide: float) ->
     bodies, courses = Bodies(one, two), (Course(now, one), Course(now, two))
     found = []
     for k in range(STEPS):
-        now.move(
-            run.zone[k].tolist(), *(run.need(name)[k].tolist() for name in ("station", "speed", "pose")), run.lights[k].tolist()
-        )
+        station, speed, pose = (run.need(name)[k].tolist() for name in ("station", "speed", "pose"))
+        now.move(run.zone[k].tolist(), station, speed, pose, run.lights[k].tolist())
         found.append((bodies.look(now), *(c.off_lane(now) for c in courses), *(c.off_route(now) for c in courses)))
     whole = (overlap(run, 0, 1), *(off_lane(run, k) for k in (0, 1)), *(off_route(run, k) for k in (0, 1)))
     assert np.array_equal(np.array(found), np.stack(whole, axis=1))
