@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["declare", "follow"]
 
+_SHOWN = 20
+"""So many lines that are left out are told, and then how many there were."""
 _POLL = 0.2
 """A file that has not grown is looked at again after this time [s]."""
 
@@ -54,6 +56,7 @@ def follow(options: argparse.Namespace) -> int:
     source = "standard input" if options.file == "-" else options.file
     stream = Stream(Path(source).stem, place, Facts(speed_limit=options.speed_limit))
     tell = _Teller(rules, told=options.json or getattr(options, "jsonl", False) or not sys.stdout.isatty())
+    refused = 0
     with _Interrupt() as interrupt:
         for number, line in enumerate(interrupt.until(_lines(options.file)), start=1):
             if not line.strip():
@@ -63,10 +66,14 @@ def follow(options: argparse.Namespace) -> int:
             except RunError as error:
                 if options.strict:
                     raise
-                warn(f"warning: {error}; the line is left out")
+                refused += 1
+                if refused <= _SHOWN:
+                    warn(f"warning: {error}; the line is left out")
                 continue
             tell.judge(runs)
         tell.judge(stream.end())
+    if refused > _SHOWN:
+        warn(f"warning: {refused} lines are left out, the first {_SHOWN} are told above")
     left = "; ".join(f"{count} left out, {why}" for why, count in sorted(stream.left_out.items()))
     counts = ", ".join(f"{count} {status}" for status, count in sorted(tell.counts.items())) or "no verdicts"
     warn(f"{stream.judged} vehicles: {counts}{'; ' + left if left else ''}")

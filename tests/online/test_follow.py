@@ -88,6 +88,12 @@ def test_bad_lines_are_told_and_left_out() -> None:
     assert "line 4: not JSON" in beside
 
 
+def test_of_many_bad_lines_the_first_are_told_and_then_their_number() -> None:
+    _, beside = judge(["{"] * 500, status=5)
+    assert beside.count("not JSON") == 20
+    assert "500 lines are left out" in beside
+
+
 def test_where_nothing_is_judged_it_says_so() -> None:
     told, beside = judge(['{"t": 1}', '{"t": 2, "vehicles": [{"id": "x", "x": 900, "y": 900, "heading": 0}]}'], status=5)
     assert told == []
