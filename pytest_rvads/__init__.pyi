@@ -22,7 +22,7 @@ from pytest_rvads.errors import (
     ScenarioError as ScenarioError,
 )
 from pytest_rvads.logic.check import check as check
-from pytest_rvads.logic.live import RuleMonitor as RuleMonitor
+from pytest_rvads.logic.live import Decided as Decided, RuleMonitor as RuleMonitor, Seen as Seen
 from pytest_rvads.logic.rules.book import RuleBook as RuleBook, predicate as predicate, rule as rule
 from pytest_rvads.logic.rules.rule import Rule as Rule
 from pytest_rvads.logic.rules.rulefile import load_rules as load_rules

@@ -1,122 +1,87 @@
-"""What depends on the past, followed state by state: the same as on a whole run, in constant time and memory per state.
-
-The functions of the predicates take a run of the first state and the columns of the agents, and return what reads the next ones.
-"""
+"""Who gives way to whom, followed instant by instant: the same as on a whole run, in constant time and memory per instant."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
-from pytest_rvads.conduct import standing
-from pytest_rvads.conduct.bodies import collide
-from pytest_rvads.conduct.grounds import may_owe
-from pytest_rvads.conduct.priority import Encounter, due, owed_before, yields
-from pytest_rvads.conduct.progress import BLOCKING_TIME, PATIENCE, blocking_time, lost_time, part
-from pytest_rvads.conduct.stretches import shared
+from pytest_rvads.conduct.clearance import Bodies
+from pytest_rvads.conduct.instant import Instant
+from pytest_rvads.conduct.mover import Mover
+from pytest_rvads.conduct.priority import Encounter
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Zone
+from pytest_rvads.runs.states import ABSENT, APPROACH, JUNCTION
 
-__all__ = ["Follower", "Past", "blocks", "idles", "obstructs", "owes", "stopped"]
+__all__ = ["Follower", "Giving"]
 
 Follower = Callable[[Run], bool]
 """Reads a run of one state, the next one, and returns whether something holds there."""
 
 
-class Past:
-    """What runs of one state take over from those before: waiting times, lights at the entry, who entered first, progress.
+class Giving:
+    """Whether a vehicle owes the way to another one, and whether it obstructs it: `priority.owes` and `priority.obstructs`.
 
     Args:
-        agents: number of vehicles.
+        now: the instant in which both are there for the first time.
+        me: the vehicle that may owe the way.
+        you: the one that it may owe it to.
+        bodies: of the two.
+
+    Raises:
+        RunError: it is not known where the lanes lie.
     """
 
-    def __init__(self, agents: int) -> None:
-        self._tick = -1
-        self._wt = np.full(agents, -1, dtype=np.int32)
-        self._entered = np.full(agents, np.iinfo(np.int64).max)
-        self._facing: NDArray[np.int8] | None = None
-        self._station: NDArray[np.float64] | None = None
+    __slots__ = ("_active", "_bodies", "_encounter", "_me", "_pair", "_you", "never", "value")
 
-    def carry(self, run: Run) -> None:
-        """Give a run of one state, the next one, what it takes over."""
-        self._tick += 1
-        zone = run.zone[0]
-        self._wt = np.where((zone == Zone.ENTRANCE) & (self._wt >= 0), self._wt + 1, 0).astype(np.int32)
-        before = self._entered < self._tick
-        self._entered = np.where((zone >= Zone.JUNCTION) & ~before, np.minimum(self._entered, self._tick), self._entered)
-        now = run.lights[0, [agent.entrance for agent in run.agents]]
-        self._facing = now if self._facing is None else np.where(before, self._facing, now)
-        known = run.__dict__
-        known["wt"], known["entered"], known["facing"] = self._wt[None], self._entered, self._facing[None]
-        if run.station is not None and run.speed is not None:
-            rate = run.speed[0] if self._station is None else (run.station[0] - self._station) / run.dt
-            known["advance"], self._station = rate[None], run.station[0]
+    def __init__(self, now: Instant, me: Mover, you: Mover, bodies: Bodies) -> None:
+        self._me, self._you, self._bodies = me, you, bodies
+        self._pair = now.pair(me, you)
+        common = self._pair.common if self._pair.owing else None
+        self.never = common is None
+        """Whether it never owes it."""
+        self._encounter = None if common is None else Encounter(now.run, me.slot, you.slot, common)
+        self._active = False
+        self.value = (False, False)
+        """Whether it owes the way, and whether it obstructs the other one, in the latest instant."""
 
+    def follow(self, now: Instant) -> None:
+        """Read an instant."""
+        me, encounter = self._me, self._encounter
+        self.value = (False, False)
+        if encounter is None or (encounter.over and not me.zone <= JUNCTION) or me.zone == ABSENT:
+            return
+        if not self._active:
+            if me.zone == APPROACH and me.station < me.line - me.reach:
+                return
+            self._begin(now, encounter)
+        pair, you = self._pair, self._you
+        common = encounter.common
+        inside, front = me.zone >= JUNCTION, me.station
+        there = front >= common.mine.start
+        better = now.yields(pair)
+        bound = better and now.due(you, common.yours)
+        owes, obstructs = bound and not there and me.zone > APPROACH and me.zone <= JUNCTION, False
+        if not encounter.over:
+            ahead, rear = you.station, front - me.length
+            if common.merges:
+                ahead, rear = ahead - you.agent.route.length, rear - me.agent.route.length
+            if not me.here:
+                rear = math.inf
+            braked = inside and max(you.speeds, default=0.0) > you.speed
+            free = braked and now.unhindered(you)
+            touch = inside and self._touching(now)
+            taking, obstructs = encounter.step(inside, better, bound, touch, there, rear, ahead, you.speed, free)
+            owes = owes or taking
+        self.value = (owes, obstructs)
 
-def stopped(_run: Run, agent: int) -> Follower:
-    """Follow `standing.stopped`."""
-    driven, held = np.zeros(1, dtype=np.bool_), False
+    def _begin(self, now: Instant, encounter: Encounter) -> None:
+        """Read what counts of the instants before: how fast the other one was (NaN: not there), and who was inside already."""
+        self._active = True
+        inside = self._me.entered < now.tick
+        for speed in list(self._you.speeds)[:-1]:
+            encounter.step(inside, False, False, False, False, -math.inf, math.nan, speed, False)
 
-    def follow(run: Run) -> bool:
-        nonlocal driven, held
-        driven = driven | (np.abs(run.need("speed")[:, agent]) > standing.STANDSTILL)
-        here, stood = standing.stops(run, agent, driven)
-        held = bool(here[0] and (held or stood[0]))
-        return held
-
-    return follow
-
-
-def blocks(_run: Run, agent: int) -> Follower:
-    """Follow `progress.blocks`."""
-    total = 0.0
-
-    def follow(run: Run) -> bool:
-        nonlocal total
-        total += float(blocking_time(run, agent)[0])
-        return total > BLOCKING_TIME
-
-    return follow
-
-
-def idles(_run: Run, agent: int) -> Follower:
-    """Follow `progress.idles`."""
-    total, before = 0.0, -1
-
-    def follow(run: Run) -> bool:
-        nonlocal total, before
-        now = int(part(run, agent)[0])
-        total, before = (total if now == before else 0.0) + float(lost_time(run)[0, agent]), now
-        return total > PATIENCE
-
-    return follow
-
-
-def _priority(first: Run, agent: int, other: int) -> Callable[[Run], tuple[bool, bool]]:
-    common = shared(first, agent, other) if may_owe(first, agent, other) else None
-    if common is None:
-        return lambda _run: (False, False)
-    encounter = Encounter(first, agent, other, common)
-
-    def follow(run: Run) -> tuple[bool, bool]:
-        better = yields(run, agent, other)
-        bound = better & due(run, other, common.yours)
-        (row,) = encounter.rows(run, better, bound, collide(run, agent, other))
-        taking, hit = (False, False) if encounter.over else encounter.step(*row)
-        return bool(owed_before(run, agent, bound, common)[0]) or taking, hit
-
-    return follow
-
-
-def owes(first: Run, agent: int, other: int) -> Follower:
-    """Follow `priority.owes`."""
-    follow = _priority(first, agent, other)
-    return lambda run: follow(run)[0]
-
-
-def obstructs(first: Run, agent: int, other: int) -> Follower:
-    """Follow `priority.obstructs`."""
-    follow = _priority(first, agent, other)
-    return lambda run: follow(run)[1]
+    def _touching(self, now: Instant) -> bool:
+        if now.touching is None:
+            return self._bodies.look(now)
+        return frozenset((self._me.agent.name, self._you.agent.name)) in now.touching

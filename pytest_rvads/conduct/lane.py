@@ -15,7 +15,7 @@ from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import AXLE, Zone
 
-__all__ = ["LANE_TOLERANCE", "MAX_OFFSET", "beside", "itinerary", "lane_allows", "off_lane", "off_route", "wrong_lanes"]
+__all__ = ["LANE_TOLERANCE", "MAX_OFFSET", "NEAR", "beside", "itinerary", "lane_allows", "off_lane", "off_route", "wrong_lanes"]
 
 LANE_TOLERANCE = 0.3
 """How far a body may reach over the border of its lane [m]; about as much as lane keeping of people varies."""
@@ -23,7 +23,7 @@ MAX_OFFSET = 3.0
 """A vehicle whose front is this far to the side of its itinerary, and whose rear axle is half as far, is off its route [m].
 
 The front alone swings out by 2 m in narrow bends."""
-_NEAR = 0.75
+NEAR = 0.75
 """How far around its station the front of a vehicle is looked for on its itinerary [m]."""
 _AROUND = 5.0
 """Likewise the rear axle, around the place where it would be on a straight way [m]."""
@@ -48,7 +48,7 @@ def beside(way: Itinerary, x: float, y: float, heading: float, station: float, l
         station: of the reference point [m].
         length: of the body [m].
     """
-    _, front = way.path.project(x, y, station + way.origin, _NEAR)
+    _, front = way.path.project(x, y, station + way.origin, NEAR)
     if abs(front) <= MAX_OFFSET:
         return False
     back = AXLE * length
@@ -63,7 +63,7 @@ def off_route(run: Run, agent: int) -> NDArray[np.bool_]:
     way, length = _way(run, agent), run.size(agent)[0]
     found = np.zeros(run.steps, dtype=np.bool_)
     # Projecting takes a while, so it is done where a look at the place at that station says that it is worth it.
-    far = np.abs(_offset(way, pose[:, :2], station)) > MAX_OFFSET - 2 * _NEAR
+    far = np.abs(_offset(way, pose[:, :2], station)) > MAX_OFFSET - 2 * NEAR
     for tick in np.flatnonzero(far & run.here[:, agent]).tolist():
         x, y, heading = pose[tick].tolist()
         found[tick] = beside(way, x, y, heading, float(station[tick]), length)

@@ -27,7 +27,7 @@ from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 
-__all__ = ["DUE", "HARD_BRAKING", "MIN_GAP", "Encounter", "due", "obstructs", "owed_before", "owes", "yields"]
+__all__ = ["DUE", "HARD_BRAKING", "MIN_GAP", "WINDOW", "Encounter", "due", "obstructs", "owed_before", "owes", "yields"]
 
 DUE = 4.0
 """Who reaches the shared stretch within this time at its present speed is due [s]: the usual critical gap of a left turn
@@ -40,7 +40,7 @@ MIN_GAP = 1.0
 """Two that pass a place within this time of each other nearly meet [s]; the usual threshold of post-encroachment times."""
 HEADWAY = 2.0
 """Who follows another one at less than this time brakes on its account [s]: the two-second rule (UK Highway Code, rule 126)."""
-_WINDOW = 0.1
+WINDOW = 0.1
 """Decelerations are differences of speed over this time [s]."""
 
 
@@ -158,7 +158,7 @@ def _encounter(run: Run, agent: int, other: int) -> tuple[NDArray[np.bool_], NDA
     owed |= owed_before(run, agent, bound, common)
     if run.entered[agent] < run.steps:
         follower = Encounter(run, agent, other, common)
-        first, last = max(int(run.entered[agent]) - 1 - round(_WINDOW / run.dt), 0), int(ticks[-1])
+        first, last = max(int(run.entered[agent]) - 1 - round(WINDOW / run.dt), 0), int(ticks[-1])
         rows = follower.rows(run, better, bound, collide(run, agent, other), slice(first, run.steps))
         for tick, row in enumerate(rows, first):
             taking, broken[tick] = follower.step(*row)
@@ -208,14 +208,16 @@ class Encounter:
     """
 
     def __init__(self, run: Run, agent: int, other: int, common: Shared) -> None:
-        self._agent, self._other, self._common, self._dt = agent, other, common, run.dt
+        self._agent, self._other, self._dt = agent, other, run.dt
+        self.common = common
+        """What their movements share."""
         who = run.agents[other]
         self._hard = HARD_BRAKING if who.turn is Turn.STRAIGHT else BEND_BRAKING
         self._arrives, self._clear = common.yours.start, common.mine.end
         if common.merges:
             self._arrives -= who.route.length
             self._clear = self._arrives
-        self._speeds: deque[float] = deque(maxlen=max(round(_WINDOW / run.dt), 1) + 1)
+        self._speeds: deque[float] = deque(maxlen=max(round(WINDOW / run.dt), 1) + 1)
         self._tick = 0
         self._first = self._braked = False
         self._entered: int | None = None
@@ -246,8 +248,8 @@ class Encounter:
         """
         agent, other = self._agent, self._other
         (front, rear), (ahead, _) = (position(run, k, when) for k in (agent, other))
-        there = front >= self._common.mine.start
-        if self._common.merges:
+        there = front >= self.common.mine.start
+        if self.common.merges:
             (_, rear), (ahead, _) = (before_exit(run, k, when) for k in (agent, other))
         # Who is gone has left the way, though a short exit road may end before its rear has.
         here = run.here[when, agent]
@@ -319,7 +321,7 @@ class Encounter:
         place, speed = self._start
         # Where it would be a little later, had it gone on as it came.
         unhindered = place + speed * ((tick - self._entered) * self._dt + MIN_GAP)
-        return self._braked and unhindered > (rear if self._common.merges else self._arrives if self._left is None else math.inf)
+        return self._braked and unhindered > (rear if self.common.merges else self._arrives if self._left is None else math.inf)
 
     def _passed(self, tick: int, there: bool, ahead: float) -> bool:
         if self._taken is not None:

@@ -1,7 +1,9 @@
-"""The Python code of docs/rules.md runs."""
+"""The Python code of docs/rules.md and docs/judge-live.md runs."""
 
 import re
 from pathlib import Path
+
+import pytest
 
 DOCS = Path(__file__).parents[2] / "docs" / "rules.md"
 
@@ -11,6 +13,12 @@ def test_the_code_in_the_documentation_runs() -> None:
     assert len(blocks) == 4
     for block in blocks:
         exec(compile(block, str(DOCS), "exec"), {})
+
+
+def test_the_code_of_the_page_on_live_monitors_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    (block,) = re.findall(r"```python\n(.*?)```", DOCS.with_name("judge-live.md").read_text(encoding="utf-8"), re.DOTALL)
+    exec(compile(block, "judge-live.md", "exec"), {})
+    assert capsys.readouterr().out == "full_stop {'a': 'v17', 'j.en': 'entrance 0'} F 0.02\n"
 
 
 def test_the_rulebooks_of_the_documentation_are_the_shipped_ones() -> None:

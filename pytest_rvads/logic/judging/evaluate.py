@@ -17,9 +17,9 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.runs.run import Run
 
-__all__ = ["Part", "Values"]
+__all__ = ["OPERATORS", "Part", "Values"]
 
-_OPERATORS: Mapping[str, Callable[[Any, Any], NDArray[np.bool_]]] = {
+OPERATORS: Mapping[str, Callable[[Any, Any], NDArray[np.bool_]]] = {
     "=": operator.eq,
     "!=": operator.ne,
     "<": operator.lt,
@@ -74,7 +74,7 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         return len(self._known)
 
     def _evaluate(self, atom: f.Atom) -> NDArray[np.bool_]:
-        if atom.name in _OPERATORS:
+        if atom.name in OPERATORS:
             return self._compare(atom.name, *atom.terms)
         word = word_of(atom)
         if word is None or word.holds is None:
@@ -82,7 +82,7 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         return word.on(self.run, *word.arguments(atom))
 
     def _compare(self, sign: str, left: f.Term, right: f.Term) -> NDArray[np.bool_]:
-        compare = _OPERATORS[sign]
+        compare = OPERATORS[sign]
         if isinstance(left, f.Attr) and isinstance(right, f.Attr) and ATTRIBUTES[left.name].waited:
             longer = self._read(left) - self._read(right)
             return compare(np.where(np.abs(longer) <= self._ticks, 0, longer), 0)

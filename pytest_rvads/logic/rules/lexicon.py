@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct import following, predicates
+from pytest_rvads.conduct import predicates
 from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.grounds import Ground
 from pytest_rvads.conduct.lane import lane_allows, off_lane, off_route
@@ -129,7 +129,6 @@ BUILT_IN = Vocabulary.of(
         owes,
         "{0} has to let {1} pass",
         "{0} need not let {1} pass",
-        following.owes,
         decide=_may_owe,
         apart=True,
     ),
@@ -139,7 +138,6 @@ BUILT_IN = Vocabulary.of(
         obstructs,
         "{0} gets in the way of {1}",
         "{0} does not get in the way of {1}",
-        following.obstructs,
         decide=_may_owe,
         apart=True,
     ),
@@ -161,11 +159,11 @@ BUILT_IN = Vocabulary.of(
             (Ground.TURN, "{0} turns across the way of {1}", "{0} does not turn across the way of {1}"),
         )
     ),
-    _word("stopped", _ONE, stopped, "{0} has stopped at the line", "{0} has not stopped at the line", following.stopped),
+    _word("stopped", _ONE, stopped, "{0} has stopped at the line", "{0} has not stopped at the line"),
     _word("inside", _ONE, inside, "{0} is partly in the junction", "{0} is out of the junction"),
-    _word("blocks", _ONE, blocks, "{0} blocks the junction", "{0} does not block the junction", following.blocks),
+    _word("blocks", _ONE, blocks, "{0} blocks the junction", "{0} does not block the junction"),
     _word("may_go", _ONE, may_go, "{0} could go", "{0} could not go"),
-    _word("idles", _ONE, idles, "{0} could have gone and has not", "{0} has gone when it could", following.idles),
+    _word("idles", _ONE, idles, "{0} could have gone and has not", "{0} has gone when it could"),
     _word("off_lane", _ONE, off_lane, "{0} is outside its lane", "{0} is in its lane"),
     _word(
         "lane_allows",

@@ -1,0 +1,60 @@
+"""Cost of live monitors: run with ``pytest benchmarks/bench_live.py``; the marks fail when they are missed.
+
+The runs are simulated, with three vehicles on every arm; all rules for the road are followed at once, a hundred states a second.
+"""
+
+from collections.abc import Callable
+from time import thread_time
+
+import numpy as np
+import pytest
+
+from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.logic.live import RuleMonitor, Seen
+from pytest_rvads.runs.run import Run
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.simulators.simulator import simulate
+
+
+@pytest.fixture(scope="module", params=["stop4", "light4", "yield4"])
+def run(request: pytest.FixtureRequest) -> Run:
+    start = Scenario(find(request.param), "2321", distance=12.0, speed=4.0, followers=2, duration=30)
+    return simulate(Case(start, Reference))
+
+
+def fixed(run: Run) -> Callable[[int], object]:
+    """Return what reads a state of vehicles that are known beforehand."""
+    monitor = RuleMonitor("road", run.junction, run.agents, speed_limit=run.facts.speed_limit)
+    station, speed, pose = (run.need(name) for name in ("station", "speed", "pose"))
+    return lambda k: monitor.step(run.zone[k], run.lights[k], station=station[k], speed=speed[k], pose=pose[k])
+
+
+def coming(run: Run) -> Callable[[int], object]:
+    """Return what reads a state of vehicles that come and go."""
+    monitor = RuleMonitor("road", run.junction, speed_limit=run.facts.speed_limit)
+    station, speed, pose = (run.need(name).tolist() for name in ("station", "speed", "pose"))
+    here = run.here.tolist()
+
+    def read(k: int) -> object:
+        there = [i for i, is_here in enumerate(here[k]) if is_here]
+        return monitor.see([Seen(run.agents[i], station[k][i], speed[k][i], *pose[k][i]) for i in there], run.lights[k])
+
+    return read
+
+
+@pytest.mark.parametrize("reading", [fixed, coming])
+def test_all_rules_for_the_road(run: Run, reading: Callable[[Run], Callable[[int], object]]) -> None:
+    """A state of up to twelve vehicles: at most 0.2 ms in the mean, after the first one, which makes their monitors."""
+    read = reading(run)
+    read(0)
+    costs = []
+    for k in range(1, run.steps):
+        before = thread_time()
+        read(k)
+        costs.append(thread_time() - before)
+    mean, middle, most = np.mean(costs) * 1e6, np.median(costs) * 1e6, max(costs) * 1e3
+    there = run.here.sum(axis=1).mean()
+    print(f"\n{run.junction.name}: {there:.1f} there, mean {mean:.0f} us, median {middle:.0f} us, at most {most:.1f} ms")
+    assert mean < 200

@@ -1,0 +1,268 @@
+"""One instant of traffic in plain numbers: what the words of rules ask of a few vehicles, a hundred times a second.
+
+On a run the same is said of all its states at once, in `standing`, `priority` and `stretches`; for one state of ten vehicles
+numpy takes longer to be called than to compute. The comparisons are the same ones, on the same numbers, so both say the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from pytest_rvads.conduct.mover import NEVER, Mover, Pair
+from pytest_rvads.conduct.priority import DUE, HEADWAY
+from pytest_rvads.conduct.standing import LINE_TOLERANCE, STANDSTILL
+from pytest_rvads.junctions.conflicts import Stretch
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.runs.run import Collision, Facts, Run
+from pytest_rvads.runs.states import ABSENT, ENTRANCE, JUNCTION, Agent, Colour
+
+__all__ = ["Instant"]
+
+_GREEN, _YELLOW, _RED = int(Colour.GREEN), int(Colour.YELLOW), int(Colour.RED)
+
+
+class Instant:
+    """The vehicles at a junction, one instant after the other.
+
+    Args:
+        junction: where they drive.
+        dt: time between two instants [s].
+        facts: the speed limit.
+    """
+
+    def __init__(self, junction: Junction, dt: float, facts: Facts) -> None:
+        self.junction, self.dt, self.facts = junction, dt, facts
+        self.tick = -1
+        self.slots: list[Mover] = []
+        self.movers: list[Mover] = []
+        """Those that are not absent."""
+        self.lights: list[int] = [0] * len(junction.entrances)
+        self.located = self.timed = self.posed = True
+        """Whether stations, speeds and poses are given."""
+        self.touching: frozenset[frozenset[str]] | None = None
+        """Names of those that touch for the first time now, where somebody recorded it."""
+        self._pairs: dict[tuple[Mover, Mover], Pair] = {}
+        self._run: Run | None = None
+        self._all_way = junction.control is JunctionControl.STOP
+
+    def add(self, agent: Agent, slot: int) -> Mover:
+        """Return a vehicle that appears in the next instant, in a column of its own or one that has become free."""
+        mover = Mover(agent, slot, self.junction, self.dt)
+        if self.tick >= 0:  # it was not there before
+            mover.speeds.extend([math.nan] * (mover.speeds.maxlen or 0))
+        self.slots[slot : slot + 1] = [mover]
+        return mover
+
+    def drop(self, mover: Mover) -> None:
+        """Forget what was kept about a vehicle that has vanished."""
+        for key in [key for key in self._pairs if mover in key]:
+            del self._pairs[key]
+
+    def move(
+        self,
+        zones: Sequence[int],
+        stations: Sequence[float] | None,
+        speeds: Sequence[float] | None,
+        poses: Sequence[Sequence[float]] | None,
+        lights: Sequence[int],
+    ) -> list[Mover]:
+        """Go on to the next instant, and return whose zone is another one now; arguments are by column."""
+        self.tick += 1
+        self._run = None
+        self.lights = list(lights)
+        self.located, self.timed, self.posed = stations is not None, speeds is not None, poses is not None
+        changed = [mover for mover, zone in zip(self.slots, zones, strict=True) if self._zone(mover, zone)]
+        self.movers = [mover for mover in self.slots if mover.zone != ABSENT]
+        for mover in self.movers:
+            slot, before = mover.slot, mover.station
+            if stations is not None:
+                mover.station = stations[slot]
+            if speeds is not None:
+                mover.speed = speed = speeds[slot]
+                mover.speeds.append(speed)
+                if stations is not None:
+                    mover.advance = speed if mover.fresh else (mover.station - before) / self.dt
+            if poses is not None:
+                self._pose(mover, poses[slot], 0.0 if stations is None else mover.station - before)
+            mover.fresh = False
+        return changed
+
+    def _zone(self, mover: Mover, zone: int) -> bool:
+        """Take over the zone of a vehicle, and return whether it is another one."""
+        tick = self.tick
+        mover.wt = mover.wt + 1 if zone == ENTRANCE and tick else 0
+        changed = zone != mover.zone
+        if changed:
+            mover.zone = zone
+            if zone >= JUNCTION and mover.entered == NEVER:
+                mover.entered = tick
+            if zone == ABSENT:
+                mover.station = mover.speed = mover.advance = math.nan
+        if mover.entered >= tick:
+            mover.facing = self.lights[mover.entrance]
+        return changed
+
+    @staticmethod
+    def _pose(mover: Mover, pose: Sequence[float], along: float) -> None:
+        """Take over where a vehicle is, and how far each point of its body has moved at most."""
+        x, y, heading = pose
+        if not mover.fresh and (x != mover.x or y != mover.y or heading != mover.heading):
+            turned = mover.outreach * abs(math.remainder(heading - mover.heading, math.tau))
+            mover.moved += max(math.hypot(x - mover.x, y - mover.y), abs(along)) + turned
+        mover.x, mover.y, mover.heading = x, y, heading
+
+    @property
+    def run(self) -> Run:
+        """A run of this state alone, that knows what it takes over from those before."""
+        if self._run is None:
+            self._run = self._as_run()
+        return self._run
+
+    def _as_run(self) -> Run:
+        slots = self.slots
+        pairs = None if self.touching is None else tuple(Collision(0.0, _two(pair), 0.0) for pair in self.touching)
+        run = Run(
+            "live",
+            self.junction,
+            tuple(m.agent for m in slots),
+            np.array([[m.zone for m in slots]], dtype=np.int8),
+            np.array([self.lights], dtype=np.int8),
+            self.dt,
+            station=np.array([[m.station for m in slots]]) if self.located else None,
+            speed=np.array([[m.speed for m in slots]]) if self.timed else None,
+            pose=np.array([[(m.x, m.y, m.heading) for m in slots]]).reshape(1, -1, 3) if self.posed else None,
+            collisions=pairs,
+            facts=self.facts,
+        )
+        known = run.__dict__
+        known["wt"] = np.array([[m.wt for m in slots]], dtype=np.int32)
+        # Columns of one state: who is inside has entered by now, at a tick that tells who came first.
+        known["entered"] = np.array([m.entered for m in slots], dtype=np.int64)
+        known["facing"] = np.array([[m.facing for m in slots]], dtype=np.int8)
+        if self.located and self.timed:
+            known["advance"] = np.array([[m.advance for m in slots]])
+        return run
+
+    def require(self, *names: str) -> None:
+        """Raise a `RunError` where ``station``, ``speed`` or ``pose`` is not given."""
+        given = {"station": self.located, "speed": self.timed, "pose": self.posed}
+        if not all(given[name] for name in names):
+            self.run.need(next(name for name in names if not given[name]))
+
+    def pair(self, me: Mover, you: Mover) -> Pair:
+        """Return what is static about two vehicles, found out once."""
+        found = self._pairs.get((me, you))
+        if found is None:
+            found = self._pairs[me, you] = Pair(self.run, me, you)
+        return found
+
+    def leads(self, mover: Mover) -> bool:
+        """`standing.leads`."""
+        entrance, station = mover.entrance, mover.station
+        return not any(
+            o.entrance == entrance and o.zone <= ENTRANCE and o.station > station for o in self.movers if o is not mover
+        )
+
+    def stopped(self, mover: Mover) -> bool:
+        """`standing.stopped`, asked in every state."""
+        slow = abs(mover.speed) <= STANDSTILL
+        mover.driven = mover.driven or not slow
+        zone = mover.zone
+        here = zone == ENTRANCE
+        if mover.sign_from is not None:
+            here = zone <= ENTRANCE and mover.station >= mover.sign_from
+        if not here:
+            mover.stood = False
+        elif not mover.stood:
+            still = slow and (mover.driven or zone == ENTRANCE) and mover.station <= LINE_TOLERANCE - mover.setback
+            mover.stood = still and self.leads(mover)
+        return mover.stood
+
+    def inside(self, mover: Mover) -> bool:
+        """`progress.inside`."""
+        behind = mover.station - mover.length - mover.agent.route.length
+        return mover.station > 0.0 and behind < 0.0 and mover.here
+
+    def meet(self, pair: Pair) -> bool:
+        """`stretches.meet`."""
+        common, one, two = pair.common, pair.me, pair.you
+        if common is None or not (_on(one, common.mine) and _on(two, common.yours)):
+            return False
+        if not common.merges:
+            return True
+        front, ahead = one.station - one.agent.route.length, two.station - two.agent.route.length
+        rear = (one.station - one.length) - one.agent.route.length
+        behind = (two.station - two.length) - two.agent.route.length
+        return front > behind and ahead > rear
+
+    def yields(self, pair: Pair) -> bool:
+        """`priority.yields`."""
+        me, you = pair.me, pair.you
+        if you.lit and you.facing != _GREEN and you.facing != _YELLOW:
+            return False
+        if not me.lit or pair.always:
+            return True
+        return (me.facing == _RED) is pair.near
+
+    def due(self, mover: Mover, stretch: Stretch) -> bool:
+        """`priority.due`."""
+        return mover.here and (_coming(mover, stretch) or self._next(mover))
+
+    def unhindered(self, mover: Mover) -> bool:
+        """Return whether it has no reason of its own to brake: light, stop sign, who has priority, who is ahead."""
+        if mover.lit:
+            if mover.facing != _GREEN:
+                return False
+        elif self._held(mover) or (mover.sign_from is not None and mover.zone < JUNCTION):
+            return False
+        front, far = mover.station, HEADWAY * mover.speed
+        for other in self.movers:
+            if other is not mover and other.entrance == mover.entrance and other.zone <= JUNCTION:
+                ahead = other.station
+                if ahead > front and ahead - other.length - front < far:
+                    return False
+        return True
+
+    def _next(self, mover: Mover) -> bool:
+        if self._all_way or mover.zone != ENTRANCE or not self.leads(mover):
+            return False
+        return mover.facing == _GREEN if mover.lit else not self._held(mover)
+
+    def _held(self, mover: Mover) -> bool:
+        if mover.held_at != self.tick:
+            mover.held_at, mover.is_held = self.tick, self._find_held(mover)
+        return mover.is_held
+
+    def _find_held(self, mover: Mover) -> bool:
+        if mover.lit:
+            return False
+        for other in self.movers:
+            if other is mover:
+                continue
+            pair = self.pair(mover, other)
+            if not pair.owing or pair.common is None or not self.yields(pair):
+                continue
+            if (_coming(other, pair.common.yours) and other.here) or (other.zone == ENTRANCE and self.leads(other)):
+                return True
+        return False
+
+
+def _coming(mover: Mover, stretch: Stretch) -> bool:
+    """Return whether it is on a stretch of its movement, or would be there within `DUE`; as in `priority.due`."""
+    front = mover.station
+    return stretch.start - front <= DUE * max(mover.speed, 0.0) and front - mover.length <= stretch.end
+
+
+def _on(mover: Mover, stretch: Stretch) -> bool:
+    """`stretches.on_stretch`."""
+    front = mover.station
+    return front >= stretch.start and front - mover.length <= stretch.end and mover.here
+
+
+def _two(pair: Iterable[str]) -> tuple[str, str]:
+    one, two = sorted(pair)
+    return one, two

@@ -1,0 +1,109 @@
+"""A vehicle as it is now, in plain numbers, and what is static about two of them."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from pytest_rvads.conduct.grounds import ground_of, lit, may_owe
+from pytest_rvads.conduct.priority import WINDOW
+from pytest_rvads.conduct.standing import SIGN_ZONE
+from pytest_rvads.conduct.stretches import shared
+from pytest_rvads.junctions.conflicts import Shared
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.control import Sign
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import ABSENT, GONE, Agent
+
+__all__ = ["NEVER", "Mover", "Pair"]
+
+NEVER = int(np.iinfo(np.int64).max)
+"""The tick in which a vehicle has entered that has not."""
+
+
+class Mover:
+    """A vehicle as it is now, and what the words need of its past.
+
+    Args:
+        agent: its name, way and size.
+        slot: its column.
+        junction: that it comes to.
+        dt: time between two instants [s].
+    """
+
+    __slots__ = (
+        "advance",
+        "agent",
+        "driven",
+        "entered",
+        "entrance",
+        "facing",
+        "fresh",
+        "heading",
+        "held_at",
+        "is_held",
+        "length",
+        "line",
+        "lit",
+        "moved",
+        "outreach",
+        "reach",
+        "setback",
+        "sign_from",
+        "slot",
+        "speed",
+        "speeds",
+        "station",
+        "stood",
+        "wt",
+        "x",
+        "y",
+        "zone",
+    )
+
+    def __init__(self, agent: Agent, slot: int, junction: Junction, dt: float) -> None:
+        place = junction.entrances[agent.entrance]
+        self.agent, self.slot, self.entrance = agent, slot, agent.entrance
+        self.lit = lit(junction, agent.entrance)
+        self.setback = place.setback
+        self.line = -junction.setbacks[agent.entrance]
+        self.sign_from = -max(place.setback, place.sign_setback or 0.0) - SIGN_ZONE if place.sign is Sign.STOP else None
+        self.length = math.nan if agent.size is None else agent.size[0]
+        self.outreach = 0.0 if agent.size is None else math.hypot(agent.size[0], agent.size[1] / 2)
+        self.zone = int(ABSENT)
+        self.station = self.speed = self.x = self.y = self.heading = self.advance = math.nan
+        self.wt = 0
+        self.entered, self.facing = NEVER, 0
+        self.fresh = True
+        self.driven = self.stood = False
+        self.speeds: deque[float] = deque(maxlen=max(round(WINDOW / dt), 1) + 1)
+        self.moved = 0.0
+        self.reach = 20.0 + 100.0 * dt
+        self.held_at, self.is_held = -1, False
+
+    @property
+    def here(self) -> bool:
+        """Whether it is neither absent nor gone."""
+        return self.zone != GONE and self.zone != ABSENT
+
+
+class Pair:
+    """What is static about two vehicles: what they share, and whether the first may owe the way to the second.
+
+    Args:
+        run: of one state, in which both have their columns.
+        me: the first.
+        you: the second.
+    """
+
+    __slots__ = ("always", "common", "me", "near", "owing", "you")
+
+    def __init__(self, run: Run, me: Mover, you: Mover) -> None:
+        self.me, self.you = me, you
+        self.common: Shared | None = shared(run, me.slot, you.slot)
+        self.owing = may_owe(run, me.slot, you.slot)
+        self.near = me.agent.turn is run.junction.near
+        ways = me.agent.route.key, you.agent.route.key
+        self.always = me.lit and self.near and not you.lit and ground_of(run.junction, *ways) is not None

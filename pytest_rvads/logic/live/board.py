@@ -1,0 +1,341 @@
+"""What is the case now: the ground atoms that live monitors look at, each worked out once for all rules, and only as needed.
+
+Zones, waiting times and lights are looked at when they change. What is continuous is worked out by `conduct.instant` in every
+instant, or by `conduct.clearance` and `conduct.backlog` when it may have changed; and what else there is, users' words among it,
+on a run of one state, where a monitor asks for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import TypeVar
+
+from pytest_rvads.conduct.backlog import Backlog
+from pytest_rvads.conduct.clearance import Bodies, Course
+from pytest_rvads.conduct.following import Follower, Giving
+from pytest_rvads.conduct.instant import Instant
+from pytest_rvads.conduct.mover import Mover
+from pytest_rvads.conduct.standing import SPEED_TOLERANCE
+from pytest_rvads.logic.judging.evaluate import OPERATORS, Values
+from pytest_rvads.logic.live.ground_atoms import element_of, in_columns, key_of
+from pytest_rvads.logic.live.watch import Fact
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, BUILT_IN, word_of
+from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION
+
+__all__ = ["Board"]
+
+_Entry = TypeVar("_Entry")
+_Test = Callable[[], bool]
+
+
+class Board:
+    """The facts of one instant after the other.
+
+    Args:
+        now: the instant, which goes on.
+    """
+
+    def __init__(self, now: Instant) -> None:
+        self.now = now
+        self._facts: dict[object, Fact] = {}
+        self._places: dict[Mover, list[tuple[Fact, frozenset[int]]]] = {}
+        self._waits: dict[Mover, list[tuple[Fact, _Test]]] = {}
+        self._crossings: set[int] = set()
+        """Waiting times at which a comparison of two of them may change [ticks]."""
+        self._colours: list[tuple[Fact, _Test]] = []
+        self._polled: list[tuple[Fact, _Test]] = []
+        self._lost: list[tuple[Fact, _Test]] = []
+        self._apart: list[tuple[Fact, Bodies, _Test]] = []
+        self._within: list[tuple[Fact, Mover, Course, _Test]] = []
+        self._meetings: list[tuple[Fact, Mover, Mover, _Test]] = []
+        self._followed: list[tuple[Fact, Follower]] = []
+        self._givings: dict[tuple[Mover, Mover], Giving] = {}
+        self._given: list[tuple[Giving, Fact, Fact]] = []
+        self._bodies: dict[frozenset[Mover], Bodies] = {}
+        self._courses: dict[Mover, Course] = {}
+        self._backlog: Backlog | None = None
+        self._needs: set[str] = set()
+        self._checked: set[tuple[str, bool]] = set()
+        self._bodily: dict[Mover, set[Fact]] = {}
+        self._ends: dict[Mover, list[Callable[[], None]]] = {}
+        self._lights: list[int] = []
+
+    def drop(self, mover: Mover) -> None:
+        """Forget a vehicle about which no monitor is left."""
+        if self._backlog is not None:
+            self._backlog.drop(mover)
+        for end in self._ends.pop(mover, ()):
+            end()
+        for known in (self._places, self._waits, self._courses, self._bodily):
+            known.pop(mover, None)
+        for key in [key for key, fact in self._facts.items() if not fact.watches]:
+            del self._facts[key]
+        self._bodies = {pair: bodies for pair, bodies in self._bodies.items() if mover not in pair}
+        self._givings = {pair: giving for pair, giving in self._givings.items() if mover not in pair}
+
+    def bodily(self, movers: Iterable[Mover]) -> frozenset[Fact]:
+        """Return the facts that are false as long as one of these vehicles is absent."""
+        return frozenset(fact for mover in movers for fact in self._bodily.get(mover, ()))
+
+    def read(self, changed: Sequence[Mover]) -> None:
+        """Bring all facts up to this instant.
+
+        Args:
+            changed: whose zone is another one than before.
+
+        Raises:
+            RunError: something is not given that an atom asks for.
+        """
+        now = self.now
+        now.require(*self._needs)
+        self._read_changes(changed)
+        if self._backlog is not None and (self._backlog.add() or any(fact.value for fact, _ in self._lost)):
+            for fact, test in self._lost:
+                fact.tell(test())
+        for fact, test in self._polled:
+            fact.tell(test())
+        self._read_distances()
+        for fact, one, two, test in self._meetings:
+            fact.tell(one.zone >= JUNCTION and two.zone >= JUNCTION and test())
+        for giving, owes, obstructs in self._given:
+            giving.follow(now)
+            owing, hit = giving.value
+            owes.tell(owing)
+            obstructs.tell(hit)
+        for fact, follow in self._followed:
+            fact.tell(bool(follow(now.run)))
+
+    def _read_distances(self) -> None:
+        """Tell what hangs on distances, of who has moved far enough for it to matter."""
+        recorded = self.now.touching is not None
+        for fact, bodies, test in self._apart:
+            if recorded or fact.value or bodies.one.moved + bodies.two.moved >= bodies.due:
+                fact.tell(test())
+        for fact, mover, course, test in self._within:
+            if fact.value or mover.moved >= course.due_lane or mover.moved >= course.due_route:
+                fact.tell(test())
+
+    def _read_changes(self, changed: Sequence[Mover]) -> None:
+        """Tell what hangs on zones, waiting times and lights."""
+        now, crossings = self.now, self._crossings
+        for mover in changed:
+            for fact, zones in self._places.get(mover, ()):
+                fact.tell(mover.zone in zones)
+        for mover, waits in self._waits.items():
+            if mover.wt in crossings or mover in changed:
+                for fact, test in waits:
+                    fact.tell(test())
+        if now.lights != self._lights:
+            self._lights = now.lights
+            for fact, test in self._colours:
+                fact.tell(test())
+
+    def _forget(self, key: object) -> None:
+        self._facts.pop(key, None)
+
+    def fact(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
+        """Return a ground atom as it is now, and follow it.
+
+        Args:
+            atom: speaks of agents by their place in `movers`.
+            movers: the vehicles.
+            tie: waiting times that differ by at most this count as equal [s].
+
+        Raises:
+            RunError: something is not given that it asks for.
+        """
+        key = (atom.word or atom.name, tuple(key_of(term, movers) for term in atom.terms), tie if atom.name in OPERATORS else 0.0)
+        found = self._facts.get(key)
+        if found is None:
+            agents = [movers[e.index] for e in map(element_of, atom.terms) if e is not None and e.sort == Sort.AGENT]
+            self._check(atom, movers)
+            found = self._quick(atom, agents, tie) or self._general(atom, movers, tie)
+            self._facts[key] = found
+            if atom.word is None and atom.name in _PRESENT:
+                for mover in agents:
+                    self._bodily.setdefault(mover, set()).add(found)
+            found.homes.append(partial(self._forget, key))
+        return found
+
+    def _check(self, atom: f.Atom, movers: Sequence[Mover]) -> None:
+        """Ask the word on a run of this state, once, so that what is missing is told in its words."""
+        needs = _NEEDS.get(atom.name) if atom.word is None else None
+        case = atom.name, all(mover.agent.size is not None for mover in movers)
+        if needs is not None and case not in self._checked:
+            word = BUILT_IN[atom.name]
+            word.on(self.now.run, *word.arguments(in_columns(atom, movers)))
+            self._checked.add(case)
+            self._needs.update(needs)
+
+    def _quick(self, atom: f.Atom, agents: Sequence[Mover], tie: float) -> Fact | None:
+        """Return a fact that is told when it changes, None where this is no word of ours that can be followed so."""
+        now = self.now
+        if atom.word is not None:
+            return None
+        match atom.name, atom.terms:
+            case "@", (_, f.Element() as place) if agents:
+                zones = self._zones(place)
+                fact = Fact(agents[0].zone in zones)
+                return self._keep(fact, self._places.setdefault(agents[0], []), (fact, zones))
+            case (("<" | "<=" | "=" | "!=" | ">" | ">="), (f.Attr(_, "wt"), f.Attr(_, "wt"))):
+                return self._wait(atom.name, agents[0], agents[1], tie)
+            case (("=" | "!="), (f.Attr(f.Element(Sort.LIGHT, number), "cl"), f.Value(name))):
+                return self._colour(number, name, equal=atom.name == "=")
+            case (("owes" | "obstructs"), _):
+                return self._give(atom.name, *agents)
+            case "meet", _:
+                pair = now.pair(*agents)
+                fact = Fact(now.meet(pair))
+                return self._keep(fact, self._meetings, (fact, agents[0], agents[1], lambda: now.meet(pair)))
+            case "may_go", _:
+                backlog, who = self._losses(), agents[0]
+                return Fact(False, lambda: backlog.may_go(who))
+        return self._continuous(atom.name, agents)
+
+    def _continuous(self, name: str, agents: Sequence[Mover]) -> Fact | None:
+        """Return a fact about something continuous, None where none is called so."""
+        test = self._test(name, agents)
+        if test is None:
+            return None
+        fact = Fact(test())
+        match name:
+            case "stopped":  # remembers, so it goes on for whoever asks later
+                return self._keep(fact, self._polled, (fact, test), agents[0])
+            case "idles" | "blocks":
+                return self._keep(fact, self._lost, (fact, test))
+            case "collide":
+                return self._keep(fact, self._apart, (fact, self._two(*agents), test))
+            case "off_lane" | "off_route":
+                return self._keep(fact, self._within, (fact, agents[0], self._course(agents[0]), test))
+        return self._keep(fact, self._polled, (fact, test))
+
+    def _test(self, name: str, agents: Sequence[Mover]) -> _Test | None:
+        """Return what works an atom out in every instant."""
+        now = self.now
+        match name, agents:
+            case "stopped", [who]:
+                return lambda: now.stopped(who)
+            case "inside", [who]:
+                return lambda: now.inside(who)
+            case "speeding", [who]:
+                most = (now.facts.speed_limit or 0.0) + SPEED_TOLERANCE
+                return lambda: abs(who.speed) > most
+            case "idles", [who]:
+                return partial(self._losses().idles, who)
+            case "blocks", [who]:
+                return partial(self._losses().blocks, who)
+            case "off_lane", [who]:
+                return partial(self._course(who).off_lane, now)
+            case "off_route", [who]:
+                return partial(self._course(who).off_route, now)
+            case "collide", [one, two]:
+                bodies, names = self._two(one, two), frozenset((one.agent.name, two.agent.name))
+                return lambda: bodies.look(now) if now.touching is None else names in now.touching
+        return None
+
+    def _general(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
+        """Return a fact that is worked out on a run of one state."""
+        now, moved, word = self.now, in_columns(atom, movers), word_of(atom)
+        if word is not None and word.follow is not None:
+            follow = word.follow(now.run, *word.arguments(moved))
+            fact = Fact(bool(follow(now.run)))
+            return self._keep(fact, self._followed, (fact, follow), *movers)
+        return Fact(False, lambda: bool(Values(now.run, tie)[moved][0]))
+
+    def _zones(self, place: f.Element) -> frozenset[int]:
+        """Return the zones that a vehicle is in when it is at a place of its own way."""
+        if place.sort == Sort.JUNCTION:
+            return frozenset((int(JUNCTION),))
+        if place.sort == Sort.ENTRANCE:
+            return frozenset((int(ENTRANCE),))
+        approach = place.sort == Sort.ROAD and place.index < len(self.now.junction.entrances)
+        return frozenset((int(APPROACH), int(ENTRANCE)) if approach else (int(EXIT),))
+
+    def _wait(self, sign: str, one: Mover, two: Mover, tie: float) -> Fact:
+        compare, window = OPERATORS[sign], round(tie / self.now.dt)
+
+        def test() -> bool:
+            longer = one.wt - two.wt
+            return bool(compare(0 if -window <= longer <= window else longer, 0))
+
+        fact = Fact(test())
+        self._crossings.add(window + 1)
+        for mover in (one, two):
+            self._keep(fact, self._waits.setdefault(mover, []), (fact, test))
+        return fact
+
+    def _colour(self, light: int, name: str, *, equal: bool) -> Fact | None:
+        codes = ATTRIBUTES["cl"].codes
+        if codes is None:
+            return None
+        now, wanted = self.now, codes(name)
+        self._lights = now.lights
+        fact = Fact((now.lights[light] == wanted) is equal)
+        return self._keep(fact, self._colours, (fact, lambda: (now.lights[light] == wanted) is equal))
+
+    def _give(self, name: str, me: Mover, you: Mover) -> Fact:
+        giving = self._givings.get((me, you))
+        if giving is None:
+            giving = self._givings[me, you] = Giving(self.now, me, you, self._two(me, you))
+            giving.follow(self.now)
+            facts = Fact(giving.value[0]), Fact(giving.value[1])
+            for word, fact in zip(("owes", "obstructs"), facts, strict=True):
+                self._facts[BUILT_IN[word].name, (me, you), 0.0] = fact
+            if not giving.never:
+                self._keep(facts[0], self._given, (giving, *facts), me)
+        return self._facts[BUILT_IN[name].name, (me, you), 0.0]
+
+    def _losses(self) -> Backlog:
+        if self._backlog is None:
+            self._backlog = Backlog(self.now)
+            self._backlog.add()
+        return self._backlog
+
+    def _course(self, who: Mover) -> Course:
+        if who not in self._courses:
+            self._courses[who] = Course(self.now, who)
+        return self._courses[who]
+
+    def _two(self, one: Mover, two: Mover) -> Bodies:
+        pair = frozenset((one, two))
+        if pair not in self._bodies:
+            self._bodies[pair] = Bodies(one, two)
+        return self._bodies[pair]
+
+    def _keep(self, fact: Fact, where: list[_Entry], entry: _Entry, *until: Mover) -> Fact:
+        """Have a fact looked after in a list, as long as somebody looks at it, or until one of these vehicles is dropped."""
+        where.append(entry)
+
+        def end() -> None:
+            if entry in where:
+                where.remove(entry)
+
+        if until:
+            for mover in until:
+                self._ends.setdefault(mover, []).append(end)
+        else:
+            fact.homes.append(end)
+        return fact
+
+
+_PRESENT = ("@", "inside", "meet", "collide", "stopped")
+"""Words that hold of nobody who is absent."""
+_PLACE, _MOTION = ("station",), ("station", "speed")
+_NEEDS: Mapping[str, tuple[str, ...]] = {
+    "stopped": _MOTION,
+    "inside": _PLACE,
+    "blocks": _MOTION,
+    "idles": _MOTION,
+    "may_go": _MOTION,
+    "owes": _MOTION,
+    "obstructs": _MOTION,
+    "meet": _PLACE,
+    "off_lane": ("station", "pose"),
+    "off_route": ("station", "pose"),
+    "speeding": ("speed",),
+    "collide": (),
+}
+"""What our words ask of a state."""

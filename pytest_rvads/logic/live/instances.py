@@ -1,0 +1,88 @@
+"""The instances of rules about vehicles that are not known beforehand: about each by itself, and about each two."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pytest_rvads.conduct.predicates import Static, extract
+from pytest_rvads.errors import FormulaError
+from pytest_rvads.junctions.conflicts import Key
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.logic.judging.ground import unfold
+from pytest_rvads.logic.judging.prepare import Template, prepare
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.shape import agents_of, split
+from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent
+
+__all__ = ["Instances"]
+
+
+class Instances:
+    """Instances by the ways of the vehicles, found once for all that go the same ways.
+
+    Args:
+        rules: what to judge by.
+        junction: where.
+        lights: colours of the first state: where one is lit, there is a light.
+
+    Raises:
+        FormulaError: a rule that is about more than two vehicles at once, so that who is to come would count.
+    """
+
+    def __init__(self, rules: tuple[Rule, ...], junction: Junction, lights: list[int]) -> None:
+        self._rules, self._junction, self._lights = rules, junction, lights
+        self._known: dict[tuple[Key, ...], tuple[tuple[int, Template], ...]] = {}
+        routes = [next(iter(junction.movements))] * 3
+        static = replace(self._static(tuple(routes)), entrances=1, exits=1, lights=(0,), signs=())
+        for rule in rules:
+            _refuse_crowds(rule, static)
+
+    def of(self, *ways: Key) -> tuple[tuple[int, Template], ...]:
+        """Return the instances about one vehicle, or those about two together, with the number of the rule.
+
+        Their agents are numbered in the order of the ways.
+        """
+        found = self._known.get(ways)
+        if found is None:
+            static = self._static(ways)
+            everything = range(len(ways))
+            found = self._known[ways] = tuple(
+                (number, template)
+                for number, rule in enumerate(self._rules)
+                for template in prepare(rule.formula, static, rule.bound).templates
+                if _about(template) == set(everything)
+            )
+        return found
+
+    def _static(self, ways: tuple[Key, ...]) -> Static:
+        agents = tuple(Agent(f"v{number}", self._junction.movements[way]) for number, way in enumerate(ways))
+        zone = np.zeros((1, len(agents)), dtype=np.int8)
+        return extract(Run("live", self._junction, agents, zone, np.array([self._lights], dtype=np.int8)))
+
+
+def _about(template: Template) -> set[int]:
+    """Return the agents that an instance is about, by column: those of its variables, and those of its atoms."""
+    named = {e.index for member in template.members for _, e in member.binding if e.sort == Sort.AGENT}
+    return named | {e.index for e in agents_of(template.formula)}
+
+
+def _refuse_crowds(rule: Rule, static: Static) -> None:
+    for instance in unfold(rule.formula, static).instances:
+        named = {e for _, e in instance.binding if e.sort == Sort.AGENT}
+        if any(len(named | set(agents_of(part))) > 2 for part in split(instance.formula)) or _exists(rule.formula):
+            raise FormulaError(
+                f"rule {rule.name!r} is about more than two vehicles at once, and who comes later would count: "
+                "give the monitor its agents"
+            )
+
+
+def _exists(formula: f.Formula) -> bool:
+    """Return whether a formula asks for some vehicle."""
+    if isinstance(formula, f.Exists) and any(v.sort == Sort.AGENT for v in formula.variables):
+        return True
+    return any(_exists(child) for child in f.children(formula))

@@ -1,0 +1,179 @@
+"""Monitors that are stepped only when something that they look at has changed, or when they have not settled yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import product
+
+from pytest_rvads.logic.judging.prepare import Template
+from pytest_rvads.logic.ltl.boolean import holds
+from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
+
+__all__ = ["Fact", "Reading", "Watch"]
+
+
+class Fact:
+    """A ground atom as it is now, with the watches that look at it.
+
+    Args:
+        value: in the instant in which it is made.
+        ask: computes the value, where it is not told by `tell` in every instant in which it changes.
+    """
+
+    __slots__ = ("ask", "homes", "value", "watches")
+
+    def __init__(self, value: bool, ask: Callable[[], bool] | None = None) -> None:
+        self.value, self.ask = value, ask
+        self.watches: list[tuple[Watch, int]] = []
+        self.homes: list[Callable[[], None]] = []
+        """What ends its being worked out, for when nobody looks any more."""
+
+    def tell(self, value: bool) -> None:
+        """Say what it is now."""
+        if value is not self.value:
+            self.value = value
+            for watch, bit in self.watches:
+                watch.mask ^= bit
+                watch.wake()
+
+    def leave(self, watch: Watch) -> bool:
+        """Forget a watch, and return whether nobody is left."""
+        self.watches = [entry for entry in self.watches if entry[0] is not watch]
+        if not self.watches:
+            for end in self.homes:
+                end()
+        return not self.watches
+
+
+class Reading:
+    """What a machine reads in the values of its atoms, numbered by the bits of a mask.
+
+    Args:
+        machine: over propositions p0, p1, ...
+        asked: numbers of the atoms that are worked out only when they count.
+    """
+
+    def __init__(self, machine: Machine, asked: Sequence[int]) -> None:
+        self.delta: list[list[int]] = machine.delta.tolist()
+        self.output: list[Truth] = [Truth(v) for v in machine.output.tolist()]
+        self._machine = machine
+        self._bits = [1 << k for k in asked]
+        self._letters: dict[int, int | None] = {}
+        self._exact: dict[int, int] = {}
+        self._hopeless: dict[tuple[int, int], bool] = {}
+
+    def letter(self, mask: int) -> int | None:
+        """Return the letter where it is the same whatever the atoms to be asked are, else None."""
+        try:
+            return self._letters[mask]
+        except KeyError:
+            known = mask & ~sum(self._bits)
+            choices = product(*((0, bit) for bit in self._bits))
+            found = {self.exact(known | sum(choice)) for choice in choices} if len(self._bits) <= _MOST_ASKED else set()
+            letter = self._letters[mask] = found.pop() if len(found) == 1 else None
+            return letter
+
+    def exact(self, mask: int) -> int:
+        """Return the letter of the values of all atoms."""
+        letter = self._exact.get(mask)
+        if letter is None:
+            machine = self._machine
+            true = frozenset(a for a in machine.atoms if mask >> int(a.name[1:]) & 1)
+            code = sum(1 << k for k, guard in enumerate(machine.guards) if holds(guard, true))
+            letter = self._exact[mask] = machine.letter(code)
+        return letter
+
+    def can_fail(self, state: int, false: int) -> bool:
+        """Return whether a violation can still come after a state, when the atoms of a mask stay false."""
+        known = self._hopeless.get((state, false))
+        if known is None:
+            count = len(self._machine.atoms)
+            free = [1 << k for k in range(count) if not false >> k & 1]
+            known = self._hopeless[state, false] = len(free) > _MOST_FREE or self._reaches(state, free)
+        return known
+
+    def _reaches(self, state: int, free: Sequence[int]) -> bool:
+        letters = {self.exact(sum(choice)) for choice in product(*((0, bit) for bit in free))}
+        found, left = {state}, [state]
+        while left:
+            row = self.delta[left.pop()]
+            after = {row[letter] for letter in letters} - found
+            found |= after
+            left += after
+        return any(self.output[s] is Truth.FALSE for s in found)
+
+
+_MOST_FREE = 8
+"""Atoms whose values are all tried, to see whether a violation can still come."""
+_MOST_ASKED = 6
+"""Atoms whose values are all tried, to see whether they count."""
+
+
+class Watch:
+    """A monitor of one instance.
+
+    Args:
+        rule: number of the rule.
+        template: the instance.
+        reading: of its machine.
+        facts: what its propositions stand for now.
+        queue: where it puts itself when it is to be stepped.
+        state: of the machine.
+    """
+
+    __slots__ = ("_queue", "_queued", "asked", "facts", "mask", "reading", "rule", "state", "template")
+
+    def __init__(
+        self, rule: int, template: Template, reading: Reading, facts: Sequence[Fact], queue: list[Watch], state: int = 0
+    ) -> None:
+        self.rule, self.template, self.reading, self.state = rule, template, reading, state
+        self.facts = tuple(facts)
+        self._queue, self._queued = queue, False
+        self.mask = 0
+        self.asked = [(1 << k, fact.ask) for k, fact in enumerate(facts) if fact.ask is not None]
+        for k, fact in enumerate(facts):
+            if fact.ask is None:
+                self.mask |= fact.value << k
+                fact.watches.append((self, 1 << k))
+            else:
+                fact.watches.append((self, 0))
+        self.wake()
+
+    @property
+    def verdict(self) -> Truth:
+        """The verdict so far."""
+        return self.reading.output[self.state]
+
+    def wake(self) -> None:
+        """Be stepped in this instant."""
+        if not self._queued:
+            self._queued = True
+            self._queue.append(self)
+
+    def step(self) -> Truth:
+        """Read the instant; come back in the next one, whatever happens, unless the same letter would change nothing."""
+        self._queued = False
+        reading = self.reading
+        letter = reading.letter(self.mask)
+        asked = letter is None
+        if letter is None:
+            mask = self.mask
+            for bit, ask in self.asked:
+                if ask is not None and ask():
+                    mask |= bit
+            letter = reading.exact(mask)
+        row = reading.delta[self.state]
+        self.state = row[letter]
+        verdict = reading.output[self.state]
+        if verdict is Truth.UNKNOWN and (asked or reading.delta[self.state][letter] != self.state):
+            self.wake()
+        return verdict
+
+    def can_fail(self, false: frozenset[Fact]) -> bool:
+        """Return whether it can still be violated when these facts stay false."""
+        return self.reading.can_fail(self.state, sum(1 << k for k, fact in enumerate(self.facts) if fact in false))
+
+    def end(self) -> None:
+        """Stop looking."""
+        for fact in dict.fromkeys(self.facts):
+            fact.leave(self)
