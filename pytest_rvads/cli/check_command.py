@@ -6,6 +6,7 @@ import argparse
 from contextlib import closing
 from pathlib import Path
 
+from pytest_rvads.cli import follow_command
 from pytest_rvads.cli.common import Subparsers
 from pytest_rvads.errors import RunError
 
@@ -38,6 +39,7 @@ def declare(commands: Subparsers) -> None:
     check.add_argument("--kpis", action="store_true", help="also the key performance indicators of every run")
     check.add_argument("-j", "--jobs", type=_count, default=1, metavar="N", help="judge on so many processes (default: 1)")
     check.add_argument("-v", "--verbose", action="store_true", help="of many runs, print all verdicts and warnings")
+    follow_command.declare(check)
     check.set_defaults(command=_check)
 
 
@@ -52,6 +54,8 @@ _count.__name__ = "number of processes"  # argparse names it in its messages
 
 
 def _check(options: argparse.Namespace) -> int:
+    if options.follow:
+        return follow_command.follow(options)
     from pytest_rvads.cli.answers import named_rules
     from pytest_rvads.cli.check_teller import Teller
     from pytest_rvads.cli.check_totals import Totals

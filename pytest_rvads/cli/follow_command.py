@@ -14,6 +14,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli.common import LINE_LIMIT, say, warn
+from pytest_rvads.cli.intake_options import add_intake, intake_of
 from pytest_rvads.errors import RunError
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def declare(check: argparse.ArgumentParser) -> None:
     )
     check.add_argument("--map", metavar="FILE", help="with --follow, the OpenDRIVE file of a junction given by id")
     check.add_argument("--junction", metavar="NAME", help="with --follow, where: a built-in name, or an id in --map")
-    check.add_argument("--speed-limit", type=float, metavar="M/S", help="with --follow, for rules that ask for it")
+    add_intake(check.add_argument_group("with --follow, as with rvads import"))
     check.add_argument("--strict", action="store_true", help="with --follow, end at the first line that is no state")
 
 
@@ -46,19 +47,21 @@ def follow(options: argparse.Namespace) -> int:
     """Judge states until there are no more, or until Ctrl-C, and return the exit status."""
     from pytest_rvads.cli.answers import named_rules
     from pytest_rvads.junctions.finder import find
-    from pytest_rvads.runs.run import Facts
-    from pytest_rvads.runs.streaming import Stream
+    from pytest_rvads.runs.tracks.streaming import Stream
 
     if not options.junction:
         raise RunError("--follow needs to know where: give --junction, and --map where that is the id of one in a file")
     place = find(options.junction, options.map)
     rules = named_rules(options.rule or ["paper"])
-    source = "standard input" if options.file == "-" else options.file
-    stream = Stream(Path(source).stem, place, Facts(speed_limit=options.speed_limit))
-    tell = _Teller(rules, told=options.json or getattr(options, "jsonl", False) or not sys.stdout.isatty())
+    if len(options.files) > 1:
+        raise RunError(f"--follow reads one file, or - for standard input, got {len(options.files)}")
+    (file,) = options.files
+    source = "standard input" if file == "-" else file
+    stream = Stream(Path(source).stem, place, intake_of(options, "front"))
+    tell = _Teller(rules, told=options.json or options.jsonl or not sys.stdout.isatty())
     refused = 0
     with _Interrupt() as interrupt:
-        for number, line in enumerate(interrupt.until(_lines(options.file)), start=1):
+        for number, line in enumerate(interrupt.until(_lines(file)), start=1):
             if not line.strip():
                 continue
             try:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli.common import Subparsers, progress, say, warn
+from pytest_rvads.cli.intake_options import add_intake, intake_of
 from pytest_rvads.errors import RunError
 from pytest_rvads.wording import one_line
 
@@ -40,15 +41,8 @@ def declare(commands: Subparsers) -> None:
         "--format", metavar="NAME", help="csv, ind, interaction, fcd, carla, osi or rosbag (default: by the name)"
     )
     parser.add_argument("--columns", metavar="FIELD=COLUMN[:UNIT],...", help="as in time=t:ms,id=track,x=X,y=Y,heading=yaw:deg")
-    parser.add_argument("--point", metavar="POINT", help="what x and y are of: center of the box, front (bumper) or rear_axle")
-    parser.add_argument("--size", metavar="L,W", help="length and width of vehicles whose size the log has not [m]")
-    parser.add_argument("--offset", metavar="X,Y", help="added to every position, where the log has another origin [m]")
+    add_intake(parser)
     parser.add_argument("--lights", metavar="FILE", help="CSV with time, signal or entrance, colour; or <tlsState> of SUMO")
-    parser.add_argument(
-        "--position-accuracy", type=float, metavar="M", help="standard deviation of a coordinate [m] (default: estimated)"
-    )
-    parser.add_argument("--speed-accuracy", type=float, metavar="M/S", help="standard deviation of a speed [m/s]")
-    parser.add_argument("--speed-limit", type=float, metavar="M/S", help="speed limit at the junction [m/s]")
     parser.add_argument("--label", metavar="NAME", help="begins the names of its runs (default: the name of the file)")
     parser.add_argument("--strict", action="store_true", help="a bad row is an error; else it costs its vehicle")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -58,21 +52,14 @@ def declare(commands: Subparsers) -> None:
 
 def _import(options: argparse.Namespace) -> int:
     from pytest_rvads.runs.recordingfile import save_recording
-    from pytest_rvads.runs.tracks.importing import Intake, explain_empty, light_log, recording_of, unlit
+    from pytest_rvads.runs.tracks.importing import explain_empty, light_log, recording_of, unlit
     from pytest_rvads.runs.tracks.logformats import read_log
     from pytest_rvads.runs.tracks.table import parse_columns
 
     junctions = _junctions(options)
     columns = parse_columns(options.columns) if options.columns else None
     log, usual = read_log(options.tracks, format=options.format, columns=columns, strict=options.strict, watch=_watch())
-    intake = Intake(
-        options.point or usual,
-        _numbers(options.size, "--size L,W"),
-        _numbers(options.offset, "--offset X,Y") or (0.0, 0.0),
-        options.position_accuracy,
-        options.speed_accuracy,
-        options.speed_limit,
-    )
+    intake = intake_of(options, usual)
     shown = light_log(log, options.lights)
     label = one_line(options.label or Path(options.tracks).name.partition(".")[0], 200) or "tracks"
     several, found = options.junction == "all", []
@@ -107,17 +94,6 @@ def _junctions(options: argparse.Namespace) -> list[Junction]:
     if options.map is None:
         raise RunError("--junction all takes the junctions of a map: give --map FILE")
     return [find(report.id, options.map) for report in load(options.map).junctions if report.usable]
-
-
-def _numbers(text: str | None, wanted: str) -> tuple[float, float] | None:
-    """Return two numbers of an option, None where it was not given."""
-    if text is None:
-        return None
-    try:
-        one, two = map(float, text.split(","))
-    except ValueError:
-        raise RunError(f"{wanted} takes two numbers in metres, got {text!r:.60}") from None
-    return one, two
 
 
 def _watch() -> Any:

@@ -15,7 +15,7 @@ from pytest_rvads.conduct.lane import itinerary
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.streaming import GONE_AFTER, LONGEST, Stream
+from pytest_rvads.runs.tracks.streaming import GONE_AFTER, LONGEST, Stream
 
 RVADS = str(Path(sys.executable).with_name("rvads"))
 FOLLOW = [RVADS, "check", "--follow", "--junction", "stop4", "--rule", "full_stop", "--rule", "p1"]
@@ -83,7 +83,7 @@ def test_bad_lines_are_told_and_left_out() -> None:
     assert "standard input, line 4: not JSON" in beside
     assert "standard input, line 5: the field 'vehicles[0].x' must be a number" in beside
     assert "standard input, line 6: time must go on, got 90 s after" in beside
-    assert "standard input, line 7: lights must go by the number of an entrance, 0 to 3, got '9'" in beside
+    assert "standard input, line 7: lights must be called 0, 1, 2, 3, entrance 0," in beside
     _, beside = judge(lines, "--strict", status=2)
     assert "line 4: not JSON" in beside
 
@@ -97,7 +97,7 @@ def test_of_many_bad_lines_the_first_are_told_and_then_their_number() -> None:
 def test_where_nothing_is_judged_it_says_so() -> None:
     told, beside = judge(['{"t": 1}', '{"t": 2, "vehicles": [{"id": "x", "x": 900, "y": 900, "heading": 0}]}'], status=5)
     assert told == []
-    assert "seen only once" in beside
+    assert "1 left out, it does not move" in beside
     assert "nothing was judged" in beside
 
 
