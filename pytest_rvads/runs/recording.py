@@ -204,7 +204,8 @@ def _speeds(track: Track, at: NDArray[np.float64]) -> NDArray[np.float64]:
             (v0 + lowest) / 2 * turn + (lowest + v1) / 2 * (here - turn),
         )
     dips = (before < 0.0) & (after > 0.0) & (v0 > 0.0) & (v1 > 0.0) & (turn > 0.0) & (turn < here)
-    dips &= np.abs(way - made[1:-1]) <= np.abs((v0 + v1) / 2 * here - made[1:-1])
+    known = 0.0 if track.spread is None else (track.spread[1:-2] + track.spread[2:-1]) / 2
+    dips &= np.abs(way - made[1:-1]) <= np.abs((v0 + v1) / 2 * here - made[1:-1]) + known
     for k in (np.flatnonzero(dips) + 1).tolist():
         inside = slice(*np.searchsorted(at, track.times[[k, k + 1]]))
         braking = speed[k] + slopes[k - 1] * (at[inside] - track.times[k])

@@ -18,6 +18,7 @@ from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
+from pytest_rvads.runs.smoothing import DERIVED
 from pytest_rvads.runs.states import AXLE, Agent, Kind
 from pytest_rvads.runs.tracks.cleaning import accuracy_of, track_of
 from pytest_rvads.runs.tracks.lightlog import lights_at, read_lights, signals_at
@@ -109,7 +110,7 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
         position_accuracy: standard deviation of a coordinate [m]: two of three are closer to the truth than that. Verdicts that
             another reading within it would flip are UNSURE. None: estimated from how rough the tracks are, which does not show
             what is wrong with all samples alike, nor what somebody has smoothed away.
-        speed_accuracy: of a speed [m/s]; None: 0.
+        speed_accuracy: of a speed [m/s]; None: 0, and what smoothing leaves where speeds are worked out from positions.
         speed_limit: at the junction [m/s].
         strict: a bad row is an error; it costs its vehicle otherwise.
         label: begins the labels of its runs; None: after the file.
@@ -172,6 +173,7 @@ def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[st
     accuracy = intake.position_accuracy
     if accuracy is None:
         accuracy = accuracy_of([(vehicle, match) for _, vehicle, match in found])
+    derived = any(vehicle.speed is None for _, vehicle, _ in found)
     return Recording(
         label,
         junction,
@@ -179,7 +181,7 @@ def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[st
         lights_at(junction, shown) if shown else {},
         Facts(speed_limit=intake.speed_limit),
         float(accuracy),
-        float(intake.speed_accuracy or 0.0),
+        max(float(intake.speed_accuracy or 0.0), DERIVED if derived and accuracy > 0.0 else 0.0),
         left_out=tuple(left_out),
     )
 
