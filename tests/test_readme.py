@@ -62,12 +62,10 @@ def test_scripts_run(tmp_path: Path, code: str) -> None:
 
 @pytest.mark.parametrize(("command", "said"), CONSOLE, ids=[command for command, _ in CONSOLE])
 def test_commands_print_what_is_shown(tmp_path: Path, command: str, said: str) -> None:
-    """A command about a run runs where the script of the page that saves it ran, others in the checkout."""
+    """A command about a file runs where the script or command of the page that makes it ran, others in the checkout."""
     program, *arguments = shlex.split(command)
-    makers = [code for code in SCRIPTS if any(word.endswith((".npz", ".json")) and f'"{word}"' in code for word in arguments)]
-    for code in makers:
-        assert _run([sys.executable, "-c", code], tmp_path).returncode == 0
-    done = _run([str(Path(sys.executable).with_name(program)), *arguments], tmp_path if makers else ROOT)
+    made = _make(arguments, command, tmp_path)
+    done = _run([str(Path(sys.executable).with_name(program)), *arguments], tmp_path if made else ROOT)
     assert done.returncode in (0, 1), done.stderr
     shown = [line for line in said.splitlines() if line.strip()]
     got = [line.rstrip() for line in done.stdout.splitlines() if line.strip()]
@@ -78,6 +76,20 @@ def test_commands_print_what_is_shown(tmp_path: Path, command: str, said: str) -
         assert got[len(got) - len(tail) :] == tail
     else:
         assert got == shown
+
+
+def _make(words: list[str], command: str, folder: Path) -> bool:
+    """Make the files that a command reads, as the pages say; return whether there are any."""
+    files = [word for word in words if word.endswith((".csv", ".npz", ".json")) and f"-o {word}" not in command]
+    scripts = [code for code in SCRIPTS if any(f'"{file}"' in code for file in files)]
+    commands = [other for other, _ in CONSOLE if any(f"-o {file}" in other for file in files)]
+    for code in scripts:
+        assert _run([sys.executable, "-c", code], folder).returncode == 0
+    for other in commands:
+        program, *arguments = shlex.split(other)
+        assert _make(arguments, other, folder)
+        assert _run([str(Path(sys.executable).with_name(program)), *arguments], folder).returncode == 0
+    return bool(scripts or commands)
 
 
 def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
