@@ -70,6 +70,13 @@ def test_at_half_the_rate_and_at_unequal_times_it_is_the_same() -> None:
     assert {(a["rule"], a["status"]) for a in told} == {("full_stop", "FAIL"), ("full_stop", "PASS"), ("p1", "PASS")}
 
 
+def test_what_is_all_unsure_is_no_success() -> None:
+    # 3 m leave open whether it stood before the line or rolled, and a speed that is worked out from such places is as vague.
+    told, beside = judge(log({"careful": 0.0}, 18.0), "--position-accuracy", "3", status=5)
+    assert {answer["status"] for answer in told} == {"UNSURE"}
+    assert "every verdict that applies is UNSURE" in beside
+
+
 def test_bad_lines_are_told_and_left_out() -> None:
     lines = log({"reckless": 0.0}, 12.0)
     lines[3:3] = [
