@@ -163,6 +163,17 @@ def test_whoever_stands_there_for_ever_keeps_nobody_from_being_judged() -> None:
     assert max(kept) <= 3 * (LONGEST + GONE_AFTER)
 
 
+def test_nothing_grows_and_nobody_waits_where_somebody_stands_and_nobody_goes_any_more() -> None:
+    stream = Stream("log", find("stop4"))
+    x, y, heading = itinerary(find("stop4"), *RECKLESS).pose(-80.0)
+    for k in range(int(LONGEST) * 4):
+        seen = [{"id": "parked", "x": x + 50.0, "y": y + 50.0, "heading": heading}, *([place("reckless", k)] if k < 9 else [])]
+        list(stream.read(json.dumps({"t": float(k), "vehicles": seen, "lights": {"0": "red"}}).encode(), "here"))
+        assert stream.judged == 1 or k < LONGEST + 20.0
+    assert len(stream._there["parked"].times) <= 2 * LONGEST + 20.0
+    assert len(stream._lights["0"]) <= 2 * LONGEST + 20.0
+
+
 def test_two_of_one_name_are_refused() -> None:
     stream = Stream("log", find("stop4"))
     twice = [place("careful", 0.0)] * 2
