@@ -10,8 +10,7 @@ from urllib.parse import quote
 from uuid import uuid4
 
 from pytest_rvads.cli.check_totals import Totals
-from pytest_rvads.cli.run_answers import RunAnswer, VerdictAnswer
-from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.cli.run_answers import NOTABLE, RunAnswer, VerdictAnswer
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import markup
 
@@ -19,7 +18,6 @@ __all__ = ["Index"]
 
 _ROWS = f"<!-- {uuid4().hex} -->"
 """Where the rows go; they lie on disk meanwhile, as there may be any number of them."""
-_SHOWN = (Status.FAIL, Status.OPEN, Status.UNSURE, Status.ERROR)
 
 
 class Index:
@@ -32,7 +30,7 @@ class Index:
     def add(self, label: str, answer: RunAnswer) -> None:
         """Add a row per verdict that is not as it should be."""
         for verdict in answer.verdicts:
-            if verdict.status in _SHOWN:
+            if verdict.status in NOTABLE:
                 self._rows.write(_row(label, answer.file, verdict))
 
     def write(self, totals: Totals) -> None:

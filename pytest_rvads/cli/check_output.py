@@ -9,14 +9,12 @@ from typing import Any, Protocol
 
 from pytest_rvads.cli.check_totals import Totals
 from pytest_rvads.cli.common import say
-from pytest_rvads.cli.run_answers import Batch, RunAnswer
-from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.cli.run_answers import NOTABLE, Batch, RunAnswer
 
-__all__ = ["KPIS", "Output", "output"]
+__all__ = ["Output", "output"]
 
-KPIS = "(kpis)"
+_KPIS = "(kpis)"
 """Where the indicators of a run stand beside its rules in JSON; no rule can be called so."""
-_NOTABLE = (Status.FAIL, Status.OPEN, Status.UNSURE, Status.ERROR)
 
 
 class Output(Protocol):
@@ -50,7 +48,7 @@ class _Text:
         whole = self._verbose or (self._alone and not answer.excerpt)
         lines: list[str] = []
         for verdict in answer.verdicts:
-            if whole or verdict.status in _NOTABLE:
+            if whole or verdict.status in NOTABLE:
                 lines += [verdict.line, *(f"       UNSURE {what}" for what in verdict.unsure)]
         if lines or whole or answer.indicators:
             say("\n  ".join((label, *lines, *answer.indicators)))
@@ -79,7 +77,7 @@ class _Object:
         self._before = "{"
 
     def run(self, label: str, answer: RunAnswer) -> None:
-        told = _verdicts(answer) | ({} if answer.kpis is None else {KPIS: answer.kpis})
+        told = _verdicts(answer) | ({} if answer.kpis is None else {_KPIS: answer.kpis})
         self._put(f"{self._before}\n{json.dumps(label)}: {json.dumps(told)}")
         self._before = ","
 

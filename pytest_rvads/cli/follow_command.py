@@ -137,17 +137,19 @@ class _Teller:
         if verdict.status == "ERROR":
             warn(f"warning: {run.label} can't be judged by {verdict.rule}: {verdict.reason}")
             self.counts["ERROR"] += 1
+        from pytest_rvads.cli.run_answers import finite
+        from pytest_rvads.failure_page import when
+
         for instance in verdict.instances:
             if instance.status == "NA":
                 continue
             self.counts[instance.status.value] += 1
-            tick = instance.trigger if instance.failed is None else instance.failed
             answer: dict[str, Any] = {
                 "rule": verdict.rule,
                 "status": instance.status.value,
                 "binding": dict(instance.binding),
-                "time": None if tick is None else round(run.start + tick * run.dt, 9),
-                "margin": instance.margin,
+                "time": when(verdict, instance),
+                "margin": finite(instance.margin),
             }
             if instance.hangs:
                 answer["hangs"] = instance.hangs
@@ -157,8 +159,9 @@ class _Teller:
         """Return the exit status, as of ``rvads check``."""
         if self.counts["ERROR"]:
             return 2
-        if not self.counts:
-            warn("rvads: nothing was judged: no rule applies to any of these vehicles")
+        if not self.counts.keys() - {"UNSURE"}:
+            why = "every verdict that applies is UNSURE" if self.counts else "no rule applies to any of these vehicles"
+            warn(f"rvads: nothing was judged: {why}")
             return 5
         return 1 if self.counts["FAIL"] or self.counts["OPEN"] else 0
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from pytest_rvads.cli.common import Subparsers, progress, say, warn
 from pytest_rvads.cli.intake_options import add_intake, intake_of
 from pytest_rvads.errors import RunError
-from pytest_rvads.wording import one_line
 
 if TYPE_CHECKING:
     from pytest_rvads.junctions.junction import Junction
@@ -52,7 +51,7 @@ def declare(commands: Subparsers) -> None:
 
 def _import(options: argparse.Namespace) -> int:
     from pytest_rvads.runs.recordingfile import save_recording
-    from pytest_rvads.runs.tracks.importing import explain_empty, light_log, recording_of, unlit
+    from pytest_rvads.runs.tracks.importing import explain_empty, label_of, light_log, recording_of, unlit
     from pytest_rvads.runs.tracks.logformats import read_log
     from pytest_rvads.runs.tracks.table import parse_columns
 
@@ -61,7 +60,7 @@ def _import(options: argparse.Namespace) -> int:
     log, usual = read_log(options.tracks, format=options.format, columns=columns, strict=options.strict, watch=_watch())
     intake = intake_of(options, usual)
     shown = light_log(log, options.lights)
-    label = one_line(options.label or Path(options.tracks).name.partition(".")[0], 200) or "tracks"
+    label = label_of(log, options.label)
     several, found = options.junction == "all", []
     left_out: Sequence[tuple[str, str]] = ()
     for number, junction in enumerate(junctions, start=1):

@@ -22,10 +22,12 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.storage import slug, write_file
 from pytest_rvads.wording import one_line
 
-__all__ = ["Batch", "Judge", "Part", "Question", "RunAnswer", "VerdictAnswer"]
+__all__ = ["NOTABLE", "Batch", "Judge", "Part", "Question", "RunAnswer", "VerdictAnswer", "finite"]
 
 _LISTED = {Status.FAIL: "violated", Status.OPEN: "open", Status.UNSURE: "unsure"}
 """What instances are listed under in JSON."""
+NOTABLE = (*_LISTED, Status.ERROR)
+"""What is not as it should be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,10 +205,14 @@ class Judge:
 
 def _record(verdict: Verdict, instance: InstanceVerdict) -> dict[str, Any]:
     """Return an instance for programs: what its variables stand for, when it was violated, by what margin."""
-    margin = instance.margin
     found: dict[str, Any] = dict(instance.binding)
-    found |= {"time": when(verdict, instance), "margin": margin if margin is not None and math.isfinite(margin) else None}
+    found |= {"time": when(verdict, instance), "margin": finite(instance.margin)}
     return {**found, "hangs": instance.hangs} if instance.hangs else found
+
+
+def finite(margin: float | None) -> float | None:
+    """Return a margin as JSON can have it, None where it is infinite [s]."""
+    return margin if margin is not None and math.isfinite(margin) else None
 
 
 def _told(error: Exception) -> str:

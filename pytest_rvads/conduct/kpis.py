@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.bodies import velocity
 from pytest_rvads.conduct.predicates import ticks
+from pytest_rvads.conduct.presence import judged
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.errors import RunError, require
 from pytest_rvads.runs.run import Run
@@ -90,10 +91,13 @@ class Kpis:
 
 
 def kpis(run: Run) -> Kpis:
-    """Compute the indicators of a run; those that it does not record enough for are named as unavailable."""
+    """Compute the indicators of a run; those that it does not record enough for are named as unavailable.
+
+    Of an excerpt they are those of who is judged in it, and of pairs of which the last one to appear is: each is told once.
+    """
     require(run, Run, "kpis takes a run, such as rvads.simulate(case) returns", RunError)
     missing = _unavailable(run)
-    columns = range(len(run.agents))
+    columns, told = range(len(run.agents)), judged(run)
 
     def measure(name: str, function: Callable[..., float | None], *where: int) -> float | None:
         return None if name in missing else function(run, *where)
@@ -107,10 +111,12 @@ def kpis(run: Run) -> Kpis:
             measure("jerk", _jerk, i),
         )
         for i in columns
+        if told is None or i in told
     )
     pairs = tuple(
         PairKpis((run.agents[i].name, run.agents[k].name), measure("ttc", _ttc, i, k), measure("pet", _pet, i, k))
         for i, k in combinations(columns, 2)
+        if told is None or k in told
     )
     return Kpis(vehicles, pairs, missing)
 

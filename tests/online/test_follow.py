@@ -70,6 +70,13 @@ def test_at_half_the_rate_and_at_unequal_times_it_is_the_same() -> None:
     assert {(a["rule"], a["status"]) for a in told} == {("full_stop", "FAIL"), ("full_stop", "PASS"), ("p1", "PASS")}
 
 
+def test_what_is_all_unsure_is_no_success() -> None:
+    # 3 m leave open whether it stood before the line or rolled, and a speed that is worked out from such places is as vague.
+    told, beside = judge(log({"careful": 0.0}, 18.0), "--position-accuracy", "3", status=5)
+    assert {answer["status"] for answer in told} == {"UNSURE"}
+    assert "every verdict that applies is UNSURE" in beside
+
+
 def test_bad_lines_are_told_and_left_out() -> None:
     lines = log({"reckless": 0.0}, 12.0)
     lines[3:3] = [
@@ -154,6 +161,17 @@ def test_whoever_stands_there_for_ever_keeps_nobody_from_being_judged() -> None:
         kept.append(sum(len(s.times) for s in (*stream._past, *stream._there.values())))
     assert stream.judged >= 0.5 * LONGEST * 4 / 30
     assert max(kept) <= 3 * (LONGEST + GONE_AFTER)
+
+
+def test_nothing_grows_and_nobody_waits_where_somebody_stands_and_nobody_goes_any_more() -> None:
+    stream = Stream("log", find("stop4"))
+    x, y, heading = itinerary(find("stop4"), *RECKLESS).pose(-80.0)
+    for k in range(int(LONGEST) * 4):
+        seen = [{"id": "parked", "x": x + 50.0, "y": y + 50.0, "heading": heading}, *([place("reckless", k)] if k < 9 else [])]
+        list(stream.read(json.dumps({"t": float(k), "vehicles": seen, "lights": {"0": "red"}}).encode(), "here"))
+        assert stream.judged == 1 or k < LONGEST + 20.0
+    assert len(stream._there["parked"].times) <= 2 * LONGEST + 20.0
+    assert len(stream._lights["0"]) <= 2 * LONGEST + 20.0
 
 
 def test_two_of_one_name_are_refused() -> None:

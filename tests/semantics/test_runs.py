@@ -18,7 +18,7 @@ from pytest_rvads.junctions.junction import Junction, Movement
 from pytest_rvads.logic.check import check
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.itineraries import Itinerary
-from pytest_rvads.runs.run import Collision, Facts, Fault, Run
+from pytest_rvads.runs.run import Collision, Excerpt, Facts, Fault, Run
 from pytest_rvads.runs.runfile import VERSION, load_run, save_run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 from pytest_rvads.scenarios.case import Case
@@ -345,6 +345,16 @@ def test_time_to_collision_of_a_follower_by_hand() -> None:
     assert pair.ttc == pytest.approx((20.0 - 4.6 - 2 * 0.4387) / 5.0, abs=0.01)
     apart = replace(run, pose=pose, speed=np.tile([5.0, 10.0], (10, 1)))
     assert kpis(apart).pairs[0].ttc is None
+
+
+def test_an_excerpt_tells_the_indicators_of_who_is_judged_in_it() -> None:
+    run = moving({(0, 2): (-60.0, [10.0] * 10), (1, 3): (-60.0, [5.0] * 10), (2, 0): (-60.0, [5.0] * 10)})
+    names = [agent.name for agent in run.agents]
+    parts = [kpis(replace(run, excerpt=Excerpt(judged=judged))) for judged in (tuple(names[:2]), tuple(names[2:]))]
+    whole = kpis(run)
+    assert [v for part in parts for v in part.vehicles] == list(whole.vehicles)
+    told = [pair for part in parts for pair in part.pairs]
+    assert sorted(told, key=lambda p: p.agents) == sorted(whole.pairs, key=lambda p: p.agents), "each pair in one of them"
 
 
 def test_post_encroachment_time_by_hand() -> None:

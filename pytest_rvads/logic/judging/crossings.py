@@ -58,6 +58,10 @@ class Crossings:
     run: Run
     moments: int
     """To a tick."""
+    of_agents: tuple[tuple[Event, ...], ...]
+    """Of every vehicle, when it came to the entrance, the junction, its exit, and when it was gone."""
+    of_lights: tuple[tuple[Event, ...], ...]
+    """Of every light, its changes."""
 
     @property
     def length(self) -> float:
@@ -79,48 +83,47 @@ class Crossings:
         """Whether all is known to the step."""
         return all(e.exact for who in (*self.of_agents, *self.of_lights) for e in who)
 
-    @cached_property
-    def of_agents(self) -> list[tuple[Event, ...]]:
-        """Of every vehicle, when it came to the entrance, the junction, its exit, and when it was gone."""
-        run = self.run
-        return [tuple(self._event(agent, zone) for zone in _BORDERS) for agent in range(len(run.agents))]
-
-    @cached_property
-    def of_lights(self) -> list[tuple[Event, ...]]:
-        """Of every light, its changes."""
-        lights, several = self.run.lights, self.moments
-        return [
-            tuple(
-                Event(None, int(lights[tick, k]), (tick - 1) * several + 1, tick * several, tick * several, k)
-                for tick in (np.flatnonzero(np.diff(lights[:, k])) + 1).tolist()
-            )
-            for k in range(lights.shape[1])
-        ]
-
-    def _event(self, agent: int, zone: Zone) -> Event:
-        run = self.run
-        begin, end = (int(v) for v in run.spans[agent])
-        there = run.zone[begin:end, agent] >= zone
-        told = begin + (int(there.argmax()) if there.any() else end - begin)
-        early = late = told
-        reach = _reach(run, agent, zone)
-        if reach is not None:
-            farthest, nearest = reach
-            early, late = min(begin + _after(farthest[begin:end]), told), max(begin + _after(nearest[begin:end]), told)
-        # Between two samples it may have been at any moment after the first one.
-        first = early * self.moments if early in (begin, end) else (early - 1) * self.moments + 1
-        if early == begin < end and zone is Zone.ENTRANCE and run.excerpt is not None and run.zone[begin, agent] <= zone:
-            first = LONG_AGO
-        return Event(agent, int(zone), first, told * self.moments, late * self.moments)
-
 
 def crossings(run: Run) -> Crossings:
     """Return the events of a run, worked out once."""
-    return once(run, _crossings)
+    # The run keeps the events and not what is returned, which holds the run: such a circle stays in memory for a while.
+    return Crossings(run, _moments(run), *once(run, _events))
 
 
-def _crossings(run: Run) -> Crossings:
-    return Crossings(run, round(run.dt / DT) if run.dt > FINE else 1)
+def _moments(run: Run) -> int:
+    return round(run.dt / DT) if run.dt > FINE else 1
+
+
+def _events(run: Run) -> tuple[tuple[tuple[Event, ...], ...], tuple[tuple[Event, ...], ...]]:
+    """Return the events of every vehicle, and those of every light."""
+    agents = tuple(tuple(_coming(run, agent, zone) for zone in _BORDERS) for agent in range(len(run.agents)))
+    return agents, tuple(_changes(run, light) for light in range(run.lights.shape[1]))
+
+
+def _changes(run: Run, light: int) -> tuple[Event, ...]:
+    colours, several = run.lights[:, light], _moments(run)
+    return tuple(
+        Event(None, int(colours[tick]), (tick - 1) * several + 1, tick * several, tick * several, light)
+        for tick in (np.flatnonzero(np.diff(colours)) + 1).tolist()
+    )
+
+
+def _coming(run: Run, agent: int, zone: Zone) -> Event:
+    """Return when an agent came to a zone."""
+    several = _moments(run)
+    begin, end = (int(v) for v in run.spans[agent])
+    there = run.zone[begin:end, agent] >= zone
+    told = begin + (int(there.argmax()) if there.any() else end - begin)
+    early = late = told
+    reach = _reach(run, agent, zone)
+    if reach is not None:
+        farthest, nearest = reach
+        early, late = min(begin + _after(farthest[begin:end]), told), max(begin + _after(nearest[begin:end]), told)
+    # Between two samples it may have been at any moment after the first one.
+    first = early * several if early in (begin, end) else (early - 1) * several + 1
+    if early == begin < end and zone is Zone.ENTRANCE and run.excerpt is not None and run.zone[begin, agent] <= zone:
+        first = LONG_AGO
+    return Event(agent, int(zone), first, told * several, late * several)
 
 
 def _reach(run: Run, agent: int, zone: Zone) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:

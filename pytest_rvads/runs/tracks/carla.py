@@ -81,4 +81,6 @@ class _Reader:
         lights = typed(record.get("lights") or {}, dict[str, str], f"{where}, column lights", RunError)
         for light, state in lights.items():
             if name := self._ids.get(light):
-                self.shown.setdefault(name, []).append((time, _COLOURS.get(state, Colour.NONE)))
+                colour, before = _COLOURS.get(state, Colour.NONE), self.shown.setdefault(name, [])
+                if not before or before[-1][1] is not colour:
+                    before.append((time, colour))

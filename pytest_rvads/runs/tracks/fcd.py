@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from xml.parsers import expat
 
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.tracks.samples import Gather, Log, kind_of
-from pytest_rvads.runs.tracks.source import Watch, opened
-from pytest_rvads.wording import one_line
+from pytest_rvads.runs.tracks.source import Watch, opened, parse_xml
 
 __all__ = ["read_fcd"]
 
@@ -30,15 +28,7 @@ def read_fcd(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wat
         raise RunError(f"{path.name}: the attributes of SUMO's floating car data are known, leave --columns out")
     with opened(path, watch) as source:
         reader = _Reader(Gather(source.where, _NAMES, strict=strict))
-        try:
-            for chunk in source.chunks():
-                reader.parser.Parse(chunk, False)
-            reader.parser.Parse(b"", True)
-        except expat.ExpatError as error:
-            told = one_line(expat.errors.messages.get(error.code, str(error)))
-            raise RunError(f"{source.where}: row {error.lineno}, column {error.offset}: not XML: {told}") from error
-        except (ValueError, LookupError) as error:  # an encoding that is none
-            raise RunError(f"{source.where}: not XML: {one_line(str(error))}") from error
+        parse_xml(source, reader.take)
         if not reader.seen:
             raise RunError(f"{source.where}: it has no <fcd-export>, expected floating car data of SUMO, written by --fcd-output")
         return reader.gather.log()
@@ -52,16 +42,10 @@ class _Reader:
         self.seen = False
         self._time = math.nan
         self._said = ""
-        self.parser = expat.ParserCreate()
-        self.parser.StartElementHandler = self._start
-        self.parser.StartDoctypeDeclHandler = self._doctype
 
-    def _doctype(self, *_: object) -> None:
-        raise RunError(f"{self.gather.where}: it has a document type declaration (DTD), which can hide entity bombs; remove it")
-
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+    def take(self, tag: str, attributes: dict[str, str], row: int) -> None:
         if tag == "vehicle":
-            self._vehicle(attributes)
+            self._vehicle(attributes, row)
         elif tag == "timestep":
             self._said = attributes.get("time", "")
             try:
@@ -71,8 +55,8 @@ class _Reader:
         elif tag == "fcd-export":
             self.seen = True
 
-    def _vehicle(self, attributes: dict[str, str]) -> None:
-        name, row = attributes.get("id", ""), self.parser.CurrentLineNumber
+    def _vehicle(self, attributes: dict[str, str], row: int) -> None:
+        name = attributes.get("id", "")
         if math.isnan(self._time):
             self.gather.refuse(name, row, "time", f"{self._said!r:.60} is no time")
         numbers = [self._time]

@@ -27,7 +27,7 @@ from pytest_rvads.runs.tracks.matching import NEVER, STANDS, Matched, Matcher, d
 from pytest_rvads.runs.tracks.samples import Log, Samples
 from pytest_rvads.wording import one_line
 
-__all__ = ["Intake", "explain_empty", "light_log", "read_tracks", "recording_of", "unlit"]
+__all__ = ["Intake", "explain_empty", "label_of", "light_log", "read_tracks", "recording_of", "unlit"]
 
 _Values = NDArray[np.float64]
 _AHEAD = {"front": 0.0, "center": 0.5, "rear_axle": AXLE}
@@ -123,12 +123,17 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
     log, usual = read_log(source, format=format, columns=columns, strict=strict)
     intake = Intake(point or usual, size, offset, position_accuracy, speed_accuracy, speed_limit)
     shown = light_log(log, lights)
-    recording = recording_of(log, place, intake, shown, one_line(label or log.where.partition(".")[0], 200) or "tracks")
+    recording = recording_of(log, place, intake, shown, label_of(log, label))
     if not recording.tracks:
         raise RunError(explain_empty(log, [place], intake, recording.left_out))
     if shown and not recording.lights:
         raise RunError(unlit(shown, place))
     return recording
+
+
+def label_of(log: Log, label: str | None) -> str:
+    """Return what the labels of runs begin with: what somebody says, else the name of the file up to its first dot."""
+    return one_line(label or log.where.partition(".")[0], 200) or "tracks"
 
 
 def light_log(log: Log, lights: str | os.PathLike[str] | None) -> Mapping[str, Changes]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import count
 from pathlib import Path
-from xml.parsers import expat
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from pytest_rvads.maps.control import ObjectKind
 from pytest_rvads.runs.recording import Changes
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.runs.tracks.csvfile import rows_of
-from pytest_rvads.runs.tracks.source import opened
+from pytest_rvads.runs.tracks.source import opened, parse_xml
 from pytest_rvads.wording import one_line
 
 __all__ = ["changes_of", "lights_at", "read_lights", "signals_at"]
@@ -104,12 +104,12 @@ def _table(path: Path) -> dict[str, Changes]:
             listed = one_line(", ".join(names), 200)
             raise RunError(f"{source.where}: row 1 must name the columns time, signal or entrance, and colour, got {listed}")
         before = _ENTRANCE if signal == "entrance" else ""
-        for count, (line, cells) in enumerate(rows):
+        for number, (line, cells) in enumerate(rows):
             if len(cells) != len(names):
                 raise RunError(f"{source.where}: row {line}: expected {len(names)} cells as in row 1, got {len(cells)}")
             row = dict(zip(names, (cell.strip() for cell in cells), strict=True))
             _show(shown, row["time"], before + row[signal], row[colour], f"{source.where}: row {line}")
-            _limit(count, source.where)
+            _limit(number, source.where)
     return changes_of(shown)
 
 
@@ -132,39 +132,29 @@ def _show(shown: dict[str, list[tuple[float, Colour]]], time: str, name: str, co
     before.append((at, _COLOUR[colour.lower()]))
 
 
-def _limit(count: int, where: str) -> None:
-    if count >= _MOST_CHANGES:
-        raise RunError(f"{where}: it has more than {_MOST_CHANGES:,} rows: leave out those that change nothing")
+def _limit(number: int, where: str) -> None:
+    if number >= _MOST_CHANGES:
+        raise RunError(f"{where}: it has more than {_MOST_CHANGES:,} changes of colour: leave out what changes nothing")
 
 
 def _sumo(path: Path) -> dict[str, Changes]:
     shown: dict[str, list[tuple[float, Colour]]] = {}
     last: dict[str, str] = {}
-    parser = expat.ParserCreate()
+    numbers = count()
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
+    def start(tag: str, attributes: dict[str, str], row: int) -> None:
         if tag != "tlsState":
             return
         name, state = attributes.get("id", ""), attributes.get("state", "")
         before = last.get(name, "")
         for link, letter in enumerate(state):
             if letter != before[link : link + 1]:
-                where = f"{path.name}: row {parser.CurrentLineNumber}"
-                _show(shown, attributes.get("time", ""), f"{name}_{link}", letter, where)
-                _limit(len(shown[f"{name}_{link}"]), path.name)
+                _show(shown, attributes.get("time", ""), f"{name}_{link}", letter, f"{path.name}: row {row}")
+                _limit(next(numbers), path.name)
         last[name] = state
 
-    def doctype(*_: object) -> None:
-        raise RunError(f"{path.name}: it has a document type declaration (DTD), which can hide entity bombs; remove it")
-
-    parser.StartElementHandler, parser.StartDoctypeDeclHandler = start, doctype
     with opened(path) as source:
-        try:
-            for chunk in source.chunks():
-                parser.Parse(chunk, False)
-            parser.Parse(b"", True)
-        except (expat.ExpatError, ValueError, LookupError) as error:
-            raise RunError(f"{path.name}: not XML: {one_line(str(error))}") from error
+        parse_xml(source, start)
     if not shown:
         raise RunError(f"{path.name}: it has no <tlsState>, expected what SUMO writes as SaveTLSStates")
     return changes_of(shown)

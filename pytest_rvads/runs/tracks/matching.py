@@ -13,11 +13,11 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.tracks.samples import Samples
 
-__all__ = ["NEVER", "REACH", "STANDS", "Matched", "Matcher", "directions"]
+__all__ = ["NEVER", "STANDS", "Matched", "Matcher", "directions"]
 
 _Values = NDArray[np.float64]
 
-REACH = 150.0
+_REACH = 150.0
 """A vehicle is kept from so far before its stopping line on [m]."""
 FAR = 3.0
 """Farthest that a vehicle drives beside its way, root mean square [m]: about a lane, as who changes lanes late does."""
@@ -225,7 +225,7 @@ def _followed(line: _Line, points: _Values, heading: _Values, first: int) -> Mat
     """Return the part of a pass that is on its way, without a break around the entrance vertex."""
     way = line.way
     station, lateral = line.project(points, heading)
-    low, high = max(-way.origin, way.line - REACH), way.end
+    low, high = max(-way.origin, way.line - _REACH), way.end
     on = (np.abs(lateral) <= _STRAY) & (station > low) & (station < high)
     crossed = np.flatnonzero(on & (station > 0.0))
     crossing = int(crossed[0]) if len(crossed) else int(np.flatnonzero(on)[-1])

@@ -9,16 +9,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, cast
+from xml.parsers import expat
 
 from pytest_rvads.errors import RunError
 from pytest_rvads.storage import open_file
 from pytest_rvads.wording import one_line
 
-__all__ = ["Source", "Watch", "opened"]
+__all__ = ["Source", "Watch", "opened", "parse_xml"]
 
 Watch = Callable[[int, int], None]
 """Told how many bytes of how many have been read."""
-MOST_LINE = 2**22
+_MOST_LINE = 2**22
 """Longest line that is read [bytes]."""
 _CHUNK = 2**18
 
@@ -54,10 +55,10 @@ class Source:
             RunError: a line is too long.
         """
         count = 0
-        while line := self._file.readline(MOST_LINE + 1):
+        while line := self._file.readline(_MOST_LINE + 1):
             count += 1
-            if len(line) > MOST_LINE:
-                raise RunError(f"{self.where}: row {count} is too long, expected at most {MOST_LINE:,} bytes")
+            if len(line) > _MOST_LINE:
+                raise RunError(f"{self.where}: row {count} is too long, expected at most {_MOST_LINE:,} bytes")
             if count % 1000 == 0:
                 self._tell()
             yield line
@@ -80,3 +81,31 @@ def opened(path: Path, watch: Watch | None = None) -> Iterator[Source]:
     except (OSError, EOFError, zlib.error) as error:
         told = error.strerror if isinstance(error, OSError) and error.strerror else str(error) or type(error).__name__
         raise RunError(f"{path}: can't be read: {one_line(told)}") from error
+
+
+def parse_xml(source: Source, start: Callable[[str, dict[str, str], int], None]) -> None:
+    """Read a file of XML element by element; nothing of it is kept.
+
+    Args:
+        source: the file.
+        start: called with the tag of every element, its attributes, and the line that it begins in.
+
+    Raises:
+        RunError: no XML, or some with a document type declaration.
+    """
+    parser = expat.ParserCreate()
+
+    def doctype(*_: object) -> None:
+        raise RunError(f"{source.where}: it has a document type declaration (DTD), which can hide entity bombs; remove it")
+
+    parser.StartElementHandler = lambda tag, attributes: start(tag, attributes, parser.CurrentLineNumber)
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        for chunk in source.chunks():
+            parser.Parse(chunk, False)
+        parser.Parse(b"", True)
+    except expat.ExpatError as error:
+        told = one_line(expat.errors.messages.get(error.code, str(error)))
+        raise RunError(f"{source.where}: row {error.lineno}, column {error.offset}: not XML: {told}") from error
+    except (ValueError, LookupError) as error:  # an encoding that is none
+        raise RunError(f"{source.where}: not XML: {one_line(str(error))}") from error

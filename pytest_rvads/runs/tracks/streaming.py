@@ -31,6 +31,8 @@ GONE_AFTER = 2.0
 """Who has not been seen for this long has gone [s]."""
 LONGEST = 300.0
 """Nobody is waited for, and nothing is kept, for much longer than this [s]: who parks keeps nobody from being judged."""
+_EVERY = 10.0
+"""Who can be judged, and what is needed no more, is looked for at least so often, even if nobody goes [s]."""
 
 _Place = Annotated[float, Meta(ge=-FARTHEST, le=FARTHEST)]
 
@@ -99,6 +101,7 @@ class Stream:
         self._label, self._junction, self._intake = label, junction, intake or Intake("front", position_accuracy=0.0)
         self._signals = signals_at(junction)
         self._now: float | None = None
+        self._looked = -np.inf
         self._there: dict[str, _Seen] = {}
         self._past: list[_Seen] = []
         self._lights: dict[str, list[tuple[float, Colour]]] = {}
@@ -135,7 +138,10 @@ class Stream:
             seen.rows.append((vehicle.x, vehicle.y, vehicle.heading, vehicle.speed))
         gone = [name for name, seen in self._there.items() if seen.span[1] < state.t - GONE_AFTER]
         self._past += [self._there.pop(name) for name in gone]
-        return self._ready(state.t) if gone else iter(())
+        if not gone and state.t < self._looked + _EVERY:
+            return iter(())
+        self._looked = state.t
+        return self._ready(state.t)
 
     def end(self) -> Iterator[Run]:
         """Return the runs of everybody who has not been judged: nothing more comes."""
