@@ -52,11 +52,14 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """The events of a run."""
+    """The events of a run, which are kept with it; this value is not, as it holds the run."""
 
     run: Run
-    moments: int
-    """To a tick."""
+
+    @property
+    def moments(self) -> int:
+        """To a tick."""
+        return _moments(self.run)
 
     @property
     def length(self) -> float:
@@ -78,48 +81,56 @@ class Crossings:
         """Whether all is known to the step."""
         return all(e.exact for who in (*self.of_agents, *self.of_lights) for e in who)
 
-    @cached_property
+    @property
     def of_agents(self) -> list[tuple[Event, ...]]:
         """Of every vehicle, when it came to the entrance, the junction, its exit, and when it was gone."""
-        run = self.run
-        return [tuple(self._event(agent, zone) for zone in _BORDERS) for agent in range(len(run.agents))]
+        return once(self.run, _of_agents)
 
-    @cached_property
+    @property
     def of_lights(self) -> list[tuple[Event, ...]]:
         """Of every light, its changes."""
-        lights, several = self.run.lights, self.moments
-        return [
-            tuple(
-                Event(None, int(lights[tick, k]), (tick - 1) * several + 1, tick * several, tick * several, k)
-                for tick in (np.flatnonzero(np.diff(lights[:, k])) + 1).tolist()
-            )
-            for k in range(lights.shape[1])
-        ]
-
-    def _event(self, agent: int, zone: Zone) -> Event:
-        run = self.run
-        begin, end = (int(v) for v in run.spans[agent])
-        there = run.zone[begin:end, agent] >= zone
-        told = begin + (int(there.argmax()) if there.any() else end - begin)
-        early = late = told
-        reach = _reach(run, agent, zone)
-        if reach is not None:
-            farthest, nearest = reach
-            early, late = min(begin + _after(farthest[begin:end]), told), max(begin + _after(nearest[begin:end]), told)
-        # Between two samples it may have been at any moment after the first one.
-        first = early * self.moments if early in (begin, end) else (early - 1) * self.moments + 1
-        if early == begin < end and zone is Zone.ENTRANCE and run.excerpt is not None and run.zone[begin, agent] <= zone:
-            first = LONG_AGO
-        return Event(agent, int(zone), first, told * self.moments, late * self.moments)
+        return once(self.run, _of_lights)
 
 
 def crossings(run: Run) -> Crossings:
     """Return the events of a run, worked out once."""
-    return once(run, _crossings)
+    return Crossings(run)
 
 
-def _crossings(run: Run) -> Crossings:
-    return Crossings(run, round(run.dt / DT) if run.dt > FINE else 1)
+def _moments(run: Run) -> int:
+    return round(run.dt / DT) if run.dt > FINE else 1
+
+
+def _of_agents(run: Run) -> list[tuple[Event, ...]]:
+    return [tuple(_event(run, agent, zone) for zone in _BORDERS) for agent in range(len(run.agents))]
+
+
+def _of_lights(run: Run) -> list[tuple[Event, ...]]:
+    lights, several = run.lights, _moments(run)
+    return [
+        tuple(
+            Event(None, int(lights[tick, k]), (tick - 1) * several + 1, tick * several, tick * several, k)
+            for tick in (np.flatnonzero(np.diff(lights[:, k])) + 1).tolist()
+        )
+        for k in range(lights.shape[1])
+    ]
+
+
+def _event(run: Run, agent: int, zone: Zone) -> Event:
+    begin, end = (int(v) for v in run.spans[agent])
+    there = run.zone[begin:end, agent] >= zone
+    told = begin + (int(there.argmax()) if there.any() else end - begin)
+    early = late = told
+    reach = _reach(run, agent, zone)
+    if reach is not None:
+        farthest, nearest = reach
+        early, late = min(begin + _after(farthest[begin:end]), told), max(begin + _after(nearest[begin:end]), told)
+    several = _moments(run)
+    # Between two samples it may have been at any moment after the first one.
+    first = early * several if early in (begin, end) else (early - 1) * several + 1
+    if early == begin < end and zone is Zone.ENTRANCE and run.excerpt is not None and run.zone[begin, agent] <= zone:
+        first = LONG_AGO
+    return Event(agent, int(zone), first, told * several, late * several)
 
 
 def _reach(run: Run, agent: int, zone: Zone) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
