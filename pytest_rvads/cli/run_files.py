@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from glob import has_magic
 from pathlib import Path
 
-from pytest_rvads.runs.files import files_of, matching
 from pytest_rvads.runs.readers import READERS
+from pytest_rvads.runs.run_paths import files_of, matching
 
 __all__ = ["run_files"]
 
