@@ -20,6 +20,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.glance import glance
 from pytest_rvads.runs.readers import READERS, read_runs
 from pytest_rvads.runs.recording import Recording
+from pytest_rvads.runs.run_paths import files_of, matching
 from pytest_rvads.wording import one_line
 
 if TYPE_CHECKING:
@@ -170,17 +171,11 @@ def _matches(pattern: str, folder: Path) -> dict[Path, str]:
     """
     literal = folder / pattern
     if os.path.exists(literal):
-        base, found = literal if literal.is_dir() else literal.parent, [literal]
+        base, found = literal if literal.is_dir() else literal.parent, files_of(literal)
     else:
         parts = Path(pattern).parts
         plain = next((k for k, part in enumerate(parts) if glob.has_magic(part)), len(parts))
         base = folder.joinpath(*parts[:plain])
-        found = [folder / name for name in glob.glob(pattern, root_dir=folder, recursive=True)]
-    files = {path.resolve(): path for one in sorted(found) for path in (_inside(one) if one.is_dir() else [one])}
+        found = matching(pattern, folder)
+    files = {path.resolve(): path for path in found}
     return {real: ".".join(map(_plain, path.relative_to(base).with_suffix("").parts)) for real, path in files.items()}
-
-
-def _inside(folder: Path) -> list[Path]:
-    """Return the files of a folder and of those in it whose endings are those of runs; hidden ones are nobody's recordings."""
-    inside = (path for path in folder.rglob("*") if path.suffix.lower() in READERS and path.is_file())
-    return sorted(path for path in inside if not any(part.startswith(".") for part in path.relative_to(folder).parts))

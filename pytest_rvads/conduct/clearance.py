@@ -12,9 +12,9 @@ from itertools import pairwise
 from pytest_rvads.conduct import lane
 from pytest_rvads.conduct.bodies import overlap
 from pytest_rvads.conduct.instant import Instant
-from pytest_rvads.conduct.lane import LANE_TOLERANCE, MAX_OFFSET, NEAR, itinerary
+from pytest_rvads.conduct.lane import LANE_TOLERANCE, MAX_OFFSET, NEAR
 from pytest_rvads.conduct.mover import Mover
-from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.states import JUNCTION
 
 __all__ = ["Bodies", "Course"]

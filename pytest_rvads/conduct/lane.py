@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import AXLE, Zone
 
-__all__ = ["LANE_TOLERANCE", "MAX_OFFSET", "NEAR", "beside", "itinerary", "lane_allows", "off_lane", "off_route", "wrong_lanes"]
+__all__ = ["LANE_TOLERANCE", "MAX_OFFSET", "NEAR", "beside", "lane_allows", "off_lane", "off_route", "wrong_lanes"]
 
 LANE_TOLERANCE = 0.3
 """How far a body may reach over the border of its lane [m]; about as much as lane keeping of people varies."""
@@ -29,12 +29,6 @@ _AROUND = 5.0
 """Likewise the rear axle, around the place where it would be on a straight way [m]."""
 _SURE = 0.05
 """Nearer to a border than this, it is looked at where exactly a body is [m]."""
-
-
-@lru_cache(maxsize=256)
-def itinerary(junction: Junction, entrance: int, exit: int) -> Itinerary:
-    """Return the way of a vehicle through a junction, built once."""
-    return Itinerary.through(junction, entrance, exit)
 
 
 def beside(way: Itinerary, x: float, y: float, heading: float, station: float, length: float) -> bool:
@@ -101,11 +95,12 @@ def _aside(run: Run, agent: int, way: Itinerary, room: float) -> NDArray[np.int6
     begin, end = window(run, (agent,))
     pose, station = run.need("pose")[begin:end, agent], run.need("station")[begin:end, agent]
     length = run.size(agent)[0]
+    ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
     far = np.zeros(len(station), dtype=np.bool_)
     for back in (0.0, length):
         place, _ = way.centre(station - back)
         apart = pose[:, :2] - place
-        apart -= back * np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
+        apart -= back * ahead
         far |= np.hypot(apart[:, 0], apart[:, 1]) > room - _SURE
     return begin + np.flatnonzero(far & run.here[begin:end, agent])
 

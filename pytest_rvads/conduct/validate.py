@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.bodies import contacts
+from pytest_rvads.conduct.memo import once
 from pytest_rvads.errors import MapError, RunError, require
-from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary
+from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
@@ -48,7 +49,7 @@ def validate(run: Run) -> tuple[Finding, ...]:
     What a run does not record is not looked at.
     """
     require(run, Run, "validate takes a run, such as rvads.simulate(case) returns", RunError)
-    broken = damage(run)
+    broken = once(run, damage)
     if broken:
         return broken
     found: list[Finding] = []
@@ -194,19 +195,19 @@ def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     if run.pose is None or run.station is None or not run.junction.drivable:
         return
     try:
-        itinerary = Itinerary.through(run.junction, agent.entrance, agent.exit)
+        way = itinerary(run.junction, agent.entrance, agent.exit)
     except MapError as error:
         yield Finding("itinerary", 0.0, f"{agent.name} has no itinerary: {error}")
         return
     ticks = np.flatnonzero(run.here[::_EVERY, column]) * _EVERY
-    place, along = run.pose[ticks, column, :2], run.station[ticks, column] + itinerary.origin
+    place, along = run.pose[ticks, column, :2], run.station[ticks, column] + way.origin
     # Projecting takes a while: whoever is near the point of the line at its station is near the line.
-    line = itinerary.path
+    line = way.path
     centre = np.stack([np.interp(along, line.stations, values) for values in line.points.T], axis=-1)
     near = (np.hypot(*(place - centre).T) < OFFSET_LIMIT - 1e-6) & (along >= 0.0) & (along <= line.length)
     for tick in ticks[~near].tolist():
         x, y, _ = run.pose[tick, column]
-        _, offset = itinerary.project(float(x), float(y), float(run.station[tick, column]))
+        _, offset = way.project(float(x), float(y), float(run.station[tick, column]))
         if abs(offset) > OFFSET_LIMIT:
             time = _clock(run, tick)
             yield Finding("itinerary", time, f"{agent.name} is {abs(offset):.1f} m off its itinerary at {time:.2f} s")

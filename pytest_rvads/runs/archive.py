@@ -20,6 +20,8 @@ MOST_BYTES = 64 * 2**20
 """Of an archive of a run, and of all its arrays together: 40 minutes of four vehicles."""
 _MOST_MEMBERS = 1000
 _DIRECTORY_ENTRY = b"PK\x01\x02"
+_SHAPE = 10
+"""Where an array in the npy format says what it holds, after its magic number and the length of that [bytes]."""
 _HEADER = re.compile(
     rb"\x93NUMPY\x01\x00..{'descr': '([<>|](?:[iu][1248]|f[48]))', "
     rb"'fortran_order': (True|False), 'shape': \(([\d, ]{0,60})\), } *\n",
@@ -51,12 +53,13 @@ def unpack(content: bytes, most: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
 
 
 def peek(path: Path, name: str, most: int = 2**16) -> bytes:
-    """Return how an array of a file begins, at most `most` bytes; nothing where there is none, or the file is damaged."""
+    """Return how the numbers of an array of a file begin, at most `most` bytes; nothing where there is none, or a damaged one."""
     try:
         with open_file(path) as file, zipfile.ZipFile(file) as archive, archive.open(f"{name}.npy") as member:
-            return member.read(most)
+            data = member.read(most)
     except Exception:  # zipfile and zlib raise whatever they stumble over
         return b""
+    return data[_SHAPE + int.from_bytes(data[_SHAPE - 2 : _SHAPE], "little") :]
 
 
 def _members(content: bytes, most: int) -> dict[str, bytes]:

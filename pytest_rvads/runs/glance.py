@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import msgspec
 from msgspec.structs import replace
 
+from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.runs.archive import peek
 from pytest_rvads.runs.junctionfile import JunctionRecord, get_junction
 from pytest_rvads.runs.runfile import FORMAT, VERSION
 
@@ -16,8 +17,6 @@ __all__ = ["glance"]
 
 _MOST = 2**21
 """Longest head that is read [bytes]."""
-_SHAPE = 10
-"""Where an array in the npy format says what it holds, after its magic number and the length of that [bytes]."""
 
 
 class _Head(msgspec.Struct, frozen=True):
@@ -32,15 +31,10 @@ def glance(path: Path) -> Junction | None:
     A folder of a thousand runs is looked through in a second, since nothing else of them is read. None means that the file is
     another one, or a damaged one: which of the two, and why, reading it as a whole tells.
     """
-    if not path.is_file():  # opening a pipe waits for who writes to it
-        return None
     try:
-        with zipfile.ZipFile(path) as archive, archive.open("header.npy") as member:
-            data = member.read(_MOST)
-        text = data[_SHAPE + int.from_bytes(data[_SHAPE - 2 : _SHAPE], "little") :]
-        head = msgspec.json.decode(text, type=_Head)
+        head = msgspec.json.decode(peek(path, "header", _MOST), type=_Head)
         return _bare(head.junction) if (head.format, head.version) == (FORMAT, VERSION) else None
-    except Exception:  # zipfile and zlib raise whatever they stumble over
+    except (msgspec.MsgspecError, KeyError, ValueError, MapError):
         return None
 
 

@@ -17,7 +17,7 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import Pose, Segment, Turn, join
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, GONE, JUNCTION, Zone
 
-__all__ = ["ENTRANCE_ZONE", "EXIT_LENGTH", "LEAVE", "Itinerary"]
+__all__ = ["ENTRANCE_ZONE", "EXIT_LENGTH", "LEAVE", "Itinerary", "itinerary"]
 
 ENTRANCE_ZONE = 1.0
 """A vehicle is at the entrance from this far before the stopping line up to the entrance vertex [m]."""
@@ -103,6 +103,12 @@ class Itinerary:
     def start(self, distance: float) -> float:
         """Return the station `distance` [m] before the stopping line."""
         return self.line - distance
+
+
+@lru_cache(maxsize=256)
+def itinerary(junction: Junction, entrance: int, exit: int) -> Itinerary:
+    """Return the way of a vehicle through a junction, built once; see `Itinerary.through` for errors."""
+    return Itinerary.through(junction, entrance, exit)
 
 
 @lru_cache(maxsize=256)

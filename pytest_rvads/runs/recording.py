@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary
+from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary, itinerary
 from pytest_rvads.runs.periods import Period, busy_periods
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
@@ -104,7 +104,7 @@ class Recording(Sequence[Run]):
         return busy_periods(spans, [way.line for way in ways], [way.leave for way in ways])
 
     def _itinerary(self, track: Track) -> Itinerary:
-        return Itinerary.through(self.junction, *track.agent.route.key)
+        return itinerary(self.junction, *track.agent.route.key)
 
     def _run(self, period: Period) -> Run:
         """Return a busy period as a run: everything sampled with one clock, by interpolation."""

@@ -24,7 +24,7 @@ from pytest_rvads.errors import MapError, RunError, require
 from pytest_rvads.maps.segment import Segment
 from pytest_rvads.runs.archive import unpack
 from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step
-from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.junctionfile import Count, JunctionRecord, Key, get_junction, put_junction
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
@@ -196,7 +196,7 @@ def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording
         own = [cut[name][k] for name in ("times", "station", "speed", "pose")]
         tracks.append(Track(agent, own[0], own[1], own[2], own[3], next(spreads) if record.spread else None, record.offset))
     for key in {track.route for track in header.tracks}:
-        Itinerary.through(junction, *key)  # refuses lanes that do not meet
+        itinerary(junction, *key)  # refuses lanes that do not meet
     changes = [light.changes for light in header.lights]
     lights = {}
     for light, times, colours in zip(

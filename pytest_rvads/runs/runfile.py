@@ -24,7 +24,7 @@ from pytest_rvads.errors import MapError, RunError, require
 from pytest_rvads.maps.segment import Segment
 from pytest_rvads.runs.archive import MOST_BYTES, unpack
 from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step, check_size
-from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.junctionfile import JunctionRecord, Key, get_junction, put_junction
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Kind
@@ -155,7 +155,7 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]], path: Path) -> Run
                 f"{agent.name} goes from entrance {agent.route[0]} to exit {agent.route[1]}, where no movement leads"
             )
         if junction.drivable:
-            Itinerary.through(junction, *agent.route)  # refuses lanes that do not meet
+            itinerary(junction, *agent.route)  # refuses lanes that do not meet
         agents.append(Agent(agent.name, junction.movements[agent.route], agent.kind, agent.size))
     if len(set(names)) < len(names):
         raise ValueError(f"every vehicle must have a name of its own, got {reprlib.repr(names)}")

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from pytest_rvads.conduct.bodies import overlap
 from pytest_rvads.conduct.clearance import Bodies, Course
 from pytest_rvads.conduct.instant import Instant
-from pytest_rvads.conduct.lane import itinerary, off_lane, off_route
+from pytest_rvads.conduct.lane import off_lane, off_route
 from pytest_rvads.junctions.finder import find
+from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.runs.states import Agent

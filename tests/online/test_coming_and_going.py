@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.lane import itinerary
 from pytest_rvads.errors import FormulaError, RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check
@@ -17,6 +16,7 @@ from pytest_rvads.logic.live import Decided, RuleMonitor, Seen
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.conduct.lane import itinerary
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
+from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.tracks.streaming import GONE_AFTER, LONGEST, Stream
 

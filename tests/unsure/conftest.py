@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.lane import itinerary
+from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.smoothing import DERIVED, smoothed

@@ -11,9 +11,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.lane import itinerary
 from pytest_rvads.conduct.predicates import once
-from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
+from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, itinerary
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 
@@ -53,7 +52,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """The events of a run."""
+    """The events of a run, which are kept with it; this value is not, as it holds the run."""
 
     run: Run
     moments: int

@@ -6,7 +6,7 @@ part is already decided are never written out; it yields the same as ``simplify(
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from math import prod
@@ -214,14 +214,15 @@ def _reduce(
                 kind = type(node)
                 inner_body = kind(rest, body) if rest else body
                 chosen = _beside(domain(first.sort, static), env.values(), static)
-                parts = [go(inner_body, {**env, first.name: e}, False) for e in chosen]
+                each = (go(inner_body, {**env, first.name: e}, False) for e in chosen)
                 if decide:
-                    return conj(parts) if kind is f.Forall else disj(parts)
+                    return conj(each) if kind is f.Forall else disj(each)
+                parts = tuple(each)
                 if not parts:
                     return f.TRUE if kind is f.Forall else f.FALSE
-                return parts[0] if len(parts) == 1 else f.And(tuple(parts)) if kind is f.Forall else f.Or(tuple(parts))
-        parts_ = tuple(go(c, env, False) for c in f.children(node))
-        return _fold(node, parts_) if decide else rebuild(node, parts_)
+                return parts[0] if len(parts) == 1 else f.And(parts) if kind is f.Forall else f.Or(parts)
+        below = (go(c, env, False) for c in f.children(node))
+        return _fold(node, below) if decide else rebuild(node, tuple(below))
 
     return go(formula, values, True)
 
@@ -234,13 +235,24 @@ def _bind(term: f.Term, env: Mapping[str, f.Element]) -> f.Term:
     return term
 
 
-def _fold(node: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
-    """Rebuild a node with constants simplified away, by laws that hold on finite runs as well."""
+def _fold(node: f.Formula, below: Iterator[f.Formula]) -> f.Formula:
+    """Rebuild a node with constants simplified away, by laws that hold on finite runs as well.
+
+    Its direct subformulas are worked out one by one, and no more of them than decide it.
+    """
     match node:
+        case f.And():
+            return conj(below)
+        case f.Or():
+            return disj(below)
         case f.Implies():
-            if isinstance(parts[0], f.Const):
-                return parts[1] if parts[0].value else f.TRUE
-            return f.TRUE if parts[1] == f.TRUE else f.Implies(*parts)
+            left = next(below)
+            if left == f.FALSE:
+                return f.TRUE
+            right = next(below)
+            return right if left == f.TRUE or right == f.TRUE else f.Implies(left, right)
+    parts = tuple(below)
+    match node:
         case f.Next():  # N true is false in the last state of a run
             return f.FALSE if parts[0] == f.FALSE else f.Next(parts[0])
         case f.Always() | f.Eventually():
@@ -285,7 +297,7 @@ def _define(formula: f.Formula, static: Static, itinerary: bool) -> f.Formula:
     """Evaluate what a word stands for."""
     if isinstance(formula, f.Atom):
         return _decide(formula, static, itinerary)
-    return _fold(formula, tuple(_define(child, static, itinerary) for child in f.children(formula)))
+    return _fold(formula, (_define(child, static, itinerary) for child in f.children(formula)))
 
 
 def _compare(atom: f.Atom) -> f.Formula:

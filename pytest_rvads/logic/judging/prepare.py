@@ -111,8 +111,9 @@ def _prepare(formula: f.Formula, static: Static, bound: tuple[str, ...], itinera
 
 
 _FEW = 12
-"""Models with so many agents come back: scenarios do. Recorded traffic doesn't, and its instances take megabytes."""
-_few = lru_cache(maxsize=1024)(_prepare)
+"""Models with so many agents come back: scenarios do, and their instances take some 5 kB each. Crowds of recorded traffic don't,
+and theirs take megabytes."""
+_few = lru_cache(maxsize=8192)(_prepare)
 _many = lru_cache(maxsize=64)(_prepare)
 
 

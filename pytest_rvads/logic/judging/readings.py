@@ -13,7 +13,6 @@ from math import ceil, log2
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.lane import itinerary
 from pytest_rvads.conduct.predicates import once
 from pytest_rvads.logic.judging.crossings import crossings
 from pytest_rvads.logic.judging.evaluate import Values
@@ -22,6 +21,7 @@ from pytest_rvads.logic.judging.orders import about_order, plain, reordered
 from pytest_rvads.logic.judging.prepare import Template
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.shape import agents_of
+from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import Run
 

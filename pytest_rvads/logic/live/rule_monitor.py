@@ -9,7 +9,6 @@ from dataclasses import replace
 from numpy.typing import ArrayLike
 
 from pytest_rvads.conduct.instant import Instant
-from pytest_rvads.conduct.lane import itinerary
 from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.conduct.predicates import extract
 from pytest_rvads.errors import RunError
@@ -25,6 +24,7 @@ from pytest_rvads.logic.rules.book import RuleBook, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.telling.phrase import element_name
+from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import DT, Facts
 from pytest_rvads.runs.states import ABSENT, Agent
 

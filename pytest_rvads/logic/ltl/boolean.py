@@ -47,9 +47,12 @@ def _join(parts: Iterable[f.Formula], kind: type[f.And | f.Or], unit: f.Formula,
     found: dict[f.Formula, None] = {}
     for part in parts:
         for p in part.parts if isinstance(part, kind) else (part,):
-            if p == zero or neg(p) in found:
+            if isinstance(p, f.Const):
+                if p == zero:
+                    return zero
+            elif found and neg(p) in found:
                 return zero
-            if p != unit:
+            else:
                 found[p] = None
     if not found:
         return unit
