@@ -144,9 +144,7 @@ def test_a_size_is_needed_where_points_are_centres(tmp_path: Path) -> None:
         "x": one.moved(2.3)[:, 0],
         "y": one.moved(2.3)[:, 1],
     }
-    with pytest.raises(
-        RunError, match=r"table: it has no lengths of vehicles, .* give --size \(size=\), such as 4.6,1.8, or --point front"
-    ):
+    with pytest.raises(RunError, match=r"nobody in table passes .* its length is not known, .*: --size \(size=\) gives one"):
         read_tracks(columns, STOP)
     count = len(one.times)
     rows = {name: [*columns[name]] * 2 for name in ("time", "x", "y")}

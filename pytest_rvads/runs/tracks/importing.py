@@ -156,11 +156,6 @@ def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[st
     if not junction.drivable:
         raise RunError(f"junction {junction.name!r} holds no geometry, which tracks are matched to: give its map")
     unsized = [vehicle for vehicle in log.vehicles if _ahead(vehicle, intake) is None]
-    if unsized and len(unsized) == len(log.vehicles):
-        raise RunError(
-            f"{log.where}: it has no lengths of vehicles, which are needed where points are the {intake.point}: give --size "
-            "(size=), such as 4.6,1.8, or --point front"
-        )
     matcher = Matcher(junction)
     found: list[tuple[str, Samples, Matched]] = []
     left_out = [*log.refused, *((vehicle.name, _UNSIZED) for vehicle in unsized)]
