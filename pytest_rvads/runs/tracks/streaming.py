@@ -22,7 +22,7 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.runs.tracks.importing import Intake, recording_of
 from pytest_rvads.runs.tracks.lightlog import changes_of, signals_at
-from pytest_rvads.runs.tracks.samples import Log, Samples, kind_of
+from pytest_rvads.runs.tracks.samples import LATEST, Log, Samples, kind_of
 from pytest_rvads.wording import one_line
 
 __all__ = ["GONE_AFTER", "LONGEST", "State", "Stream"]
@@ -33,6 +33,7 @@ LONGEST = 300.0
 """Nobody is waited for, and nothing is kept, for much longer than this [s]: who parks keeps nobody from being judged."""
 
 _Place = Annotated[float, Meta(ge=-FARTHEST, le=FARTHEST)]
+_Time = Annotated[float, Meta(ge=-LATEST, le=LATEST)]
 
 
 class SeenVehicle(msgspec.Struct, frozen=True):
@@ -55,7 +56,7 @@ class SeenVehicle(msgspec.Struct, frozen=True):
 class State(msgspec.Struct, frozen=True):
     """A line: what is seen at one time."""
 
-    t: _Place
+    t: _Time
     """On the clock of the log [s]."""
     vehicles: tuple[SeenVehicle, ...] = ()
     lights: dict[str, str] = {}
