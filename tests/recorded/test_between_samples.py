@@ -86,3 +86,18 @@ def test_one_gap_in_a_track_hides_a_stop() -> None:
     pose = np.array([way.pose(s) for s in station])
     (run,) = Recording("by hand", place, (Track(Agent("a", place.movements[0, 2]), seen, station, speed, pose),))
     assert check(run, "full_stop").status is Status.UNSURE
+
+
+@pytest.mark.parametrize(("first", "status"), [(-20.0, Status.FAIL), (-0.5, Status.UNSURE)])
+def test_who_appears_at_the_line_may_have_stopped_before(first: float, status: Status) -> None:
+    place = find("stop4")
+    way = Itinerary.through(place, 0, 2)
+    moments = np.arange(0.0, 8.0, 0.1)
+    station = first + 3.0 * moments
+    pose = np.array([way.pose(s) for s in station])
+    track = Track(Agent("a", place.movements[0, 2]), moments, station, np.full(len(moments), 3.0), pose)
+    (run,) = Recording("by hand", place, (track,))
+    verdict = check(run, "full_stop")
+    assert verdict.status is status
+    if status is Status.UNSURE:
+        assert "what it did before it was seen" in verdict.instances[0].hangs
