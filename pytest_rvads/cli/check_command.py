@@ -56,6 +56,7 @@ _count.__name__ = "number of processes"  # argparse names it in its messages
 def _check(options: argparse.Namespace) -> int:
     if options.follow:
         return follow_command.follow(options)
+    follow_command.refuse_without(options)
     from pytest_rvads.cli.answers import named_rules
     from pytest_rvads.cli.check_teller import Teller
     from pytest_rvads.cli.check_totals import Totals

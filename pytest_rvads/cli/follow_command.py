@@ -14,7 +14,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli.common import LINE_LIMIT, say, warn
-from pytest_rvads.cli.intake_options import add_intake, intake_of
+from pytest_rvads.cli.intake_options import INTAKE, add_intake, intake_of
 from pytest_rvads.errors import RunError
 
 if TYPE_CHECKING:
@@ -41,6 +41,21 @@ def declare(check: argparse.ArgumentParser) -> None:
     check.add_argument("--junction", metavar="NAME", help="with --follow, where: a built-in name, or an id in --map")
     add_intake(check.add_argument_group("with --follow, as with rvads import"))
     check.add_argument("--strict", action="store_true", help="with --follow, end at the first line that is no state")
+
+
+def refuse_without(options: argparse.Namespace) -> None:
+    """Check that nobody says what only following asks for: runs in files hold their junction, and how exactly they are known.
+
+    Raises:
+        RunError: somebody does.
+    """
+    names = ("map", "junction", "strict", *INTAKE)
+    said = [f"--{name.replace('_', '-')}" for name in names if getattr(options, name) not in (None, False)]
+    if said:
+        raise RunError(
+            f"{', '.join(said)} can't be given without --follow: a file of runs has its junction in it; "
+            "rvads import brings in tracks of a log"
+        )
 
 
 def follow(options: argparse.Namespace) -> int:

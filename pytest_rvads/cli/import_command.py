@@ -149,7 +149,8 @@ def _lines(told: dict[str, Any], *, verbose: bool) -> list[str]:
     vehicles, periods = _counted(told["vehicles"], "vehicle"), _counted(told["periods"], "busy period")
     lines = [
         f"{told['file']}: {vehicles} at {told['junction']}, {periods}",
-        f"from {clock['begin']:g} to {clock['end']:g} s, a sample every {clock['step']:g} s, now every {clock['resampled']:g} s",
+        f"from {clock['begin']:.13g} to {clock['end']:.13g} s, "
+        f"a sample every {clock['step']:g} s, now every {clock['resampled']:g} s",
         "; ".join(f"{count} from {way}" for way, count in told["movements"].items()),
         f"beside their ways by {offset['mean']:.2f} m on average, at most {offset['worst']:.2f} m ({offset['vehicle']})",
         f"positions are {'exact' if not accuracy['position'] else format(accuracy['position'], '.3f') + ' m accurate'} ({known})",

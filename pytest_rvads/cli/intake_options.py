@@ -11,14 +11,17 @@ if TYPE_CHECKING:
     from pytest_rvads.runs.tracks.importing import Intake
     from pytest_rvads.runs.tracks.logformats import Point
 
-__all__ = ["add_intake", "intake_of"]
+__all__ = ["INTAKE", "add_intake", "intake_of"]
+
+INTAKE = ("point", "size", "offset", "position_accuracy", "speed_accuracy", "speed_limit")
+"""Names of the options, as they are parsed."""
 
 
 def add_intake(parser: argparse._ActionsContainer) -> None:
     """Add the options that an `Intake` is made from."""
     parser.add_argument("--point", metavar="POINT", help="what x and y are of: center of the box, front (bumper) or rear_axle")
     parser.add_argument("--size", metavar="L,W", help="length and width of vehicles whose size the log has not [m]")
-    parser.add_argument("--offset", metavar="X,Y", help="added to every position, where the log has another origin [m]")
+    parser.add_argument("--offset", metavar="X,Y", help="added to every position [m]; write --offset=-5,2")
     parser.add_argument(
         "--position-accuracy", type=float, metavar="M", help="standard deviation of a coordinate [m] (default: estimated)"
     )
@@ -37,7 +40,7 @@ def intake_of(options: argparse.Namespace, usual: Point) -> Intake:
     return Intake(
         options.point or usual,
         _numbers(options.size, "--size L,W"),
-        _numbers(options.offset, "--offset X,Y") or (0.0, 0.0),
+        _numbers(options.offset, "--offset=X,Y") or (0.0, 0.0),
         options.position_accuracy,
         options.speed_accuracy,
         options.speed_limit,

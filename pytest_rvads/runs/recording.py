@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary, itinerary
-from pytest_rvads.runs.periods import Period, busy_periods
+from pytest_rvads.runs.periods import NEAR, Period, busy_periods
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
+from pytest_rvads.runs.smoothing import PACE
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
 __all__ = ["Changes", "Recording", "Track", "zones"]
@@ -142,17 +143,24 @@ class Recording(Sequence[Run]):
             speed,
             pose,
             facts=self.facts,
-            excerpt=Excerpt(float(ticks[0]), judged, self.position_accuracy, self._speeds_known(tracks)),
+            excerpt=Excerpt(float(ticks[0]), judged, self.position_accuracy, self._speeds_known(tracks, ticks, speed)),
             spread=None if all(track.spread is None for track in tracks) else spread,
             provenance={"recording": self.label},
         )
 
-    def _speeds_known(self, tracks: Sequence[Track]) -> float:
-        """Return the standard deviation of the speeds of vehicles [m/s]; unless it is 0, with what happens between samples."""
+    def _speeds_known(self, tracks: Sequence[Track], ticks: NDArray[np.float64], speed: NDArray[np.float64]) -> float:
+        """Return the standard deviation of the speeds of vehicles [m/s], with what happens between samples.
+
+        Args:
+            tracks: those of a run.
+            ticks: its times, shape ``(steps,)`` [s].
+            speed: what is taken for their speeds then, shape ``(steps, tracks)`` [m/s].
+        """
         if self.speed_accuracy <= 0.0:
-            return 0.0
+            exact = ((track, column) for column, track in enumerate(tracks) if track.spread is None)
+            return max((_unseen_stand(track, ticks, speed[:, column]) for track, column in exact), default=0.0) / _ALL
         apart = float(np.median(np.concatenate([np.diff(track.times) for track in tracks])))
-        return max(self.speed_accuracy, HARDEST * max(apart - DT, 0.0) / 2 / 3)  # three deviations are all that can be
+        return max(self.speed_accuracy, HARDEST * max(apart - DT, 0.0) / 2 / _ALL)
 
 
 def zones(way: Itinerary, station: NDArray[np.float64]) -> NDArray[np.int8]:
@@ -214,6 +222,24 @@ def _speeds(track: Track, at: NDArray[np.float64]) -> NDArray[np.float64]:
     return found
 
 
+def _unseen_stand(track: Track, ticks: NDArray[np.float64], speed: NDArray[np.float64]) -> float:
+    """Return how much slower than its speeds say a vehicle was, if it stood between two samples before the line unseen [m/s].
+
+    Who brakes to a standstill and sets off again is, on average, at most half as fast as the higher of its two speeds.
+    """
+    long, made = np.diff(track.times), np.diff(track.station)
+    higher = np.maximum(track.speed[:-1], track.speed[1:])
+    near = (track.station[1:] >= -NEAR) & (track.station[:-1] <= 0.0)
+    may = np.flatnonzero(near & (long > _APART) & (made <= (higher + PACE) * long / 2))
+    bounds = np.searchsorted(ticks, track.times)
+    lowest = [float(speed[bounds[k] : bounds[k + 1]].min(initial=np.inf)) for k in may if bounds[k] < bounds[k + 1]]
+    return max((slow for slow in lowest if slow > PACE), default=0.0)
+
+
+_APART = 0.15
+"""Samples that are nearer to each other tell what happens between them, see `_speeds` [s]."""
+_ALL = 3.0
+"""So many standard deviations are all that can be."""
 _AROUND = 4
 """Samples that tell how a vehicle brakes and sets off between the two in their middle."""
 HARDEST = 5.0

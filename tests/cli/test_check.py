@@ -355,3 +355,9 @@ def test_whoever_is_interrupted_leaves_nobody_behind(busy: list[str], how: signa
     assert left == []
     process.stdout.close()
     process.stderr.close()
+
+
+def test_what_only_following_asks_for_is_refused_without_it(tmp_path: Path, capsys: Read) -> None:
+    wrong = ["--map", "m.xodr", "--junction", "2", "--strict", "--position-accuracy", "0.1"]
+    assert main(["check", str(tmp_path), *wrong]) == 2
+    assert "--map, --junction, --strict, --position-accuracy can't be given without --follow" in capsys.readouterr().err

@@ -15,6 +15,7 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.tracks.importing import Intake
 from pytest_rvads.runs.tracks.streaming import GONE_AFTER, LONGEST, Stream
 
 RVADS = str(Path(sys.executable).with_name("rvads"))
@@ -179,3 +180,14 @@ def test_two_of_one_name_are_refused() -> None:
     twice = [place("careful", 0.0)] * 2
     with pytest.raises(RunError, match="here: two vehicles have the same id"):
         list(stream.read(json.dumps({"t": 0.0, "vehicles": twice}).encode(), "here"))
+
+
+def test_a_clock_may_count_from_1970() -> None:
+    stream = Stream("drive", find("stop4"), Intake("center"))
+    runs: list[Run] = []
+    for line in log({"reckless": 0.0}, 12.0):
+        state = json.loads(line) | {"t": json.loads(line)["t"] + 1.7e9}
+        runs += stream.read(json.dumps(state).encode(), "line")
+    runs += stream.end()
+    (run,) = runs
+    assert run.start == pytest.approx(1.7e9 + 100.0, abs=0.011)

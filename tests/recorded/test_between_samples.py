@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from pytest_rvads.junctions.finder import find
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording, Track
 from pytest_rvads.runs.run import Run
@@ -59,3 +61,43 @@ def test_who_drives_evenly_is_interpolated_straight() -> None:
     (run,) = Recording("by hand", place, (track,))
     # Speeds that waver while positions go on evenly are errors of the speeds, and no reason to think that it braked.
     assert np.nanmin(run.speed) > 5.0 + noise.min() - 0.31
+
+
+@pytest.mark.parametrize("hertz", [1, 2, 5, 10])
+def test_whether_somebody_stopped_between_samples_far_apart_is_not_guessed(hertz: int) -> None:
+    """Stopping for a moment, or not quite: who is seen so seldom may have done either."""
+    shifts = np.arange(7) / 7 / hertz
+    assert Status.FAIL not in {check(sampled(-0.05, 5.0 + at, hertz), "full_stop").status for at in shifts}
+    assert Status.PASS not in {check(sampled(0.4, 5.0 + at, hertz), "full_stop").status for at in shifts}
+    if hertz >= 5:
+        assert {check(sampled(2.5, 5.0 + at, hertz), "full_stop").status for at in shifts} == {Status.FAIL}
+
+
+def test_one_gap_in_a_track_hides_a_stop() -> None:
+    """It brakes harder and harder, and is not seen for half a second around its stop: braking as before it would have passed."""
+    place, fine = find("stop4"), np.arange(0.0, 10.0, 1e-4)
+    way = Itinerary.through(place, 0, 2)
+    speed = np.interp(fine, [0.0, 4.0, 4.7, 5.0, 5.3, 10.0], [8.0, 2.0, 1.5, 0.0, 0.9, 8.0])
+    station = np.cumsum(speed) * 1e-4
+    station -= np.interp(5.0, fine, station) + 0.5
+    seen = np.arange(0.0, 9.0, 0.1)
+    seen = seen[(seen < 4.75) | (seen > 5.25)]
+    speed, station = np.interp(seen, fine, speed), np.interp(seen, fine, station)
+    pose = np.array([way.pose(s) for s in station])
+    (run,) = Recording("by hand", place, (Track(Agent("a", place.movements[0, 2]), seen, station, speed, pose),))
+    assert check(run, "full_stop").status is Status.UNSURE
+
+
+@pytest.mark.parametrize(("first", "status"), [(-20.0, Status.FAIL), (-0.5, Status.UNSURE)])
+def test_who_appears_at_the_line_may_have_stopped_before(first: float, status: Status) -> None:
+    place = find("stop4")
+    way = Itinerary.through(place, 0, 2)
+    moments = np.arange(0.0, 8.0, 0.1)
+    station = first + 3.0 * moments
+    pose = np.array([way.pose(s) for s in station])
+    track = Track(Agent("a", place.movements[0, 2]), moments, station, np.full(len(moments), 3.0), pose)
+    (run,) = Recording("by hand", place, (track,))
+    verdict = check(run, "full_stop")
+    assert verdict.status is status
+    if status is Status.UNSURE:
+        assert "what it did before it was seen" in verdict.instances[0].hangs

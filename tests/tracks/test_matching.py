@@ -130,7 +130,7 @@ def test_tracks_of_another_origin_are_told_how_to_move(tmp_path: Path) -> None:
     far = Drive("v", one.times, one.points + np.array([1000.0, 0.0]), one.heading, one.speed, one.crosses)
     path = write_csv(tmp_path / "t.csv", [far])
     with pytest.raises(
-        RunError, match=r"nobody in t.csv passes junction 'stop4': its tracks are around .* 1,0\d\d m .* --offset X,Y"
+        RunError, match=r"nobody in t.csv passes junction 'stop4': its tracks are around .* 1,0\d\d m .* --offset=X,Y"
     ):
         read_tracks(path, STOP)
     assert len(read_tracks(path, STOP, offset=(-1000.0, 0.0)).tracks) == 1

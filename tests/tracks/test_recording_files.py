@@ -157,7 +157,7 @@ def test_the_command_takes_all_junctions_of_a_map(log: Path, tmp_path: Path, cap
     (file,) = (tmp_path / "cut").glob("*.npz")
     assert len(load_recording(file).tracks) == len(LIGHT.movements)
     assert main(["import", str(log), "--map", map, "--junction", "all", "--offset", "900,0", "-o", str(tmp_path / "cut")]) == 2
-    assert "--offset X,Y (offset=) moves them to the origin of the map" in capsys.readouterr().err
+    assert "--offset=X,Y (offset=) moves them to the origin of the map" in capsys.readouterr().err
 
 
 def test_what_is_left_out_is_counted_and_listed(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -178,7 +178,7 @@ def test_what_is_left_out_is_counted_and_listed(log: Path, tmp_path: Path, capsy
     [
         (["--size", "long"], "--size L,W takes two numbers in metres, got 'long'"),
         (["--size", "0,0"], "size must be a length and a width from 0.1 to 100 m"),
-        (["--offset", "1"], "--offset X,Y takes two numbers in metres"),
+        (["--offset", "1"], "--offset=X,Y takes two numbers in metres"),
         (["--columns", "x"], "--columns takes pairs such as time=t:ms"),
         (["--position-accuracy", "-1"], "position_accuracy must be a standard deviation from 0 to 10"),
         (["--speed-limit", "-1"], "speed_limit of facts"),

@@ -180,3 +180,36 @@ def test_rows_of_vehicles_may_be_mixed_in_any_way(seed: int, chunk: int) -> None
         mixed += from_[:chunk]
         del from_[:chunk]
     assert same(read_tracks({name: values[mixed] for name, values in table.items()}, STOP))
+
+
+@pytest.mark.parametrize("wrong", ["degrees", "y down"])
+def test_headings_that_lead_elsewhere_than_the_vehicles_are_told(wrong: str) -> None:
+    table = columns(ONE, TWO, *(drive(STOP, (k, (k + 1) % 4), str(10 + k), start=8.0 * k) for k in range(4)))
+    if wrong == "degrees":
+        table["heading"] = np.degrees(table["heading"])
+    else:
+        table["heading"] = -table["heading"] - math.pi / 4
+    with pytest.raises(RunError, match=r"most of its vehicles head elsewhere than they go.*heading=COLUMN:deg"):
+        read_tracks(table, STOP)
+    right = {"heading": "heading:deg"} if wrong == "degrees" else None
+    if right:
+        assert len(read_tracks(table, STOP, columns=right).tracks) == 6
+
+
+def test_who_changes_lanes_in_one_step_is_one_vehicle() -> None:
+    """A simulator that knows lanes only has a vehicle on one in a step, and on the next one in the step after."""
+    table = columns(ONE)
+    across = np.array([-math.sin(ONE.heading[0]), math.cos(ONE.heading[0])]) * 3.2
+    table["x"][:5] += across[0]
+    table["y"][:5] += across[1]
+    (track,) = read_tracks(table, STOP).tracks
+    assert track.agent.name == ONE.name
+
+
+def test_a_clock_may_count_from_1970() -> None:
+    table = columns(ONE, TWO)
+    table["time"] = table["time"] + 1.7e9
+    early, late = read_tracks(columns(ONE, TWO), STOP), read_tracks(table, STOP)
+    assert [t.times[0] - 1.7e9 for t in late.tracks] == pytest.approx([t.times[0] for t in early.tracks], abs=1e-6)
+    for one, other in zip(early, late, strict=True):
+        assert abs(other.steps - one.steps) <= 1

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.predicates import once
+from pytest_rvads.conduct.standing import stops
 from pytest_rvads.logic.judging.crossings import crossings
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Hinge, Judgement, judge, unsure
@@ -31,6 +32,7 @@ SURE = 3.0
 """What was measured is within so many standard deviations."""
 _SIZES, _SIDES, _PACE, _ALONG = "how near bodies came", "how far beside its way it was", "how fast it was", "how far it had come"
 _ALONE = "how far it had come on its way"
+_BEFORE = "what it did before it was seen"
 _ASKS: dict[str, tuple[str, ...]] = {
     "collide": (_SIZES, _ALONG),
     "meet": (_ALONG,),
@@ -39,7 +41,7 @@ _ASKS: dict[str, tuple[str, ...]] = {
     "off_route": (_SIDES,),
     "lane_allows": (_SIDES,),
     "speeding": (_PACE,),
-    "stopped": (_PACE, _ALONG),
+    "stopped": (_PACE, _ALONG, _BEFORE),
     "blocks": (_PACE, _ALONG),
     "idles": (_PACE, _ALONG),
     "may_go": (_PACE, _ALONG),
@@ -49,7 +51,7 @@ _ASKS: dict[str, tuple[str, ...]] = {
 }
 """Per word, what in a run its truth turns on; of those that are not here, on everything."""
 _EVERYTHING = (_SIZES, _SIDES, _PACE, _ALONG)
-_ORDER = (*_EVERYTHING, _ALONE)
+_ORDER = (*_EVERYTHING, _ALONE, _BEFORE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +61,14 @@ class Reading:
     asks: str
     """What is read otherwise, in words."""
     within: float
-    """By how much at most [m or m/s]."""
+    """By how much at most [m or m/s]; 0 where nothing was measured."""
     run: Run
 
     @property
     def words(self) -> str:
         """What is read otherwise, and by how much."""
+        if not self.within:
+            return self.asks
         return f"{self.asks}, known to {self.within:.2f} {'m/s' if self.asks == _PACE else 'm'}"
 
 
@@ -179,6 +183,18 @@ def _of_one(run: Run) -> tuple[Reading, ...]:
     return _all_moved(run, _ALONE, (np.full(len(run.agents), sign) for sign in (1.0, -1.0)))
 
 
+def _of_the_past(run: Run) -> tuple[Reading, ...]:
+    """Return a reading in which who appears where a full stop counts stops there at once, as it may have done before."""
+    if run.excerpt is None or run.speed is None or run.station is None:
+        return ()
+    speed, driven = run.speed.copy(), np.ones(run.steps, dtype=np.bool_)
+    late = [a for a, (begin, end) in enumerate(run.spans) if end - begin > 1 and stops(run, a, driven)[0][begin]]
+    for agent in late:
+        begin = int(run.spans[agent][0])
+        speed[begin : begin + 2, agent] = 1.0, 0.0
+    return (Reading(_BEFORE, 0.0, replace(run, speed=speed)),) if late else ()
+
+
 def _all_moved(run: Run, asks: str, patterns: Iterable[NDArray[np.float64]]) -> tuple[Reading, ...]:
     """Return a reading per choice of who is ahead of where it was measured (1) and who behind (-1)."""
     if run.spread is None or run.station is None:
@@ -224,4 +240,5 @@ _MAKERS: dict[str, Callable[[Run], tuple[Reading, ...]]] = {
     _PACE: _of_pace,
     _ALONG: _of_way,
     _ALONE: _of_one,
+    _BEFORE: _of_the_past,
 }

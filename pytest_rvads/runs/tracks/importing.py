@@ -234,7 +234,7 @@ def explain_empty(log: Log, junctions: Sequence[Junction], intake: Intake, left_
         apart = math.dist((x, y), (far_x, far_y))
         return (
             f"{told}: its tracks are around ({far_x:.0f}, {far_y:.0f}), {apart:,.0f} m from the junction at ({x:.0f}, {y:.0f}): "
-            "--offset X,Y (offset=) moves them to the origin of the map"
+            "--offset=X,Y (offset=) moves them to the origin of the map"
         )
     why, count = Counter(reason for _, reason in left_out).most_common(1)[0]
     return f"{told}: {count} of {len(left_out)} vehicles are left out because {why}"

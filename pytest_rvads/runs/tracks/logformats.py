@@ -11,6 +11,7 @@ from pytest_rvads.errors import RunError, suggest
 from pytest_rvads.runs.tracks.carla import read_carla
 from pytest_rvads.runs.tracks.csvfile import read_csv, read_ind, read_interaction
 from pytest_rvads.runs.tracks.dataframe import is_table, read_table
+from pytest_rvads.runs.tracks.facing import check_facing
 from pytest_rvads.runs.tracks.fcd import read_fcd
 from pytest_rvads.runs.tracks.osi import read_osi
 from pytest_rvads.runs.tracks.rosbag import read_rosbag
@@ -75,12 +76,14 @@ def read_log(
     """Return the vehicles of a file or table, and which point of them its places are.
 
     Raises:
-        RunError: it can't be read, or its format is not known.
+        RunError: it can't be read, its format is not known, or most vehicles head elsewhere than they go.
     """
     if is_table(source):
         if format is not None and format not in PRESETS and format != "csv":
             raise RunError(f"a table in memory has the format csv, {' or '.join(PRESETS)}, got {format!r:.60}")
-        return read_table(source, columns, strict=strict, preset=format if format in PRESETS else None), FORMATS["csv"].point
+        table = read_table(source, columns, strict=strict, preset=format if format in PRESETS else None)
+        check_facing(table)
+        return table, FORMATS["csv"].point
     try:
         path = Path(source)
     except TypeError:
@@ -88,7 +91,9 @@ def read_log(
     chosen = FORMATS[format or _format(path)] if format is None or format in FORMATS else None
     if chosen is None:
         raise RunError(f"{format!r:.60} is no format of tracks, known are {', '.join(FORMATS)}{suggest(str(format), FORMATS)}")
-    return chosen.read(path, columns, strict=strict, watch=watch), chosen.point
+    log = chosen.read(path, columns, strict=strict, watch=watch)
+    check_facing(log)
+    return log, chosen.point
 
 
 def _format(path: Path) -> str:

@@ -15,19 +15,22 @@ from pytest_rvads.runs.recording import Changes
 from pytest_rvads.runs.states import Kind
 from pytest_rvads.wording import one_line
 
-__all__ = ["FIELDS", "Gather", "Log", "Samples", "kind_of"]
+__all__ = ["FIELDS", "LATEST", "Gather", "Log", "Samples", "kind_of"]
 
 _Values = NDArray[np.float64]
 
 FIELDS = ("time", "x", "y", "heading", "speed")
 """What a sample of a vehicle has; heading and speed may be missing."""
-_MOST = {"time": 1e12, "x": FARTHEST, "y": FARTHEST, "heading": 1e6, "speed": 1e3}
+LATEST = 1e12
+"""Largest time [s]: clocks may count from 1970, or in milliseconds by mistake."""
+_MOST = {"time": LATEST, "x": FARTHEST, "y": FARTHEST, "heading": 1e6, "speed": 1e3}
 """Largest number of each that is still a time, a place, an angle or a speed."""
 _MOST_SAMPLES = 20_000_000
 """Of a log: they take a gigabyte; an hour of a hundred vehicles at a time at 50 Hz."""
 _MOST_VEHICLES = 200_000
-_FASTEST, _JUMP = 100.0, 2.0
-"""Nobody gets on faster [m/s], nor jumps farther [m], between two samples: that is another vehicle of the same name."""
+_FASTEST, _JUMP = 100.0, 4.0
+"""Nobody gets on faster [m/s], nor jumps farther [m], between two samples: that is another vehicle of the same name.
+A simulator that knows lanes only lets vehicles jump from one to the next."""
 _LONGEST = 100.0
 """Longest vehicle [m]."""
 _KINDS = {

@@ -22,7 +22,7 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.runs.tracks.importing import Intake, recording_of
 from pytest_rvads.runs.tracks.lightlog import changes_of, signals_at
-from pytest_rvads.runs.tracks.samples import Log, Samples, kind_of
+from pytest_rvads.runs.tracks.samples import LATEST, Log, Samples, kind_of
 from pytest_rvads.wording import one_line
 
 __all__ = ["GONE_AFTER", "LONGEST", "State", "Stream"]
@@ -35,6 +35,7 @@ _EVERY = 10.0
 """Who can be judged, and what is needed no more, is looked for at least so often, even if nobody goes [s]."""
 
 _Place = Annotated[float, Meta(ge=-FARTHEST, le=FARTHEST)]
+_Time = Annotated[float, Meta(ge=-LATEST, le=LATEST)]
 
 
 class SeenVehicle(msgspec.Struct, frozen=True):
@@ -57,7 +58,7 @@ class SeenVehicle(msgspec.Struct, frozen=True):
 class State(msgspec.Struct, frozen=True):
     """A line: what is seen at one time."""
 
-    t: _Place
+    t: _Time
     """On the clock of the log [s]."""
     vehicles: tuple[SeenVehicle, ...] = ()
     lights: dict[str, str] = {}
