@@ -14,6 +14,7 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary
 from pytest_rvads.runs.periods import Period, busy_periods
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
+from pytest_rvads.runs.smoothing import beside
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
 __all__ = ["Changes", "Recording", "Track", "zones"]
@@ -65,7 +66,7 @@ class Recording(Sequence[Run]):
     """By entrance."""
     facts: Facts = field(default_factory=Facts)
     position_accuracy: float = 0.0
-    """Standard deviation of a position [m]; 0: exact."""
+    """Standard deviation of a coordinate as it was measured [m]; 0: exact. Those of tracks are smoothed."""
     speed_accuracy: float = 0.0
     """Of a speed [m/s]."""
     dt: float = DT
@@ -142,17 +143,23 @@ class Recording(Sequence[Run]):
             speed,
             pose,
             facts=self.facts,
-            excerpt=Excerpt(float(ticks[0]), judged, self.position_accuracy, self._speeds_known(tracks)),
+            excerpt=Excerpt(float(ticks[0]), judged, *self._known(tracks)),
             spread=None if all(track.spread is None for track in tracks) else spread,
             provenance={"recording": self.label},
         )
 
-    def _speeds_known(self, tracks: Sequence[Track]) -> float:
-        """Return the standard deviation of the speeds of vehicles [m/s]; unless it is 0, with what happens between samples."""
-        if self.speed_accuracy <= 0.0:
-            return 0.0
+    def _known(self, tracks: Sequence[Track]) -> tuple[float, float]:
+        """Return the standard deviations of positions beside the way [m] and of speeds [m/s].
+
+        That of speeds, unless it is 0, with what happens between samples.
+        """
+        if self.position_accuracy <= 0.0 and self.speed_accuracy <= 0.0:
+            return 0.0, 0.0
         apart = float(np.median(np.concatenate([np.diff(track.times) for track in tracks])))
-        return max(self.speed_accuracy, HARDEST * max(apart - DT, 0.0) / 2 / 3)  # three deviations are all that can be
+        position = beside(self.position_accuracy, apart)
+        if self.speed_accuracy <= 0.0:
+            return position, 0.0
+        return position, max(self.speed_accuracy, HARDEST * max(apart - DT, 0.0) / 2 / 3)  # three deviations are all that can be
 
 
 def zones(way: Itinerary, station: NDArray[np.float64]) -> NDArray[np.int8]:
