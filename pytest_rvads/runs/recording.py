@@ -14,7 +14,7 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary
 from pytest_rvads.runs.periods import Period, busy_periods
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
-from pytest_rvads.runs.smoothing import beside
+from pytest_rvads.runs.smoothing import DERIVED, beside
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
 __all__ = ["Changes", "Recording", "Track", "zones"]
@@ -151,12 +151,14 @@ class Recording(Sequence[Run]):
     def _known(self, tracks: Sequence[Track]) -> tuple[float, float]:
         """Return the standard deviations of positions beside the way [m] and of speeds [m/s].
 
-        That of speeds, unless it is 0, with what happens between samples.
+        That of speeds, unless it is 0, with what happens between samples. Where speeds come from positions, so may headings, and
+        with them where the front of a vehicle is: its positions count as no more exact than they were measured.
         """
         if self.position_accuracy <= 0.0 and self.speed_accuracy <= 0.0:
             return 0.0, 0.0
         apart = float(np.median(np.concatenate([np.diff(track.times) for track in tracks])))
-        position = beside(self.position_accuracy, apart)
+        derived = self.speed_accuracy >= DERIVED
+        position = self.position_accuracy if derived else beside(self.position_accuracy, apart)
         if self.speed_accuracy <= 0.0:
             return position, 0.0
         return position, max(self.speed_accuracy, HARDEST * max(apart - DT, 0.0) / 2 / 3)  # three deviations are all that can be
