@@ -14,7 +14,7 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary, itinerary
 from pytest_rvads.runs.periods import NEAR, Period, busy_periods
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
-from pytest_rvads.runs.smoothing import PACE
+from pytest_rvads.runs.smoothing import DERIVED, PACE, beside
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
 __all__ = ["Changes", "Recording", "Track", "zones"]
@@ -66,7 +66,7 @@ class Recording(Sequence[Run]):
     """By entrance."""
     facts: Facts = field(default_factory=Facts)
     position_accuracy: float = 0.0
-    """Standard deviation of a position [m]; 0: exact."""
+    """Standard deviation of a coordinate as it was measured [m]; 0: exact. Those of tracks are smoothed."""
     speed_accuracy: float = 0.0
     """Of a speed [m/s]."""
     dt: float = DT
@@ -143,10 +143,20 @@ class Recording(Sequence[Run]):
             speed,
             pose,
             facts=self.facts,
-            excerpt=Excerpt(float(ticks[0]), judged, self.position_accuracy, self._speeds_known(tracks, ticks, speed)),
+            excerpt=Excerpt(float(ticks[0]), judged, self._positions_known(tracks), self._speeds_known(tracks, ticks, speed)),
             spread=None if all(track.spread is None for track in tracks) else spread,
             provenance={"recording": self.label},
         )
+
+    def _positions_known(self, tracks: Sequence[Track]) -> float:
+        """Return the standard deviation of positions beside the way [m].
+
+        Where speeds come from positions, so may headings, and with them where the front of a vehicle is: its positions count as
+        no more exact than they were measured.
+        """
+        if self.position_accuracy <= 0.0 or self.speed_accuracy >= DERIVED:
+            return self.position_accuracy
+        return beside(self.position_accuracy, _apart(tracks))
 
     def _speeds_known(self, tracks: Sequence[Track], ticks: NDArray[np.float64], speed: NDArray[np.float64]) -> float:
         """Return the standard deviation of the speeds of vehicles [m/s], with what happens between samples.
@@ -159,8 +169,12 @@ class Recording(Sequence[Run]):
         if self.speed_accuracy <= 0.0:
             exact = ((track, column) for column, track in enumerate(tracks) if track.spread is None)
             return max((_unseen_stand(track, ticks, speed[:, column]) for track, column in exact), default=0.0) / _ALL
-        apart = float(np.median(np.concatenate([np.diff(track.times) for track in tracks])))
-        return max(self.speed_accuracy, HARDEST * max(apart - DT, 0.0) / 2 / _ALL)
+        return max(self.speed_accuracy, HARDEST * max(_apart(tracks) - DT, 0.0) / 2 / _ALL)
+
+
+def _apart(tracks: Sequence[Track]) -> float:
+    """Return how far apart samples usually are [s]."""
+    return float(np.median(np.concatenate([np.diff(track.times) for track in tracks])))
 
 
 def zones(way: Itinerary, station: NDArray[np.float64]) -> NDArray[np.int8]:

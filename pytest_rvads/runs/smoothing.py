@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DERIVED", "roughness", "smoothed"]
+__all__ = ["DERIVED", "beside", "roughness", "smoothed"]
 
 _Values = NDArray[np.float64]
 
@@ -64,6 +64,21 @@ def roughness(times: _Values, values: _Values) -> float:
     whole = even[:-2] & even[1:-1] & even[2:]
     third = np.diff(values, n=3)[whole] / np.sqrt(20.0)  # 1, 3, 3, 1 squared add up to 20
     return float(np.median(np.abs(third)) / 0.6745) if len(third) >= 5 else 0.0
+
+
+def beside(accuracy: float, apart: float) -> float:
+    """Return the standard deviation of a smoothed position beside the way [m].
+
+    It is that of a parabola in the middle of the samples that always count: ``1.5 / sqrt(n)`` of one sample's.
+
+    Args:
+        accuracy: standard deviation of a coordinate of a sample [m].
+        apart: time between samples [s].
+    """
+    if accuracy <= 0.0:
+        return 0.0
+    several = 2 * int(SHORT / apart + 1e-9) + 1
+    return min(accuracy, 1.5 / float(np.sqrt(several)) * accuracy + ALLOWED / SURE)
 
 
 def smoothed(times: _Values, station: _Values, speed: _Values | None, accuracy: float) -> tuple[_Values, _Values, _Values | None]:

@@ -29,10 +29,14 @@ def measured() -> Measure:
             pose = run.need("pose")[here, column] + rng.normal(0, accuracy, (len(here), 3)) * (1, 1, 0)
             way = itinerary(run.junction, *agent.route.key)
             around = run.need("station")[here, column]
-            station = np.array([way.project(x, y, near)[0] for (x, y, _), near in zip(pose, around, strict=True)])
+            station, lateral = np.array([way.project(x, y, near) for (x, y, _), near in zip(pose, around, strict=True)]).T
             fast = run.need("speed")[here, column] if speeds else None
             times = run.times[here]
             station, speed, spread = smoothed(times, station, fast, accuracy)
+            place, ahead = way.centre(station)
+            pose[:, :2] = place + smoothed(times, lateral, None, accuracy)[0][:, None] * np.column_stack(
+                (-ahead[:, 1], ahead[:, 0])
+            )
             tracks.append(Track(agent, times, station, speed, pose, spread))
         lights = {
             k: Changes(run.times[changed], run.lights[changed, k])

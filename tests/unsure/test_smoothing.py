@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pytest_rvads.runs.smoothing import roughness, smoothed
+from pytest_rvads.runs.smoothing import beside, roughness, smoothed
 
 
 def drive(often: int, stand: float = 3.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -92,3 +92,23 @@ def test_few_samples_are_smoothed_without_a_complaint(count: int, measured: bool
     assert np.isfinite(found).all()
     assert np.isfinite(speed).all()
     assert (spread > 0.0).all()
+
+
+@pytest.mark.parametrize("often", [10, 25])
+@pytest.mark.parametrize("accuracy", [0.05, 0.1])
+def test_offsets_are_as_exact_as_told(often: int, accuracy: float) -> None:
+    """Three deviations hold 99.5 % of the errors of somebody who drifts aside by 20 cm and back, within its track."""
+    times = np.arange(0.0, 20.0, 1.0 / often)
+    offset = 0.1 * np.sin(times)
+    errors = []
+    for seed in range(30):
+        noisy = offset + np.random.default_rng(seed).normal(0, accuracy, len(times))
+        errors.append(np.abs(smoothed(times, noisy, None, accuracy)[0] - offset)[often:-often])
+    told = beside(accuracy, 1.0 / often)
+    assert (np.concatenate(errors) > 3 * told).mean() <= 0.005
+    assert told < 0.6 * accuracy
+
+
+def test_offsets_that_are_exact_or_seldom_measured_are_as_they_are() -> None:
+    assert beside(0.0, 0.1) == 0.0
+    assert beside(0.1, 1.0) == 0.1
