@@ -3,7 +3,7 @@
 Where a vehicle was is estimated from the samples around, by a polynomial through as long a time as agrees with all shorter ones
 (the intersection of confidence intervals, Goldenshluger and Nemirovski 1997). Where speeds were measured they say what it did in
 between, and only what they add up to too much or too little is estimated; so the time can be longer, and the place is known
-better. A vehicle that stands is in one place.
+better, on a straight stretch by far. A vehicle that stands is in one place.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DERIVED", "beside", "roughness", "smoothed"]
+__all__ = ["DERIVED", "beside", "delay", "roughness", "smoothed"]
 
 _Values = NDArray[np.float64]
 
@@ -24,8 +24,14 @@ SURE = 3.0
 """An estimate is within so many of its standard deviations: 99.7 % of the time where errors are normal."""
 AGREE = 2.0
 """Two estimates agree if they differ by at most so many standard deviations, those of both added up."""
-REACHES = (0.15, 0.25, 0.4, 0.6, 0.9, 1.3, 2.0)
+REACHES = (0.15, 0.25, 0.4, 0.6, 0.9, 1.3, 2.0, 3.0, 5.0, 8.0, 12.0)
 """How far before and after a sample others are looked at [s]; the longest that agrees counts."""
+BENT = 2.0
+"""But no farther, unless on a straight stretch, where measured speeds are all that there is to the way [s]."""
+HARD = 5.0
+"""Drivers begin and end to brake as hard as this, between two samples [m/s^2]: then speeds add up to a little more or less."""
+LATEST = 0.1
+"""Speeds are measured at most so long before or after stations [s]; a simulator's are those of the step before or behind."""
 FAR = 2.0
 """Over a longer way samples say nothing about the place of one between them [m], where speeds are measured: what a bend adds to
 the way of a bumper has changed by then."""
@@ -43,6 +49,8 @@ STAND = 0.8
 """Who is in one place for so long stands [s]; full stops are rarely shorter."""
 PACE = 0.1
 """What stands is at most this fast [m/s], see `standing.STANDSTILL`."""
+_FEW = 8
+"""Shorter stretches tell nothing [samples]."""
 _MOST_SAMPLES = 200
 """Of a window; where there are more, it is shorter: then the place is known to a tenth of what a sample is."""
 
@@ -81,7 +89,35 @@ def beside(accuracy: float, apart: float) -> float:
     return min(accuracy, 1.5 / float(np.sqrt(several)) * accuracy + ALLOWED / SURE)
 
 
-def smoothed(times: _Values, station: _Values, speed: _Values | None, accuracy: float) -> tuple[_Values, _Values, _Values | None]:
+def delay(times: _Values, station: _Values, speed: _Values, straight: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return how long after the stations of a vehicle its speeds are of [s], and the weight of this estimate.
+
+    A simulator tells the speed of the step before a place or behind it, a sensor filters. What speeds add up to is then wrong in
+    proportion to them. Estimates of several vehicles are averaged by their weights.
+
+    Args:
+        times: of the samples, increasing [s].
+        station: measured [m].
+        speed: measured [m/s].
+        straight: which samples are where the way is straight, so that speeds add up to it.
+    """
+    residual, found, weight = station - _driven(times, speed), 0.0, 0.0
+    for begin, end in _parts(straight):
+        if end - begin >= _FEW:
+            at, fast = times[begin:end] - times[begin:end].mean(), speed[begin:end] - speed[begin:end].mean()
+            fast = fast - at * float((at * fast).sum() / (at**2).sum())
+            found, weight = found + float((fast * residual[begin:end]).sum()), weight + float((fast**2).sum())
+    return (found / weight if weight > 0.0 else 0.0), weight
+
+
+def smoothed(
+    times: _Values,
+    station: _Values,
+    speed: _Values | None,
+    accuracy: float,
+    straight: NDArray[np.bool_] | None = None,
+    late: float = 0.0,
+) -> tuple[_Values, _Values, _Values | None]:
     """Return stations [m], speeds [m/s] and spread [m] of one vehicle, each of shape ``(samples,)``.
 
     Args:
@@ -90,6 +126,8 @@ def smoothed(times: _Values, station: _Values, speed: _Values | None, accuracy: 
         speed: measured [m/s]; None where nobody measured it: it is then worked out from the stations, and exactly 0 where they
             prove a stand.
         accuracy: standard deviation of a station [m]; 0 leaves the stations as they are, and their spread None.
+        straight: which samples are where the way is straight, so that measured speeds add up to it; None: that is not known.
+        late: how long after the stations the speeds are of [s], see `delay`.
     """
     if accuracy <= 0.0 or len(times) < 4:
         fast = speed if speed is not None else np.gradient(station, times) if len(times) > 1 else np.zeros(len(times))
@@ -97,10 +135,12 @@ def smoothed(times: _Values, station: _Values, speed: _Values | None, accuracy: 
     if speed is None:
         found = _fitted(times, station, accuracy, 2, np.full(len(times), LONG))
         return _standing(times, station, accuracy, found)
-    driven = np.concatenate(([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(times))))
+    driven = _driven(times, speed) + (late * speed if abs(late) <= LATEST else 0.0)
     noise = roughness(times, speed)
-    reach = FAR / np.maximum(np.abs(speed), PACE)
-    found = _fitted(times, station - driven, accuracy, 1, reach, noise**2 * float(np.median(np.diff(times))))
+    reach, wander = np.minimum(FAR / np.maximum(np.abs(speed), PACE), BENT), noise**2 * float(np.median(np.diff(times)))
+    found = _fitted(times, station - driven, accuracy, 1, reach, wander)
+    if straight is not None:
+        found = _along_stretches(times, station - driven, accuracy, straight, found, wander)
     fast = speed if noise <= QUIET else _fitted(times, speed, noise, 2, np.full(len(times), LONG)).value
     return found.value + driven, fast, SURE * found.deviation + ALLOWED
 
@@ -115,7 +155,57 @@ class _Fit:
     """Standard deviation of the value."""
 
 
-def _fitted(times: _Values, values: _Values, accuracy: float, degree: int, farthest: _Values, wander: float = 0.0) -> _Fit:
+def _driven(times: _Values, speed: _Values) -> _Values:
+    """Return what speeds add up to, shape ``(samples,)`` [m]."""
+    return np.concatenate(([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(times))))
+
+
+def _along_stretches(
+    times: _Values, residual: _Values, accuracy: float, straight: NDArray[np.bool_], found: _Fit, wander: float
+) -> _Fit:
+    """Return what is left of the stations without the way that was driven, on straight stretches from all samples there.
+
+    It is the same all along a stretch, unless speeds are measured too high or too low: then it is a line.
+
+    Args:
+        times: of the samples [s].
+        residual: station less the way that speeds add up to [m].
+        accuracy: standard deviation of a station [m].
+        straight: which samples are where the way is straight.
+        found: estimates that need no stretch.
+        wander: variance per second by which noisy speeds make the residual stray.
+    """
+    value, slope, deviation = found.value.copy(), found.slope.copy(), found.deviation.copy()
+    step = float(np.median(np.diff(times)))
+    unseen = (HARD * step**2 / 8) ** 2 / 3  # a change of braking at any moment within a step, one per second
+    for begin, end in _parts(straight):
+        if end - begin < _FEW:
+            continue
+        here, at = slice(begin, end), times[begin:end] - times[begin:end].mean()
+        drift, known = float((at * residual[here]).sum() / (at**2).sum()), accuracy / float(np.sqrt((at**2).sum()))
+        degree = 0 if abs(drift) <= AGREE * known else 1
+        fit = _fitted(times[here], residual[here], accuracy, degree, np.full(end - begin, np.inf), wander + unseen)
+        better = fit.deviation < deviation[here]
+        value[here], slope[here], deviation[here] = (
+            np.where(better, new, old[here]) for new, old in ((fit.value, value), (fit.slope, slope), (fit.deviation, deviation))
+        )
+    return _Fit(value, slope, deviation)
+
+
+def _parts(true: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the first index of every unbroken row of what is true, and the one after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], true, [False])).astype(int)))
+    return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]
+
+
+def _fitted(
+    times: _Values,
+    values: _Values,
+    accuracy: float,
+    degree: int,
+    farthest: _Values,
+    wander: float = 0.0,
+) -> _Fit:
     """Return what polynomials through the samples around every sample say there.
 
     Args:
@@ -131,6 +221,8 @@ def _fitted(times: _Values, values: _Values, accuracy: float, degree: int, farth
     low, high = values - AGREE * accuracy, values + AGREE * accuracy
     going = np.ones(count, dtype=np.bool_)
     for reach in REACHES:
+        if reach > max(float(farthest.max()), SHORT) or not going.any():
+            break
         fit = _window(times, values, reach, accuracy, degree)
         deviation = np.hypot(fit.deviation, np.sqrt(wander * reach / 3))
         known = np.isfinite(deviation)
@@ -166,7 +258,8 @@ def _window(times: _Values, values: _Values, reach: float, accuracy: float, degr
     inverse = np.linalg.inv(normal)
     found = np.einsum("nij,nj->ni", inverse, right)
     deviation = np.where(enough, accuracy * np.sqrt(np.maximum(inverse[:, 0, 0], 0.0)), np.inf)
-    return _Fit(values + found[:, 0], found[:, 1] / reach, deviation)
+    slope = found[:, 1] / reach if degree else np.zeros(len(times))
+    return _Fit(values + found[:, 0], slope, deviation)
 
 
 def _standing(times: _Values, station: _Values, accuracy: float, fit: _Fit) -> tuple[_Values, _Values, _Values]:
@@ -189,9 +282,8 @@ def _stands(times: _Values, station: _Values, accuracy: float) -> list[tuple[int
     fit = _window(times, station, reach, accuracy, 1)
     # A slope is known to this, as far as samples are spread evenly.
     slow = np.abs(fit.slope) <= np.maximum(AGREE * fit.deviation * np.sqrt(3.0) / reach, PACE)
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], slow & np.isfinite(fit.deviation), [False])).astype(int)))
     found = []
-    for begin, end in edges.reshape(-1, 2).tolist():
+    for begin, end in _parts(slow & np.isfinite(fit.deviation)):
         # From the middle outwards as long as samples belong to one place.
         while end - begin >= 4 and times[end - 1] - times[begin] >= STAND:
             apart = station[begin:end] - station[begin:end].mean()

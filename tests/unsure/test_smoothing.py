@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pytest_rvads.runs.smoothing import beside, roughness, smoothed
+from pytest_rvads.runs.smoothing import beside, delay, roughness, smoothed
 
 
 def drive(often: int, stand: float = 3.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -40,6 +40,22 @@ def test_speeds_make_places_more_exact() -> None:
     noisy = station + np.random.default_rng(1).normal(0, 0.1, len(station))
     found, _, _ = smoothed(times, noisy, speed, 0.1)
     assert np.sqrt(((found - station) ** 2).mean()) < 0.1 / np.sqrt(8)
+
+
+@pytest.mark.parametrize("late", [-0.05, 0.0, 0.08])
+def test_on_a_straight_way_the_delay_of_speeds_is_found_and_stations_are_exact(late: float) -> None:
+    times, station, _ = drive(10)
+    speed = np.interp(times - late, times, drive(10)[2])  # each is told so long after the place that it is of
+    straight = np.ones(len(times), dtype=np.bool_)
+    samples = [station + np.random.default_rng(seed).normal(0, 0.1, len(station)) for seed in range(40)]
+    each = np.array([delay(times, noisy, speed, straight) for noisy in samples])
+    found = float(np.average(each[:, 0], weights=each[:, 1]))
+    assert found == pytest.approx(late, abs=0.01)
+    fits = [smoothed(times, noisy, speed, 0.1, straight, found) for noisy in samples]
+    errors = np.abs(np.concatenate([fit[0] - station for fit in fits]))
+    spreads = np.concatenate([fit[2] for fit in fits if fit[2] is not None])
+    assert (errors > spreads).mean() <= 0.005
+    assert np.median(spreads) < 0.6 * np.median(smoothed(times, samples[0], speed, 0.1)[2])  # what no stretch is known of
 
 
 def test_a_stand_is_one_place_and_a_full_stop() -> None:

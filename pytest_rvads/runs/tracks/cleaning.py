@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.runs.recording import Track
-from pytest_rvads.runs.smoothing import roughness, smoothed
+from pytest_rvads.runs.smoothing import delay, roughness, smoothed
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.tracks.matching import Matched
 from pytest_rvads.runs.tracks.samples import Samples
 
-__all__ = ["accuracy_of", "track_of"]
+__all__ = ["accuracy_of", "delay_of", "track_of"]
 
 _EXACT = 0.005
 """A position that is known better than this counts as exact [m]: files with two decimals are."""
@@ -33,13 +33,25 @@ def accuracy_of(found: Sequence[tuple[Samples, Matched]]) -> float:
     return estimate if estimate >= _EXACT else 0.0
 
 
-def track_of(
+def delay_of(found: Sequence[tuple[Samples, Matched]]) -> float:
+    """Return how long after their places the speeds of vehicles are of, estimated from all of them [s]."""
+    each = [
+        delay(vehicle.times[match.kept], match.station, vehicle.speed[match.kept], _straight(match))
+        for vehicle, match in found
+        if vehicle.speed is not None
+    ]
+    weight = sum(weight for _, weight in each)
+    return sum(late * weight for late, weight in each) / weight if weight else 0.0
+
+
+def track_of(  # noqa: PLR0913 - a vehicle as it is, as it was recorded, and how well
     agent: Agent,
     vehicle: Samples,
     match: Matched,
     points: NDArray[np.float64],
     heading: NDArray[np.float64] | None,
     accuracy: float,
+    late: float = 0.0,
 ) -> Track:
     """Return the track of a vehicle.
 
@@ -50,10 +62,11 @@ def track_of(
         points: the middle of its front bumper, of all samples, shape ``(samples, 2)`` [m].
         heading: likewise [rad]; None: it heads where its way leads.
         accuracy: standard deviation of a coordinate [m]; 0: the positions stay as they are.
+        late: how long after its places its speeds are of [s], see `delay_of`.
     """
     times = vehicle.times[match.kept]
     speed = None if vehicle.speed is None else vehicle.speed[match.kept]
-    station, fast, spread = smoothed(times, match.station, speed, accuracy)
+    station, fast, spread = smoothed(times, match.station, speed, accuracy, _straight(match) if accuracy > 0.0 else None, late)
     place, ahead = match.way.centre(station)
     if accuracy > 0.0:
         lateral = smoothed(times, match.lateral, None, accuracy)[0]
@@ -62,3 +75,17 @@ def track_of(
         place = points[match.kept]
     facing = np.arctan2(ahead[:, 1], ahead[:, 0]) if heading is None else heading[match.kept]
     return Track(agent, times, station, fast, np.column_stack((place, facing)), spread, match.offset)
+
+
+def _straight(match: Matched) -> NDArray[np.bool_]:
+    """Return which samples are where the way of a vehicle has been straight for its length, shape ``(kept,)``."""
+    behind, here = (match.way.centre(match.station - back)[1] for back in (_BODY, 0.0))
+    turn = behind[:, 0] * here[:, 1] - behind[:, 1] * here[:, 0]
+    found: NDArray[np.bool_] = np.abs(turn) <= _BODY / _WIDE
+    return found
+
+
+_BODY = 5.0
+"""As long as a part of the body is in a bend, the bumper makes another way than what speeds are of [m]."""
+_WIDE = 200.0
+"""A bend with a larger radius is none [m]."""

@@ -20,7 +20,7 @@ from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.smoothing import DERIVED
 from pytest_rvads.runs.states import AXLE, Agent, Kind
-from pytest_rvads.runs.tracks.cleaning import accuracy_of, track_of
+from pytest_rvads.runs.tracks.cleaning import accuracy_of, delay_of, track_of
 from pytest_rvads.runs.tracks.lightlog import lights_at, read_lights, signals_at
 from pytest_rvads.runs.tracks.logformats import Point, read_log
 from pytest_rvads.runs.tracks.matching import NEVER, STANDS, Matched, Matcher, directions
@@ -190,6 +190,7 @@ def _tracks(
     found: Sequence[tuple[str, Samples, Matched]], junction: Junction, intake: Intake, accuracy: float
 ) -> Iterable[Track]:
     taken = {vehicle.name for _, vehicle, _ in found}
+    late = delay_of([(vehicle, match) for _, vehicle, match in found]) if accuracy > 0.0 else 0.0
     for name, vehicle, match in found:
         own = name
         while own != vehicle.name and own in taken:  # a vehicle of the log is called so
@@ -197,7 +198,7 @@ def _tracks(
         taken.add(own)
         agent = Agent(own, junction.movements[match.way.entrance, match.way.exit], vehicle.kind, vehicle.size or intake.size)
         points, _ = placed(vehicle, intake)
-        yield track_of(agent, vehicle, match, points, vehicle.heading, accuracy)
+        yield track_of(agent, vehicle, match, points, vehicle.heading, accuracy, late)
 
 
 def placed(vehicle: Samples, intake: Intake) -> tuple[_Values, _Values]:
