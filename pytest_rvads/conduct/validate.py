@@ -160,7 +160,8 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     progress = np.diff(run.station[:, column])
     wanted = (run.speed[1:, column] + run.speed[:-1, column]) / 2 * run.dt
     absolute, relative = PROGRESS_TOLERANCE
-    wrong = np.flatnonzero(here & (np.abs(progress - wanted) > absolute + relative * np.abs(wanted)))
+    unknown = 0.0 if run.spread is None else run.spread[1:, column] + run.spread[:-1, column]
+    wrong = np.flatnonzero(here & (np.abs(progress - wanted) > absolute + relative * np.abs(wanted) + unknown))
     if not len(wrong):
         return
     tick = int(wrong[0])

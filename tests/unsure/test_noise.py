@@ -4,11 +4,12 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Any
 
+import numpy as np
 import pytest
 
-from pytest_rvads import Case, LgsvlLike, Run, Scenario, Status, check, find, simulate
+from pytest_rvads import Agent, Case, Itinerary, LgsvlLike, Run, Scenario, Status, check, find, simulate, validate
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.runs.recording import Recording
+from pytest_rvads.runs.recording import Recording, Track
 from pytest_rvads.studies.mutants import MUTANTS
 
 KEPT = {Status.PASS, Status.NA, None}
@@ -74,3 +75,16 @@ def test_few_verdicts_are_unsure(noisy: dict[str, dict[tuple[str, object], Statu
     assert asked > 100
     assert counts[Status.UNSURE] <= 0.1 * asked
     assert counts[Status.FAIL] > 0
+
+
+def test_smoothed_places_need_not_agree_with_speeds_better_than_they_are_known() -> None:
+    times = np.arange(0.0, 8.0, 0.1)
+    junction = find("stop4")
+    way = Itinerary.through(junction, 0, 2)
+    station = 8.0 * times - 30.0 + 0.15 * (-1.0) ** np.arange(len(times))  # to and fro, at a steady speed
+    pose = np.array([way.pose(s) for s in station])
+    agent = Agent("a", junction.movements[0, 2])
+    steady, known = np.full(len(times), 8.0), np.full(len(times), 0.2)
+    tracks = [Track(agent, times, station, steady, pose, spread) for spread in (None, known)]
+    found = [{f.kind for f in validate(Recording("t", junction, (track,))[0])} for track in tracks]
+    assert found == [{"progress"}, set()]
