@@ -7,9 +7,7 @@ tracks one after the other, in the shapes and units of `Track`; ``spread``, of t
 
 from __future__ import annotations
 
-import io
 import json
-import reprlib
 from collections.abc import Mapping
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -19,25 +17,23 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.decoding import decode, typed
-from pytest_rvads.errors import MapError, RunError, require
+from pytest_rvads.decoding import typed
+from pytest_rvads.errors import RunError, require
 from pytest_rvads.maps.segment import Segment
-from pytest_rvads.runs.archive import unpack
 from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.junctionfile import Count, JunctionRecord, Key, get_junction, put_junction
+from pytest_rvads.runs.kept import Kept
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.states import Agent, Colour, Kind
-from pytest_rvads.storage import read_file, write_file
 from pytest_rvads.wording import one_line
 
 __all__ = ["FORMAT", "VERSION", "load_recording", "save_recording"]
 
 FORMAT, VERSION = "rvads-recording", 1
-_MOST_BYTES = 2**30
-"""Of a file, and of all its arrays together: ten million samples."""
-_MOST_HEADER = 2**26
+_KEPT = Kept("recording", FORMAT, VERSION, most_bytes=2**30, most_header=2**26)
+"""Ten million samples."""
 _MOST_TRACKS = 200_000
 _LONGEST = 1e5
 """From the first to the last sample of a vehicle [s]: more than a day."""
@@ -110,10 +106,9 @@ def save_recording(recording: Recording, path: str | Path) -> None:
     )
     values = msgspec.to_builtins(header)
     typed(values, _Header, f"recording {one_line(recording.label, 60)!r} can't be kept", RunError)
-    text = json.dumps(values, sort_keys=True).encode()
+    text = json.dumps(values, sort_keys=True)
     lights = list(recording.lights.values())
     arrays: dict[str, Any] = {
-        "header": np.frombuffer(text, dtype=np.uint8),
         "times": _joined([t.times for t in tracks]),
         "station": _joined([t.station for t in tracks]),
         "speed": _joined([t.speed for t in tracks]),
@@ -121,18 +116,8 @@ def save_recording(recording: Recording, path: str | Path) -> None:
         "spread": _joined([t.spread for t in tracks if t.spread is not None]),
         "light_times": _joined([light.times for light in lights]),
         "light_colours": _joined([light.colours for light in lights]).astype(np.int8),
-    } | {f"line_{k}": line.points for k, line in enumerate(lines)}
-    size = sum(array.nbytes for array in arrays.values())
-    if size > _MOST_BYTES or len(text) > _MOST_HEADER:
-        raise RunError(
-            f"recording {recording.label!r} can't be kept: it takes {size:,} bytes, more than would be read: cut it up"
-        )
-    content = io.BytesIO()
-    np.savez_compressed(content, **arrays)
-    try:
-        write_file(path, content.getvalue())
-    except OSError as error:
-        raise RunError(f"{path}: can't be written: {error.strerror}") from error
+    }
+    _KEPT.write(recording.label, path, text, arrays, lines)
 
 
 def _joined(parts: list[NDArray[Any]], empty: tuple[int, ...] = (0,)) -> NDArray[Any]:
@@ -145,31 +130,7 @@ def load_recording(path: str | Path) -> Recording:
     Raises:
         RunError: not such a file, a damaged one, one that holds too much, or one of another version.
     """
-    path = Path(path)
-    try:
-        arrays = unpack(read_file(path, _MOST_BYTES), _MOST_BYTES)
-        text = arrays.pop("header").tobytes()
-    except OSError as error:
-        raise RunError(f"{path}: can't be read: {error.strerror}") from error
-    except KeyError:
-        raise RunError(f"{path}: not a recording kept by rvads: it has no header") from None
-    except ValueError as error:
-        raise RunError(f"{path}: not a recording kept by rvads: {one_line(str(error))}") from error
-    if len(text) > _MOST_HEADER:
-        raise RunError(f"{path}: its header takes {len(text):,} bytes, expected at most {_MOST_HEADER:,}")
-    head = decode(text, dict[str, Any], f"{path}: header", RunError)
-    if head.get("format") != FORMAT:
-        raise RunError(f"{path}: not a recording kept by rvads: its format is {reprlib.repr(head.get('format'))}")
-    if head.get("version") != VERSION:
-        told = reprlib.repr(head.get("version"))
-        raise RunError(f"{path}: written in version {told} of the format, this library reads version {VERSION}")
-    header = typed(head, _Header, f"{path}: header", RunError)
-    try:
-        return _recording(header, arrays)
-    except KeyError as error:
-        raise RunError(f"{path}: damaged: {error} is missing") from error
-    except (ValueError, MapError) as error:
-        raise RunError(f"{path}: damaged: {one_line(str(error))}") from error
+    return _KEPT.read(Path(path), _Header, _recording)
 
 
 def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording:

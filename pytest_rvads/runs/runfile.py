@@ -7,7 +7,6 @@ header refers to, shape ``(points, 2)`` [m]. Nothing is pickled.
 
 from __future__ import annotations
 
-import io
 import json
 import reprlib
 from collections.abc import Mapping
@@ -19,24 +18,23 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.decoding import decode, typed
-from pytest_rvads.errors import MapError, RunError, require
+from pytest_rvads.decoding import typed
+from pytest_rvads.errors import RunError, require
 from pytest_rvads.maps.segment import Segment
-from pytest_rvads.runs.archive import MOST_BYTES, unpack
+from pytest_rvads.runs.archive import MOST_BYTES
 from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step, check_size
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.junctionfile import JunctionRecord, Key, get_junction, put_junction
+from pytest_rvads.runs.kept import Kept
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Kind
-from pytest_rvads.storage import read_file, write_file
-from pytest_rvads.wording import one_line
 
 __all__ = ["FORMAT", "VERSION", "load_run", "save_run"]
 
 FORMAT, VERSION = "rvads-run", 3
 _ARRAYS = {"zone": "i", "lights": "i", "station": "f", "speed": "f", "pose": "f", "controls": "f", "spread": "f"}
 """The arrays of a run: of which kind of numbers they are."""
-_MOST_HEADER = 2**20
+_KEPT = Kept("run", FORMAT, VERSION, MOST_BYTES, 2**20)
 
 
 class _Agent(msgspec.Struct, frozen=True):
@@ -95,17 +93,7 @@ def save_run(run: Run, path: str | Path) -> None:
         raise RunError(f"run {run.label!r} can't be kept: {error}") from error
     typed(values, _Header, f"run {run.label!r} can't be kept", RunError)
     check_size(f"run {run.label!r} can't be kept", [(run.steps, len(run.agents), len(run.junction.entrances))])
-    arrays["header"] = np.frombuffer(text.encode(), dtype=np.uint8)
-    arrays |= {f"line_{k}": line.points for k, line in enumerate(lines)}
-    size = sum(array.nbytes for array in arrays.values())
-    if size > MOST_BYTES or len(text) > _MOST_HEADER:
-        raise RunError(f"run {run.label!r} can't be kept: it takes {size:,} bytes, which is more than would be read again")
-    content = io.BytesIO()
-    np.savez_compressed(content, **arrays)
-    try:
-        write_file(path, content.getvalue())
-    except OSError as error:
-        raise RunError(f"{path}: can't be written: {error.strerror}") from error
+    _KEPT.write(run.label, path, text, arrays, lines)
 
 
 def load_run(path: str | Path) -> Run:
@@ -115,30 +103,7 @@ def load_run(path: str | Path) -> Run:
         RunError: not such a file, a damaged one, one that holds too much, or one of another version.
     """
     path = Path(path)
-    try:
-        arrays = unpack(read_file(path, MOST_BYTES))
-        text = arrays.pop("header").tobytes()
-    except OSError as error:
-        raise RunError(f"{path}: can't be read: {error.strerror}") from error
-    except KeyError:
-        raise RunError(f"{path}: not a run kept by rvads: it has no header") from None
-    except ValueError as error:
-        raise RunError(f"{path}: not a run kept by rvads: {one_line(str(error))}") from error
-    if len(text) > _MOST_HEADER:
-        raise RunError(f"{path}: its header takes {len(text):,} bytes, expected at most {_MOST_HEADER:,}")
-    head = decode(text, dict[str, Any], f"{path}: header", RunError)
-    if head.get("format") != FORMAT:
-        raise RunError(f"{path}: not a run kept by rvads: its format is {reprlib.repr(head.get('format'))}")
-    if head.get("version") != VERSION:
-        told = reprlib.repr(head.get("version"))
-        raise RunError(f"{path}: written in version {told} of the format, this library reads version {VERSION}")
-    header = typed(head, _Header, f"{path}: header", RunError)
-    try:
-        return _run(header, arrays, path)
-    except KeyError as error:
-        raise RunError(f"{path}: damaged: {error} is missing") from error
-    except (ValueError, MapError) as error:
-        raise RunError(f"{path}: damaged: {one_line(str(error))}") from error
+    return _KEPT.read(path, _Header, lambda header, arrays: _run(header, arrays, path))
 
 
 def _run(header: _Header, arrays: Mapping[str, NDArray[Any]], path: Path) -> Run:
