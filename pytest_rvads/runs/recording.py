@@ -11,13 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.runs import between
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary, itinerary
-from pytest_rvads.runs.periods import NEAR, Period, busy_periods
+from pytest_rvads.runs.periods import Period, busy_periods
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
-from pytest_rvads.runs.smoothing import DERIVED, PACE, beside
+from pytest_rvads.runs.smoothing import DERIVED, beside
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
 __all__ = ["Changes", "Recording", "Track", "zones"]
+
+HARDEST = 5.0
+"""Nobody who is about to stop brakes or sets off harder than this [m/s^2]."""
+_ALL = 3.0
+"""So many standard deviations are all that can be."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,8 +127,8 @@ class Recording(Sequence[Run]):
             begin, end = np.searchsorted(ticks, track.times[0]), np.searchsorted(ticks, track.times[-1], side="right")
             here = slice(int(begin), int(end))
             at = ticks[here]
-            station[here, column] = _along(track, at)
-            speed[here, column] = _speeds(track, at)
+            station[here, column] = between.stations(track.times, track.station, track.speed, at)
+            speed[here, column] = between.speeds(track.times, track.station, track.speed, track.spread, at)
             turned = np.column_stack((track.pose[:, :2], np.unwrap(track.pose[:, 2])))
             pose[here, column] = np.stack([np.interp(at, track.times, values) for values in turned.T], axis=1)
             spread[here, column] = 0.0 if track.spread is None else np.interp(at, track.times, track.spread)
@@ -167,8 +173,9 @@ class Recording(Sequence[Run]):
             speed: what is taken for their speeds then, shape ``(steps, tracks)`` [m/s].
         """
         if self.speed_accuracy <= 0.0:
-            exact = ((track, column) for column, track in enumerate(tracks) if track.spread is None)
-            return max((_unseen_stand(track, ticks, speed[:, column]) for track, column in exact), default=0.0) / _ALL
+            exact = ((t, column) for column, t in enumerate(tracks) if t.spread is None)
+            slower = (between.unseen_stand(t.times, t.station, t.speed, ticks, speed[:, column]) for t, column in exact)
+            return max(slower, default=0.0) / _ALL
         return max(self.speed_accuracy, HARDEST * max(_apart(tracks) - DT, 0.0) / 2 / _ALL)
 
 
@@ -185,78 +192,3 @@ def zones(way: Itinerary, station: NDArray[np.float64]) -> NDArray[np.int8]:
     borders = (way.line - ENTRANCE_ZONE, np.nextafter(0.0, 1.0), way.length, way.end)
     found = np.searchsorted(borders, station, side="right").astype(np.int8)
     return np.minimum.accumulate(found[::-1])[::-1]
-
-
-def _along(track: Track, at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the stations at times between samples: a cubic where the speeds agree with the way made, else a straight line."""
-    times, station, speed = track.times, track.station, track.speed
-    piece = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
-    long = np.diff(times)[piece]
-    begin, end, v0, v1 = station[piece], station[piece + 1], speed[piece], speed[piece + 1]
-    part = (at - times[piece]) / long
-    straight = begin + part * (end - begin)
-    bend = part * (1 - part) * long
-    curved = straight + bend * ((1 - part) * (v0 - (end - begin) / long) - part * (v1 - (end - begin) / long))
-    smooth = np.abs((v0 + v1) / 2 * long - (end - begin)) <= _AGREE * np.abs(end - begin)
-    found: NDArray[np.float64] = np.where(smooth, curved, straight)
-    return found
-
-
-def _speeds(track: Track, at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the speeds at times between samples: a straight line, but where a vehicle brakes and sets off again in between.
-
-    There it went on braking as before, and had been setting off as it does afterwards: else who stops for a moment never does
-    where that is not sampled. The way that it made has to agree better with this.
-    """
-    found: NDArray[np.float64] = np.interp(at, track.times, track.speed)
-    if len(track.times) < _AROUND:
-        return found
-    long, made, speed = np.diff(track.times), np.diff(track.station), track.speed
-    slopes = np.diff(speed) / long
-    before, after, here = slopes[:-2], slopes[2:], long[1:-1]
-    v0, v1 = speed[1:-2], speed[2:-1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turn = (v1 - after * here - v0) / (before - after)
-        lowest = v0 + before * turn
-        # Who comes to rest before it would set off again stands in between.
-        stands = lowest < 0.0
-        way = np.where(
-            stands,
-            (v1**2 / after - v0**2 / before) / 2,
-            (v0 + lowest) / 2 * turn + (lowest + v1) / 2 * (here - turn),
-        )
-    dips = (before < 0.0) & (after > 0.0) & (v0 > 0.0) & (v1 > 0.0) & (turn > 0.0) & (turn < here)
-    known = 0.0 if track.spread is None else (track.spread[1:-2] + track.spread[2:-1]) / 2
-    dips &= np.abs(way - made[1:-1]) <= np.abs((v0 + v1) / 2 * here - made[1:-1]) + known
-    for k in (np.flatnonzero(dips) + 1).tolist():
-        inside = slice(*np.searchsorted(at, track.times[[k, k + 1]]))
-        braking = speed[k] + slopes[k - 1] * (at[inside] - track.times[k])
-        leaving = speed[k + 1] + slopes[k + 1] * (at[inside] - track.times[k + 1])
-        found[inside] = np.maximum(np.maximum(braking, leaving), 0.0)
-    return found
-
-
-def _unseen_stand(track: Track, ticks: NDArray[np.float64], speed: NDArray[np.float64]) -> float:
-    """Return how much slower than its speeds say a vehicle was, if it stood between two samples before the line unseen [m/s].
-
-    Who brakes to a standstill and sets off again is, on average, at most half as fast as the higher of its two speeds.
-    """
-    long, made = np.diff(track.times), np.diff(track.station)
-    higher = np.maximum(track.speed[:-1], track.speed[1:])
-    near = (track.station[1:] >= -NEAR) & (track.station[:-1] <= 0.0)
-    may = np.flatnonzero(near & (long > _APART) & (made <= (higher + PACE) * long / 2))
-    bounds = np.searchsorted(ticks, track.times)
-    lowest = [float(speed[bounds[k] : bounds[k + 1]].min(initial=np.inf)) for k in may if bounds[k] < bounds[k + 1]]
-    return max((slow for slow in lowest if slow > PACE), default=0.0)
-
-
-_APART = 0.15
-"""Samples that are nearer to each other tell what happens between them, see `_speeds` [s]."""
-_ALL = 3.0
-"""So many standard deviations are all that can be."""
-_AROUND = 4
-"""Samples that tell how a vehicle brakes and sets off between the two in their middle."""
-HARDEST = 5.0
-"""Nobody who is about to stop brakes or sets off harder than this [m/s^2]."""
-_AGREE = 0.1
-"""By what share speed times time may differ from the way made between two samples, for speeds to be believed."""
