@@ -17,9 +17,6 @@ __all__ = ["DERIVED", "beside", "delay", "roughness", "smoothed"]
 
 _Values = NDArray[np.float64]
 
-DERIVED = 0.3
-"""Standard deviation of speeds that are worked out from stations, where none were measured [m/s]: whoever stops for a moment only
-is, averaged over `LONG`, up to three times as fast as this."""
 SURE = 3.0
 """An estimate is within so many of its standard deviations: 99.7 % of the time where errors are normal."""
 AGREE = 2.0
@@ -37,6 +34,9 @@ FAR = 2.0
 the way of a bumper has changed by then."""
 LONG = 0.6
 """Nor over a longer time, where they are not [s]: drivers begin and end to brake."""
+DERIVED = HARD * LONG / 2 / SURE
+"""Standard deviation of speeds that are worked out from stations, where none were measured [m/s]: whoever brakes and sets off as
+hard as that and stops for a moment only is, averaged over `LONG`, up to three times as fast as this."""
 SHORT = 0.4
 """But over this time they always do [s]; speeds are those over at least as long."""
 ALLOWED = 0.012

@@ -60,7 +60,7 @@ def track_of(  # noqa: PLR0913 - a vehicle as it is, as it was recorded, and how
         vehicle: as the log has it.
         match: its way, and which of its samples are on it.
         points: the middle of its front bumper, of all samples, shape ``(samples, 2)`` [m].
-        heading: likewise [rad]; None: it heads where its way leads.
+        heading: likewise [rad]; None: its body lies along its way.
         accuracy: standard deviation of a coordinate [m]; 0: the positions stay as they are.
         late: how long after its places its speeds are of [s], see `delay_of`.
     """
@@ -73,8 +73,17 @@ def track_of(  # noqa: PLR0913 - a vehicle as it is, as it was recorded, and how
         place = place + lateral[:, None] * np.column_stack((-ahead[:, 1], ahead[:, 0]))
     else:
         place = points[match.kept]
-    facing = np.arctan2(ahead[:, 1], ahead[:, 0]) if heading is None else heading[match.kept]
+    facing = _facing(match, station, agent) if heading is None else heading[match.kept]
     return Track(agent, times, station, fast, np.column_stack((place, facing)), spread, match.offset)
+
+
+def _facing(match: Matched, station: NDArray[np.float64], agent: Agent) -> NDArray[np.float64]:
+    """Return where a body heads whose front and rear are on its way, shape ``(kept,)`` [rad]."""
+    length = _BODY if agent.size is None else agent.size[0]
+    front, rear = (match.way.centre(station - back)[0] for back in (0.0, length))
+    along = front - rear
+    found: NDArray[np.float64] = np.arctan2(along[:, 1], along[:, 0])
+    return found
 
 
 def _straight(match: Matched) -> NDArray[np.bool_]:
