@@ -56,9 +56,7 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
     from pytest_rvads.collection.ask import Ask
 
     test = metafunc.definition
-    marks = _marks(test, "scenario", Ask)
-    asks = [ask for node, ask in marks if node is marks[0][0]]
-    known = _marks(test, "known", Known)
+    asks, known = _nearest(test, "scenario", Ask), _marks(test, "known", Known)
     with told_at(_takes(metafunc, asks)):
         added = extensions(metafunc.config, options.rules)
     cells: dict[str, Cell] = {}
@@ -80,9 +78,7 @@ def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
     from pytest_rvads.collection.recordings import OpenFiles, Recordings
 
     test = metafunc.definition
-    marks = _marks(test, "recorded", Recordings)
-    asks = [ask for node, ask in marks if node is marks[0][0]]
-    known = _marks(test, "known", Known)
+    asks, known = _nearest(test, "recorded", Recordings), _marks(test, "known", Known)
     if next(test.iter_markers("rvads_scenario"), None):
         why = "has @rvads.recorded(...) and @rvads.scenario(...), but a run is one or the other: make two tests of it"
         raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} {why}")
@@ -128,6 +124,12 @@ def _marks(test: pytest.Function, name: str, kind: type[T]) -> list[tuple[Any, T
         why = f"write @rvads.{name}(...) instead of pytest.mark.rvads_{name}(...)"
         raise pytest.Collector.CollectError(f"{_line(test)}: {test.nodeid}: {why}")
     return [(node, mark.args[0]) for node, mark in found]
+
+
+def _nearest(test: pytest.Function, name: str, kind: type[T]) -> list[T]:
+    """Return what those marks of a test ask for that stand at the nearest node."""
+    marks = _marks(test, name, kind)
+    return [asked for node, asked in marks if node is marks[0][0]]
 
 
 def _takes(metafunc: pytest.Metafunc, asks: Sequence[Ask]) -> str:
