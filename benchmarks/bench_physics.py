@@ -13,7 +13,8 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.physics.braking import _vmax, stopping_distance, vmax
-from pytest_rvads.physics.world import BulletWorld, Motion
+from pytest_rvads.physics.bullet_world import BulletWorld
+from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario

@@ -32,8 +32,8 @@ from pytest_rvads.junctions.finder import find as find
 from pytest_rvads.junctions.junction import Entrance as Entrance, Exit as Exit, Junction as Junction, Movement as Movement
 from pytest_rvads.maps.control import Sign as Sign
 from pytest_rvads.maps.segment import Turn as Turn
-from pytest_rvads.simulators.bullet import bullet as bullet
 from pytest_rvads.simulators.choice import limits as limits
+from pytest_rvads.simulators.planar import bullet as bullet, mujoco as mujoco
 from pytest_rvads.simulators.simulator import Simulator as Simulator, simulate as simulate, vmax as vmax
 from pytest_rvads.scenarios.case import Case as Case, Fleet as Fleet
 from pytest_rvads.scenarios.scenario import Scenario as Scenario

@@ -94,3 +94,8 @@ def suggest(word: str, choices: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the choice nearest to `word`, or an empty string."""
     near = difflib.get_close_matches(word, list(choices), n=1, cutoff=0.5)
     return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def needs(what: str, library: str, extra: str) -> str:
+    """Return the sentence for `what` when the package `library`, which an extra installs, is missing."""
+    return f"{what} needs the package {library}, which is not installed: pip install 'pytest-rvads[{extra}]'"

@@ -42,7 +42,10 @@ _DECLARED = {
         "fixtures say",
         metavar="NAME",
     ),
-    "simulator": _Option("what makes the runs: bullet, or module:name of yours", "bullet", metavar="NAME"),
+    "simulator": _Option(
+        "what makes the runs: bullet, mujoco, or module:name of yours; by default bullet, mujoco where there is no pybullet",
+        metavar="NAME",
+    ),
     "sut-rate": _Option("decisions of the stack per simulated second; by default what it asks for, else 20", metavar="HZ"),
     "sut-timeout": _Option("how long the stack may take for one decision, in real time", "5", metavar="SECONDS"),
     "sut-startup": _Option(
@@ -114,8 +117,8 @@ class Options:
     """Command of the stack under test, with an absolute path."""
     autopilot: str | None
     """What drives by name, see `--rvads-autopilot`."""
-    simulator: str
-    """By name, see `--rvads-simulator`."""
+    simulator: str | None
+    """By name, see `--rvads-simulator`; None for the usual one."""
     sut_rate: float | None
     """[Hz]."""
     sut_timeout: float

@@ -76,7 +76,7 @@ def pytest_configure(config: pytest.Config) -> None:
         if options.autopilot:
             chosen(options.autopilot, config.invocation_params.dir)  # a wrong name ends the session before anything runs
         simulator = None
-        if options.simulator != "bullet":
+        if options.simulator:
             from pytest_rvads.simulators.simulator import named
 
             simulator = named(options.simulator, config.invocation_params.dir)
@@ -101,10 +101,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_report_header(config: pytest.Config) -> list[str]:
-    """Name what drives, and what simulates in place of bullet, where the options say so."""
+    """Name what drives, and what simulates, where the options say so."""
     options = config.stash[OPTIONS]
     driven = [f"rvads: driven by {options.driver}"] if options.driver else []
-    return driven if options.simulator == "bullet" else [*driven, f"rvads: simulated by --rvads-simulator={options.simulator}"]
+    return [*driven, f"rvads: simulated by --rvads-simulator={options.simulator}"] if options.simulator else driven
 
 
 def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Item]) -> str | None:

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import platform
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 
 from pytest_rvads import __version__
 
-__all__ = ["versions"]
+__all__ = ["ENGINES", "versions"]
+
+ENGINES = ("pybullet", "mujoco", "libsumo")
+"""Packages that simulators are built on, where they are installed."""
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of this package and of what its runs depend on, by name."""
-    return {
-        "pytest-rvads": __version__,
-        "pybullet": version("pybullet"),
-        "numpy": version("numpy"),
-        "python": platform.python_version(),
-    }
+def versions(*libraries: str) -> dict[str, str]:
+    """Return the versions of this package and of what its runs depend on, by name.
+
+    Args:
+        libraries: packages that made them; what is not installed is left out.
+    """
+    found = {"pytest-rvads": __version__}
+    for library in libraries:
+        try:
+            found[library] = version(library)
+        except PackageNotFoundError:
+            continue
+    return found | {"numpy": version("numpy"), "python": platform.python_version()}

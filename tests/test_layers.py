@@ -25,7 +25,8 @@ def test_data_flows_one_way() -> None:
 @pytest.mark.parametrize(
     ("library", "homes"),
     [
-        ("pybullet", {"physics/world.py"}),
+        ("pybullet", {"physics/bullet_world.py"}),
+        ("mujoco", {"physics/mujoco_world.py"}),
         ("rich", {"report/terminal.py"}),
         ("hypothesis", {"search/strategies.py", "search/falsify.py", "studies/methods.py"}),
         ("platformdirs", {"physics/cache.py"}),

@@ -27,7 +27,7 @@ def declare(commands: Subparsers) -> None:
     )
     power.add_argument("--among", metavar="TRAFFIC", help="one vehicle has the deficiency, among traffic of this policy")
     power.add_argument(
-        "--simulator", metavar="NAME", default="bullet", help="what makes the runs, a name or module:name; starts stay bullet's"
+        "--simulator", metavar="NAME", help="what makes the runs, a name or module:name; starts stay those of the usual one"
     )
     power.add_argument("--seeds", type=int, default=100, help="repetitions (default: 100)")
     power.add_argument("--budget", type=int, default=40, help="simulations after which a search gives up (default: 40)")

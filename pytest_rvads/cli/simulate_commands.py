@@ -14,6 +14,7 @@ from pytest_rvads.errors import ScenarioError
 from pytest_rvads.storage import write_file
 
 if TYPE_CHECKING:
+    from pytest_rvads.studies.experiment import Setup
     from pytest_rvads.studies.pool import Progress
 
 __all__ = ["declare"]
@@ -33,16 +34,14 @@ def declare(commands: Subparsers) -> None:
         "--junction", metavar="NAME", help="what it reaches per movement and lane of this junction, at aggression 1"
     )
     braking.add_argument("--map", metavar="FILE", help="OpenDRIVE file of a junction given by id")
-    braking.add_argument("--simulator", metavar="NAME", default="bullet", help="whose v(d)max, a name or module:name")
+    braking.add_argument("--simulator", metavar="NAME", help="whose v(d)max, a name or module:name")
     braking.add_argument("--svg", metavar="OUT", help="also draw the curves into this file")
     braking.set_defaults(command=_braking)
 
-    paper = commands.add_parser(
-        "paper",
-        help="simulate the two tables of the paper, by bullet as they were replicated, and mark where they disagree with it",
-    )
+    paper = commands.add_parser("paper", help="simulate the two tables of the paper, and mark where they disagree with it")
     paper.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     paper.add_argument("--svg", metavar="OUT", help="also draw the tables into this file")
+    paper.add_argument("--simulator", metavar="NAME", help="what makes the runs of the tables, a name or module:name")
     paper.add_argument("--strict", action="store_true", help="exit 1 when a cell is not as published")
     instead = paper.add_mutually_exclusive_group()
     instead.add_argument(
@@ -58,7 +57,7 @@ def declare(commands: Subparsers) -> None:
     what = simulate.add_mutually_exclusive_group(required=True)
     what.add_argument("--jsonl", action="store_true", help="read a JSON object per line, write one for each")
     what.add_argument("--recorded", metavar="FILE", nargs="+", help="simulate the runs of recorded files and compare")
-    simulate.add_argument("--simulator", metavar="NAME", default="bullet", help="what makes the runs, a name or module:name")
+    simulate.add_argument("--simulator", metavar="NAME", help="what makes the runs, a name or module:name")
     simulate.set_defaults(command=_simulate)
 
 
@@ -127,17 +126,26 @@ def _paper(options: argparse.Namespace) -> int:
     from pytest_rvads.studies import paper_tables as report
 
     if options.sweep:
-        shares = paper.sweep(progress=_bar(options))
+        shares = paper.sweep(_setup(options), progress=_bar(options))
         print(json.dumps(paper.nested(shares)) if options.json else report.text_sweep(shares))
         return 0
     if options.margins or options.ablation or options.null_models or options.snapshots:
         return _evidence(options)
-    verdicts = paper.compute(progress=_bar(options))
+    verdicts = paper.compute(_setup(options), progress=_bar(options))
     # Printed first: a picture that can't be written must not cost the answer.
     print(json.dumps(paper.nested(verdicts)) if options.json else report.text_tables(verdicts), flush=True)
     if options.svg:
         write_file(Path(options.svg), report.svg_tables(verdicts).encode())
     return 1 if options.strict and report.disagreements(verdicts) else 0
+
+
+def _setup(options: argparse.Namespace) -> Setup:
+    """Return what all runs of the tables have in common."""
+    from pytest_rvads.simulators.simulator import named
+    from pytest_rvads.studies.experiment import Setup
+
+    named(options.simulator, Path.cwd())  # an unknown one is refused before anything runs
+    return Setup(simulator=options.simulator)
 
 
 def _bar(options: argparse.Namespace) -> Progress | None:
@@ -149,8 +157,10 @@ def _evidence(options: argparse.Namespace) -> int:
     """Print or draw what stands beside the tables; text only."""
     from pytest_rvads.studies import paper, replication, snapshots
 
-    if options.json or options.svg or options.strict:
-        raise ScenarioError("--json, --svg and --strict go with the tables: leave them out here, or ask for the tables alone")
+    if options.json or options.svg or options.strict or options.simulator:
+        raise ScenarioError(
+            "--json, --svg, --strict and --simulator go with the tables: leave them out here, or ask for the tables alone"
+        )
     if options.null_models:
         print(replication.text_null_models())
     elif options.snapshots:

@@ -1,1 +1,1 @@
-"""Physics: the world in pybullet, vehicle dynamics, braking, the simulation loop."""
+"""Physics: worlds in physics engines, vehicle dynamics, braking."""

@@ -16,7 +16,8 @@ from itertools import pairwise
 from pytest_rvads.errors import RunError, ScenarioError
 from pytest_rvads.physics.cache import cached
 from pytest_rvads.physics.dynamics import Dynamics
-from pytest_rvads.physics.world import BulletWorld, Motion
+from pytest_rvads.physics.engines import Engine, usual
+from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
@@ -31,13 +32,14 @@ _LONGEST = 60.0
 """A vehicle that has not stopped by then never will [s]."""
 
 
-def vmax(distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
+def vmax(distance: float, aggression: int = 1, vehicle: Vehicle | None = None, engine: Engine | None = None) -> float | None:
     """Return the greatest safe speed `distance` metres before the stopping line.
 
     Args:
         distance: reference point to stopping line [m].
         aggression: 1, 2 or 3, the scenario's; selects the service brake.
         vehicle: the parameters; a passenger car by default.
+        engine: what moves it; the usual one by default.
 
     Returns:
         The speed, at most the speed limit [m/s]; None where not even a standing vehicle is safe.
@@ -50,7 +52,7 @@ def vmax(distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -
         raise ScenarioError(f"the distance to the stopping line must be 0 m or more, got {distance!r}")
     if aggression not in (1, 2, 3):
         raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")
-    return _vmax(float(distance), aggression, vehicle or Vehicle())
+    return _vmax(float(distance), aggression, vehicle or Vehicle(), engine or usual())
 
 
 def envelope(
@@ -121,10 +123,17 @@ def _speed(steps: int) -> float:
 
 
 @lru_cache(maxsize=4096)
-def stopping_distance(speed: float, aggression: int, vehicle: Vehicle) -> float:
-    """Return how far a vehicle gets from `speed` [m/s] under full service brake on a straight [m]; inf if it never stops."""
+def stopping_distance(speed: float, aggression: int, vehicle: Vehicle, engine: Engine | None = None) -> float:
+    """Return how far a vehicle gets from `speed` [m/s] under full service brake on a straight [m]; inf if it never stops.
+
+    Args:
+        speed: at the start.
+        aggression: 1, 2 or 3; selects the service brake.
+        vehicle: the parameters.
+        engine: what moves it; the usual one by default.
+    """
     dynamics = Dynamics(vehicle, aggression)
-    world = BulletWorld([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
+    world = (engine or usual()).world([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
     farthest = 0.0
     try:
         for _ in range(round(_LONGEST / DT)):
@@ -139,17 +148,17 @@ def stopping_distance(speed: float, aggression: int, vehicle: Vehicle) -> float:
 
 
 @lru_cache(maxsize=4096)
-def _vmax(distance: float, aggression: int, vehicle: Vehicle) -> float | None:
+def _vmax(distance: float, aggression: int, vehicle: Vehicle, engine: Engine) -> float | None:
     key = {"what": "plant", "distance": distance, "aggression": aggression, "vehicle": asdict(vehicle)}
-    return cached(key, lambda: _test(distance, aggression, vehicle))
+    return cached(key, lambda: _test(distance, aggression, vehicle, engine), engine.library)
 
 
-def _test(distance: float, aggression: int, vehicle: Vehicle) -> float | None:
+def _test(distance: float, aggression: int, vehicle: Vehicle, engine: Engine) -> float | None:
     tried: dict[float, float] = {}
 
     def safe(speed: float) -> bool:
         # The plant does not know where it is: one test of a speed answers for every distance.
-        tried[speed] = stopping_distance(speed, aggression, vehicle)
+        tried[speed] = stopping_distance(speed, aggression, vehicle, engine)
         return tried[speed] <= distance
 
     found = greatest_safe(safe, SPEED_LIMIT)

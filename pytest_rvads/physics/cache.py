@@ -29,17 +29,18 @@ _MOST_BYTES = 2**16
 """Of an entry; they take some 2,000."""
 
 
-def cached(key: Mapping[str, Any], compute: Callable[[], float | None]) -> float | None:
+def cached(key: Mapping[str, Any], compute: Callable[[], float | None], *libraries: str) -> float | None:
     """Return the number kept under `key`, or compute and keep it.
 
     Args:
         key: everything that the number depends on but code and versions, which are added; values that JSON knows.
         compute: called where nothing is kept; what it raises is not kept.
+        libraries: packages that compute; their versions are part of the key.
     """
     where = folder()
     if where is None:
         return compute()
-    name = json.dumps([dict(key), _code(), versions(), platform.platform()], sort_keys=True)
+    name = json.dumps([dict(key), _code(), versions(*libraries), platform.platform()], sort_keys=True)
     path = where / f"{sha256(name.encode()).hexdigest()}.json"
     kept = _read(path, name)
     if kept is not None:

@@ -191,7 +191,7 @@ class Session:
         """Return the report of the session, with the exit status that its gates make of it."""
         from pytest_rvads.report.coverage import shortfall
         from pytest_rvads.report.session_report import Report, in_order
-        from pytest_rvads.versions import versions
+        from pytest_rvads.versions import ENGINES, versions
 
         plan = self.planner.plan()
         records = in_order(list(self.records.values()))
@@ -199,7 +199,7 @@ class Session:
             records,
             totals(records),
             tuple(plan.cells),
-            versions(),
+            versions(*ENGINES),
             left_out=plan.left_out,
             unfit=plan.unfit,
             extents=plan.extents,

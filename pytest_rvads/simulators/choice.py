@@ -21,7 +21,7 @@ class Choice(NamedTuple):
     """What makes runs, and how long they may take."""
 
     simulator: Any = None
-    """A `Simulator`; None for ``bullet``, not loaded yet, as outside of sessions."""
+    """A `Simulator`; None for the usual one, not loaded yet, as outside of sessions."""
     limits: Limits = Limits()
 
 

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from importlib.util import find_spec
 from numbers import Real
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from pytest_rvads.drivers.naming import at
-from pytest_rvads.errors import RunError, ScenarioError, require, suggest
+from pytest_rvads.errors import RunError, ScenarioError, needs, require, suggest
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.simulators.bullet import bullet
 from pytest_rvads.simulators.choice import choice
 from pytest_rvads.simulators.patience import TooLate, Watch
+from pytest_rvads.simulators.planar import usual
 
 __all__ = ["SIMULATORS", "Simulator", "meant", "named", "simulate", "usable", "vmax"]
 
@@ -50,21 +51,39 @@ class Simulator(Protocol):
         """Return the greatest speed [m/s] from which the vehicle stops within `distance` [m]; None where none is safe."""
 
 
-SIMULATORS = {"bullet": "pytest_rvads.simulators.bullet:bullet"}
-"""By name, where each is: module and attribute. What it needs is imported when it is chosen."""
+class _Shipped(NamedTuple):
+    """A simulator that comes with the package."""
+
+    where: str
+    """Module and attribute."""
+    libraries: tuple[str, ...]
+    """What it imports when it simulates; also the extra of the same name installs them."""
 
 
-def named(name: str, here: Path | None = None) -> Simulator:
+SIMULATORS = {
+    "bullet": _Shipped("pytest_rvads.simulators.planar:bullet", ("pybullet",)),
+    "mujoco": _Shipped("pytest_rvads.simulators.planar:mujoco", ("mujoco",)),
+}
+"""By name, as options call them; an extra of the package has the same name."""
+
+
+def named(name: str | None, here: Path | None = None) -> Simulator:
     """Return the simulator of that name, or the one at ``module:name``.
 
     Args:
-        name: what options call it.
+        name: what options call it; None for the usual one.
         here: a folder in which modules are looked for first.
 
     Raises:
-        ScenarioError: there is none, or what is there can't simulate.
+        ScenarioError: there is none, what is there can't simulate, or a library that it needs is not installed.
     """
-    where = SIMULATORS.get(name, name)
+    if name is None:
+        return usual()
+    shipped = SIMULATORS.get(name, _Shipped(name, ()))
+    for library in shipped.libraries:
+        if not find_spec(library):
+            raise ScenarioError(needs(f"simulator {name!r}", library, name))
+    where = shipped.where
     if ":" not in where:
         raise ScenarioError(
             f"unknown simulator {name!r}, there is {', '.join(SIMULATORS)}, or say module:name{suggest(name, SIMULATORS)}"
@@ -101,13 +120,13 @@ def usable(simulator: Any, said: str = "") -> Simulator:
 
 
 def meant(simulator: Simulator | None = None) -> Simulator:
-    """Return the simulator that a caller names; by default that of the session, outside of sessions `bullet`.
+    """Return the simulator that a caller names; by default that of the session, outside of sessions the usual one.
 
     Raises:
         ScenarioError: what is named is no simulator.
     """
     found = choice().simulator if simulator is None else usable(simulator)
-    return bullet if found is None else found
+    return usual() if found is None else found
 
 
 def simulate(case: Case, simulator: Simulator | None = None) -> Run:
@@ -115,7 +134,7 @@ def simulate(case: Case, simulator: Simulator | None = None) -> Run:
 
     Args:
         case: scenario, what drives, and in which bodies.
-        simulator: what makes the run; by default what ``--rvads-simulator`` names, outside of sessions `bullet`.
+        simulator: what makes the run; by default what ``--rvads-simulator`` names, outside of sessions the usual one.
 
     Raises:
         MapError: it is not known where the lanes of the junction lie.
@@ -150,7 +169,7 @@ def vmax(
         distance: reference point to stopping line [m].
         aggression: 1, 2 or 3, the scenario's; selects the service brake.
         vehicle: the parameters; a passenger car by default.
-        simulator: whose vehicles brake; by default those of what ``--rvads-simulator`` names, outside of sessions of `bullet`.
+        simulator: whose vehicles brake; by default what ``--rvads-simulator`` names, outside of sessions the usual one.
 
     Returns:
         The speed, at most the speed limit [m/s]; None where not even a standing vehicle is safe.

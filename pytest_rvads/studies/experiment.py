@@ -15,7 +15,7 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.simulator import named, simulate
 
 __all__ = [
     "LIGHT",
@@ -104,6 +104,8 @@ class Setup:
     """Deficiencies that are switched off, such as ``("i2",)``."""
     wait: float = WAIT
     """[s]."""
+    simulator: str | None = None
+    """What makes the runs, by name; None for the usual one."""
 
     def system(self) -> partial[LgsvlLike]:
         """Return the autopilot of the experiment, as a factory."""
@@ -123,8 +125,8 @@ def entries(table: Table) -> Iterator[Entry]:
 
 
 def run_entry(entry: Entry, setup: Setup) -> Run:
-    """Simulate the run of an entry, by `bullet`: the constants that a table depends on were found with its vehicles."""
-    return bullet(Case(entry.scenario(setup.wait), setup.system()))
+    """Simulate the run of an entry."""
+    return simulate(Case(entry.scenario(setup.wait), setup.system()), named(setup.simulator))
 
 
 def judge(job: Job) -> dict[str, str]:

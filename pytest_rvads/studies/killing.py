@@ -48,12 +48,12 @@ class Killing:
     relations: tuple[str, ...]
 
 
-def kill_all(workers: int | None = None, progress: Progress | None = None, simulator: str = "bullet") -> list[Killing]:
+def kill_all(workers: int | None = None, progress: Progress | None = None, simulator: str | None = None) -> list[Killing]:
     """Try every mutant, in runs by the simulator of that name."""
     return list(spread(partial(killed_by, simulator=simulator), list(MUTANTS), workers, progress, batch=1))
 
 
-def killed_by(name: str, simulator: str = "bullet") -> Killing:
+def killed_by(name: str, simulator: str | None = None) -> Killing:
     """Return the rules that a mutant breaks where the reference autopilot keeps them, and the relations that it breaks."""
     mutant = MUTANTS[name]
     rules: dict[str, None] = {}
@@ -75,11 +75,11 @@ def _scenario(junction: str, directions: str, letter: str) -> Scenario:
 
 
 @lru_cache(maxsize=len(CELLS))
-def _by_reference(scenario: Scenario, simulator: str) -> list[str]:
+def _by_reference(scenario: Scenario, simulator: str | None) -> list[str]:
     return _broken(scenario, Reference, simulator)
 
 
-def _broken(scenario: Scenario, factory: Factory, simulator: str) -> list[str]:
+def _broken(scenario: Scenario, factory: Factory, simulator: str | None) -> list[str]:
     run = simulate(Case(scenario, factory), named(simulator))
     rules = rules_for(("paper", "road"), run.junction)
     return [rule.name for rule in rules if broken(run, check(run, rule))]

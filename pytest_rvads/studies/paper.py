@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pytest_rvads.scenarios.classes import label, parse, rotate
 from pytest_rvads.studies.draws import draw_range
@@ -60,7 +61,7 @@ def sweep(setup: Setup | None = None, *, workers: int | None = None, progress: P
             low, high = span
             count = round((high - low) / SWEEP_STEP) + 1
             waits = [round(low + k * SWEEP_STEP, 6) for k in range(count)]
-            jobs += [(entry, Setup(setup.constants, setup.off, wait)) for wait in waits]
+            jobs += [(entry, replace(setup, wait=wait)) for wait in waits]
     seen: dict[Key, list[str]] = {}
     for (entry, _), found in zip(jobs, spread(judge, jobs, workers, progress), strict=True):
         for rule, value in found.items():

@@ -39,7 +39,7 @@ SEEDS, BUDGET = 100, 40
 RESAMPLES = 2000
 """Of the bootstrap."""
 
-Job = tuple[str, Scenario, str | None, str]
+Job = tuple[str, Scenario, str | None, str | None]
 """Deficiency, scenario, the traffic policy where the scenario has a subject, and the simulator by name."""
 
 
@@ -87,7 +87,7 @@ def measure(  # noqa: PLR0913 - what to measure by position, how by keyword
     *,
     deficiencies: Iterable[str] = tuple(DEFICIENCIES),
     among: str | None = None,
-    simulator: str = "bullet",
+    simulator: str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> list[Power]:

@@ -67,7 +67,7 @@ class Compared:
 
 
 def compare(
-    path: str | Path, *, simulator: str = "bullet", workers: int | None = None, progress: Progress | None = None
+    path: str | Path, *, simulator: str | None = None, workers: int | None = None, progress: Progress | None = None
 ) -> list[Compared]:
     """Simulate every run of a recorded file by the simulator of that name.
 
@@ -181,7 +181,7 @@ def _lone(site: Scenario, entrance: int) -> Scenario:
     return site.but(directions=directions)
 
 
-def _simulate(simulator: str, site: Scenario) -> tuple[dict[str, str], dict[int, float | None]]:
+def _simulate(simulator: str | None, site: Scenario) -> tuple[dict[str, str], dict[int, float | None]]:
     """Return the verdicts of a run, and the entry times by entrance."""
     run = simulate(Case(site, LgsvlLike), named(simulator))
     return outcome(run, RULES[run.junction.control]), {agent.entrance: run.entry(k) for k, agent in enumerate(run.agents)}

@@ -24,7 +24,7 @@ from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.simulators.bullet import bullet
+from pytest_rvads.simulators.planar import usual
 from pytest_rvads.studies.experiment import LIGHT, STOP, Entry, Setup
 
 __all__ = ["SHOWN", "LastFirst", "Snapshot", "snapshot", "snapshots", "write"]
@@ -71,7 +71,7 @@ def snapshots() -> dict[str, Snapshot]:
     found = {}
     for rule, entry in SHOWN.items():
         system: Any = LastFirst if rule == "p3" else setup.system()
-        found[rule] = snapshot(bullet(Case(entry.scenario(setup.wait), system)), rule, setup.constants)
+        found[rule] = snapshot(usual()(Case(entry.scenario(setup.wait), system)), rule, setup.constants)
     return found
 
 

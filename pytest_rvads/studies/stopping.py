@@ -10,14 +10,14 @@ from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.physics.cache import cached
 from pytest_rvads.runs.vehicle import Vehicle
-from pytest_rvads.simulators.bullet import bullet
 from pytest_rvads.simulators.closed_loop import closed_vmax
+from pytest_rvads.simulators.planar import Planar
 from pytest_rvads.simulators.simulator import named
 from pytest_rvads.studies.pool import Progress, spread
 
 __all__ = ["closed_by_movement", "closed_envelope"]
 
-_Job = tuple[str, float, int, str, Junction | None, Key | None]
+_Job = tuple[str, float, int, str | None, Junction | None, Key | None]
 """Autopilot, distance [m], aggression, simulator, and where that is not the usual place, a junction and a movement."""
 
 
@@ -26,7 +26,7 @@ def closed_envelope(
     distances: Sequence[float],
     aggressions: Sequence[int] = (1, 2, 3),
     *,
-    simulator: str = "bullet",
+    simulator: str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> dict[int, tuple[float | None, ...]]:
@@ -48,7 +48,7 @@ def closed_by_movement(
     distances: Sequence[float],
     place: Junction,
     *,
-    simulator: str = "bullet",
+    simulator: str | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> dict[Key, dict[float, float | None]]:
@@ -82,8 +82,8 @@ def _work(job: _Job) -> float | None:
     def test() -> float | None:
         return closed_vmax(distance, traffic(name), aggression, vehicle, plant, place=place, movement=movement)
 
-    if plant is not bullet:  # of another one it is not known when its answers change
+    if not isinstance(plant, Planar):  # of another one it is not known when its answers change
         return test()
     key = {"what": name, "distance": distance, "aggression": aggression, "vehicle": asdict(vehicle)}
     where = {} if place is None else {"junction": place.digest, "movement": movement}
-    return cached({**key, **where}, test)
+    return cached({**key, **where}, test, plant.engine.library)

@@ -17,9 +17,10 @@ from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn, join
+from pytest_rvads.physics.engines import usual
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.simulators.bullet import Bullet
+from pytest_rvads.simulators.planar import Planar
 from pytest_rvads.studies.prediction import Graph, answer, site_lengths
 from pytest_rvads.studies.site import Lengths, build_junction
 
@@ -199,11 +200,11 @@ def test_the_command_answers_line_by_line(monkeypatch: pytest.MonkeyPatch, capsy
 
 
 def test_a_request_is_simulated_by_what_is_named() -> None:
-    class Unwilling(Bullet):
+    class Unwilling(Planar):
         def __call__(self, case: Case) -> Run:
             raise ScenarioError("not today")
 
-    assert json.loads(answer(json.dumps(request()), Unwilling()))["error"] == "not today"
+    assert json.loads(answer(json.dumps(request()), Unwilling(usual())))["error"] == "not today"
 
 
 def test_a_mishap_does_not_keep_the_next_request_from_its_answer(monkeypatch: pytest.MonkeyPatch) -> None:

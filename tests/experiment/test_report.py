@@ -50,7 +50,7 @@ def test_shares_are_shown_with_the_worst_first() -> None:
 def test_the_command_prints_only_json(
     verdicts: dict[Key, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: object
 ) -> None:
-    monkeypatch.setattr("pytest_rvads.studies.paper.compute", lambda **_: verdicts)
+    monkeypatch.setattr("pytest_rvads.studies.paper.compute", lambda *_, **__: verdicts)
     assert cli.main(["paper", "--json", "--svg", f"{tmp_path}/tables.svg", "--strict"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["stop4"]["class1"]["row3"]["C"] == {"p1": "PASS", "p2": "FAIL", "p3": "NA"}

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from pytest_rvads.physics.dynamics import Dynamics
-from pytest_rvads.physics.world import BulletWorld, Motion
+from pytest_rvads.physics.engines import usual
+from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
 
@@ -59,7 +60,7 @@ def drive(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Our plant: motions (k, 6), and the brake deceleration and steering angle in force in each step (k, 2)."""
     dynamics = Dynamics(vehicle)
-    world = BulletWorld([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
+    world = usual().world([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
     motions, actuators = [], []
     for k in range(2000):
         (motion,) = world.motions()

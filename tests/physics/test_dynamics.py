@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.physics.dynamics import Dynamics
-from pytest_rvads.physics.world import BulletWorld, Motion
+from pytest_rvads.physics.engines import usual
+from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
 
@@ -21,7 +22,7 @@ def drive(
 ) -> list[Motion]:
     """Motions of a vehicle at every step, the first at the origin heading east."""
     dynamics = Dynamics(vehicle)
-    world = BulletWorld([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
+    world = usual().world([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
     motions = world.motions()
     for _ in range(round(seconds / DT)):
         m = motions[-1]

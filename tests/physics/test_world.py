@@ -1,32 +1,36 @@
-"""The world: free bodies move exactly, collisions are seen in time and keep momentum, worlds do not meet."""
-
-import subprocess
-import sys
-from dataclasses import replace
+"""The world, in every engine: free bodies move exactly, collisions are seen in time and keep momentum, worlds do not meet."""
 
 import pytest
 
-from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.physics import world as world_module
-from pytest_rvads.physics.world import BulletWorld, Motion
+from pytest_rvads.physics import bullet_world
+from pytest_rvads.physics.engines import BULLET, MUJOCO
+from pytest_rvads.physics.world import Motion, WorldMaker
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.simulators.planar import Planar, bullet, mujoco
 from pytest_rvads.simulators.simulator import simulate
 
 CAR = Vehicle()
+
+
+@pytest.fixture(params=[BULLET, MUJOCO], ids=lambda engine: engine.name)
+def make(request: pytest.FixtureRequest) -> WorldMaker:
+    pytest.importorskip(request.param.library)
+    world: WorldMaker = request.param.world
+    return world
 
 
 def at(x: float, y: float = 0.0, vx: float = 0.0, yaw: float = 0.0) -> Motion:
     return Motion(x, y, yaw, vx, 0.0, 0.0)
 
 
-def test_free_bodies_neither_slow_down_nor_fall() -> None:
-    world = BulletWorld([CAR] * 2, [at(0, 0, 10.0), at(0, 50, 3.0, yaw=1.0)])
+def test_free_bodies_neither_slow_down_nor_fall(make: WorldMaker) -> None:
+    world = make([CAR] * 2, [at(0, 0, 10.0), at(0, 50, 3.0, yaw=1.0)])
     for _ in range(1000):
         world.step([0.0] * 6)
     one, two = world.motions()
@@ -35,8 +39,8 @@ def test_free_bodies_neither_slow_down_nor_fall() -> None:
     assert two == pytest.approx((30.0, 50.0, 1.0, 3.0, 0.0, 0.0), abs=1e-9)
 
 
-def test_forces_accelerate_by_mass_and_moments_by_inertia() -> None:
-    world = BulletWorld([CAR] * 2, [at(0, 0), at(0, 50)])
+def test_forces_accelerate_by_mass_and_moments_by_inertia(make: WorldMaker) -> None:
+    world = make([CAR] * 2, [at(0, 0), at(0, 50)])
     for _ in range(100):
         world.step([0.0, CAR.mass, 0.0, 0.0, 0.0, CAR.yaw_inertia])
     pushed, turned = world.motions()
@@ -47,9 +51,9 @@ def test_forces_accelerate_by_mass_and_moments_by_inertia() -> None:
     assert (turned.x, turned.y) == (0.0, 50.0)
 
 
-def test_a_rear_end_hit_is_seen_when_it_happens_and_keeps_momentum() -> None:
+def test_a_rear_end_hit_is_seen_when_it_happens_and_keeps_momentum(make: WorldMaker) -> None:
     gap = 7.03
-    world = BulletWorld([CAR] * 2, [at(0, 0, 10.0), at(gap + CAR.length)])
+    world = make([CAR] * 2, [at(0, 0, 10.0), at(gap + CAR.length)])
     step = 0
     while not world.contacts():
         before = world.motions()
@@ -64,20 +68,20 @@ def test_a_rear_end_hit_is_seen_when_it_happens_and_keeps_momentum() -> None:
     assert one.vx + two.vx == pytest.approx(10.0, rel=1e-6)
 
 
-def test_of_four_bodies_those_that_touch_are_named() -> None:
-    world = BulletWorld([CAR] * 4, [at(0, 0), at(0, 50), at(0, 100), at(1.0, 51.0)])
+def test_of_four_bodies_those_that_touch_are_named(make: WorldMaker) -> None:
+    world = make([CAR] * 4, [at(0, 0), at(0, 50), at(0, 100), at(1.0, 51.0)])
     world.step([0.0] * 12)
     touched = world.contacts()
     world.close()
     assert touched == [(1, 3)]
 
 
-def test_more_bodies_than_the_engine_moves_at_once_are_bodies_like_any_other() -> None:
+def test_more_bodies_than_the_engine_moves_at_once_are_bodies_like_any_other(make: WorldMaker) -> None:
     count = 48
-    assert count > world_module._MOST
+    assert count > bullet_world._MOST
     starts = [Motion(8.0 * k, 0.0, 0.01 * k, 0.0, 1.0 + k, 0.0) for k in range(count)]
     starts[47] = Motion(0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
-    world = BulletWorld([CAR] * count, starts)
+    world = make([CAR] * count, starts)
     assert world.motions() == starts
     assert world.contacts() == [(0, 47)], "of the first lot and the last"
     world.remove(0)
@@ -91,29 +95,30 @@ def test_more_bodies_than_the_engine_moves_at_once_are_bodies_like_any_other() -
             assert motion.yaw == pytest.approx(start.yaw + DT * DT, rel=1e-6)
 
 
-def test_ten_vehicles_on_each_of_eight_lanes_are_simulated() -> None:
+@pytest.mark.parametrize("simulator", [bullet, mujoco], ids=str)
+def test_ten_vehicles_on_each_of_eight_lanes_are_simulated(simulator: Planar) -> None:
     place = find("lanes4")
     code = [place.directions(entrance)[0] for entrance in range(8)]
-    run = simulate(Case(Scenario(place, code, distance=3, followers=9, duration=1.0), Reference))
+    run = simulate(Case(Scenario(place, code, distance=3, followers=9, duration=1.0), Reference), simulator)
     assert (len(run.agents), run.fault, run.collisions, run.duration) == (80, None, (), 1.0)
 
 
-def test_the_body_reaches_from_the_front_bumper_backwards() -> None:
+def test_the_body_reaches_from_the_front_bumper_backwards(make: WorldMaker) -> None:
     reach = CAR.gravity_offset
     for gap, expected in ((0.01, []), (-0.01, [(0, 1)])):
         # Nose to nose: the reference points are `gap` apart.
-        world = BulletWorld([CAR] * 2, [at(-reach), Motion(gap + reach, 0.0, 3.141592653589793, 0.0, 0.0, 0.0)])
+        world = make([CAR] * 2, [at(-reach), Motion(gap + reach, 0.0, 3.141592653589793, 0.0, 0.0, 0.0)])
         assert world.contacts() == expected
         world.close()
     back = CAR.length - reach
     for gap, expected in ((0.01, []), (-0.01, [(0, 1)])):
-        world = BulletWorld([CAR] * 2, [at(back), Motion(-gap - back, 0.0, 3.141592653589793, 0.0, 0.0, 0.0)])
+        world = make([CAR] * 2, [at(back), Motion(-gap - back, 0.0, 3.141592653589793, 0.0, 0.0, 0.0)])
         assert world.contacts() == expected
         world.close()
 
 
-def test_a_removed_body_touches_nothing_and_stands() -> None:
-    world = BulletWorld([CAR] * 2, [at(0, 0, 10.0), at(10)])
+def test_a_removed_body_touches_nothing_and_stands(make: WorldMaker) -> None:
+    world = make([CAR] * 2, [at(0, 0, 10.0), at(10)])
     world.remove(1)
     for _ in range(200):
         world.step([0.0] * 6)
@@ -124,9 +129,9 @@ def test_a_removed_body_touches_nothing_and_stands() -> None:
     assert two.x == 10.0
 
 
-def test_worlds_may_be_open_side_by_side() -> None:
-    one = BulletWorld([CAR], [at(0, 0, 1.0)])
-    two = BulletWorld([CAR], [at(0, 0, 2.0)])
+def test_worlds_may_be_open_side_by_side(make: WorldMaker) -> None:
+    one = make([CAR], [at(0, 0, 1.0)])
+    two = make([CAR], [at(0, 0, 2.0)])
     for _ in range(100):
         one.step([0.0] * 3)
         two.step([0.0] * 3)
@@ -135,60 +140,8 @@ def test_worlds_may_be_open_side_by_side() -> None:
     two.close()
 
 
-def test_a_closed_world_says_so() -> None:
-    world = BulletWorld([CAR], [at(0)])
+def test_a_closed_world_says_so(make: WorldMaker) -> None:
+    world = make([CAR], [at(0)])
     world.close()
     with pytest.raises(RunError, match="closed"):
         world.motions()
-
-
-def test_pybullet_is_imported_late_and_in_silence() -> None:
-    code = (
-        "import sys, pytest_rvads.simulators.bullet\n"
-        "from pytest_rvads.physics.world import BulletWorld, Motion\n"
-        "from pytest_rvads.runs.vehicle import Vehicle\n"
-        "print('pybullet' in sys.modules)\n"
-        "BulletWorld([Vehicle()], [Motion(0, 0, 0, 0, 0, 0)]).close()\n"
-        "print('after', file=sys.stderr)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "False\n"
-    assert done.stderr == "after\n"
-
-
-def test_a_driver_may_use_the_engine_itself_without_saying_which(monkeypatch: pytest.MonkeyPatch) -> None:
-    import pybullet
-
-    monkeypatch.setattr(world_module, "_free", [])
-    if pybullet.isConnected():
-        pybullet.disconnect()  # so that the next one to connect gets the number that stands for none
-
-    class Simulates(Reference):
-        def control(self, seen: Observation) -> Control:
-            if pybullet.isConnected():
-                pybullet.disconnect()
-            pybullet.connect(pybullet.DIRECT)
-            pybullet.resetSimulation()
-            pybullet.setTimeStep(0.5)
-            pybullet.setGravity(0, 0, -9.81)
-            pybullet.createMultiBody(1.0, basePosition=[0, 0, 100])
-            pybullet.stepSimulation()
-            return super().control(seen)
-
-    case = Case(Scenario(find("stop4"), "1231", distance=5, duration=0.3), Reference)
-    alone = simulate(case)
-    beside = simulate(replace(case, driver=Simulates))
-    assert beside.fault is None
-    assert simulate(case).hash == beside.hash == alone.hash
-
-
-def test_an_engine_that_a_driver_disconnected_is_not_used_again() -> None:
-    import pybullet
-
-    world = BulletWorld([CAR], [at(0)])
-    world.close()
-    _, client = world_module._free[-1]
-    pybullet.disconnect(client)
-    again = BulletWorld([CAR], [at(0)])
-    assert again.motions() == [at(0)]
-    again.close()

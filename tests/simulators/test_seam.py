@@ -16,9 +16,9 @@ from pytest_rvads.cli import main
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.search.falsify import look_for
 from pytest_rvads.search.relations import RELATIONS
-from pytest_rvads.simulators.bullet import bullet
 from pytest_rvads.simulators.choice import Choice, choice, choosing
 from pytest_rvads.simulators.closed_loop import closed_vmax
+from pytest_rvads.simulators.planar import bullet
 from pytest_rvads.simulators.simulator import meant, named
 from pytest_rvads.studies import killing
 from pytest_rvads.studies.mutants import MUTANTS

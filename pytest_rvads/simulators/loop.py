@@ -6,55 +6,46 @@ In every step the state is sampled, every autopilot decides on that same state, 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Mapping
 from dataclasses import asdict
 
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.physics.body import Body, start
-from pytest_rvads.physics.braking import vmax
-from pytest_rvads.physics.world import BulletWorld, World
+from pytest_rvads.physics.world import World, WorldMaker
 from pytest_rvads.runs.run import DT, LATE, Collision, Facts, Fault, Halt, Run
 from pytest_rvads.runs.states import GONE, Colour
-from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 from pytest_rvads.simulators.patience import TooLate, watch
 from pytest_rvads.simulators.recorder import Recorder
 from pytest_rvads.simulators.seat import Seat, crew
-from pytest_rvads.versions import versions
 
-__all__ = ["Bullet", "bullet"]
-
-
-class Bullet:
-    """The simulator ``bullet``: planar vehicle dynamics in the physics engine pybullet."""
-
-    name = "bullet"
-
-    def __call__(self, case: Case) -> Run:
-        """Simulate a case, see `pytest_rvads.simulators.simulator.simulate`."""
-        loop = _Loop(case)
-        try:
-            loop.run()
-        finally:
-            loop.world.close()
-        return loop.result()
-
-    def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
-        """Return the greatest safe speed `distance` metres before the stopping line, see `pytest_rvads.physics.braking.vmax`."""
-        return vmax(distance, aggression, vehicle)
+__all__ = ["Loop"]
 
 
-bullet: Bullet = Bullet()
+class Loop:
+    """What changes while a run is simulated; columns are the agents, in the order of the run.
 
+    Args:
+        case: what is simulated.
+        name: of the simulator.
+        make: makes the world that the vehicles move in. What raises `Halt` there ends the run by a fault.
+        versions: of what simulates, for the provenance.
+        elsewhere: columns of vehicles that the world drives by itself; nobody is asked for their controls.
 
-class _Loop:
-    """What changes while a run is simulated; columns are the agents, in the order of the run."""
+    Raises:
+        MapError: it is not known where the lanes of the junction lie.
+        ScenarioError: a vehicle does not fit on its approach, or two start inside each other.
+    """
 
-    def __init__(self, case: Case) -> None:
+    def __init__(
+        self, case: Case, name: str, make: WorldMaker, versions: Mapping[str, str], elsewhere: Collection[int] = ()
+    ) -> None:
         scenario = case.scenario
         self.case, self.scenario, self.junction = case, scenario, scenario.place
+        self._name, self._versions, self._elsewhere = name, versions, frozenset(elsewhere)
         self.collisions: list[Collision] = []
         self.fault: Fault | None = None
         self.end = "duration"
@@ -77,7 +68,7 @@ class _Loop:
         """Vehicles still in the run, in creation order."""
         self._lights: tuple[Colour, ...] = ()
         self._step = 0
-        self.world: World = BulletWorld(self._vehicles, starts)
+        self.world: World = make(self._vehicles, starts)
         self._motions = self.world.motions()
         overlaps = self.world.contacts()
         if overlaps:
@@ -85,8 +76,15 @@ class _Loop:
             one, two = (self._agents[column].name for column in overlaps[0])
             raise ScenarioError(f"{one} and {two} start inside each other in {scenario.name}: give one of them another distance")
 
-    def run(self) -> None:
-        """Simulate until the run ends."""
+    def drive(self) -> Run:
+        """Simulate until the run ends, and return it."""
+        try:
+            self._simulate()
+        finally:
+            self.world.close()
+        return self._result()
+
+    def _simulate(self) -> None:
         case, scenario = self.case, self.scenario
         last = round(scenario.duration / DT)
         try:
@@ -102,22 +100,22 @@ class _Loop:
         except TooLate:
             if not (late := watch().late):
                 raise  # it is meant for a run that this one is simulated within
-            self._halted(Halt(self._agents[0].name, f"{Bullet.name} simulating {scenario.name}: {late}", end=LATE))
+            self._halted(Halt(self._agents[0].name, f"{self._name} simulating {scenario.name}: {late}", end=LATE))
         except Halt as halt:
             self._halted(halt)
 
-    def result(self) -> Run:
+    def _result(self) -> Run:
         """Return the run as far as it got."""
         case = self.case
         provenance = {
             "scenario": case.scenario.record(),
-            "simulator": Bullet.name,
+            "simulator": self._name,
             "autopilot": name_of(case.driver),
             "traffic": None if case.traffic is None else name_of(case.traffic),
             "vehicle": asdict(case.fleet.vehicle),
             "others": {name: asdict(vehicle) for name, vehicle in case.fleet.others.items()},
             "end": self.end,
-            "versions": versions(),
+            "versions": dict(self._versions),
         }
         try:
             timed = {seat.agent.name: told for seat in self._seats.values() if (told := seat.timing())}
@@ -155,12 +153,14 @@ class _Loop:
         self.recorder.state([body.state for body in bodies], self._lights)
 
     def _decide(self) -> list[Control]:
-        """Ask every autopilot and return the controls by column."""
+        """Ask every autopilot and return the controls by column; whom the world drives is not asked."""
         bodies, scenario = self._bodies, self.scenario
         controls = [_IDLE] * len(bodies)
         time = self._step * DT
         seen = tuple([bodies[column].state for column in self._active])
         for i, column in enumerate(self._active):
+            if column in self._elsewhere:
+                continue
             view = Observation(
                 time,
                 seen[i],

@@ -1,0 +1,37 @@
+"""The physics engines that worlds are made in, and which of them is the usual one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.util import find_spec
+
+from pytest_rvads.physics.bullet_world import BulletWorld
+from pytest_rvads.physics.mujoco_world import MujocoWorld
+from pytest_rvads.physics.world import WorldMaker
+
+__all__ = ["BULLET", "MUJOCO", "Engine", "usual"]
+
+
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """What moves bodies in the plane."""
+
+    name: str
+    """What simulators that use it are called."""
+    library: str
+    """Its package; it is imported with the first world."""
+    world: WorldMaker
+
+
+BULLET = Engine("bullet", "pybullet", BulletWorld)
+MUJOCO = Engine("mujoco", "mujoco", MujocoWorld)
+
+
+@lru_cache(maxsize=1)
+def usual() -> Engine:
+    """Return the engine that is used where nobody names one: pybullet, and where that is not installed MuJoCo.
+
+    Which of them comes with the package is decided by the markers of its dependencies: pybullet where it has wheels.
+    """
+    return BULLET if find_spec(BULLET.library) else MUJOCO

@@ -1,0 +1,98 @@
+"""A world in MuJoCo, which also detects and resolves collisions.
+
+Vehicles are bodies on three joints each (x, y, yaw), which carry nothing, so every body moves as a free body in the plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from pytest_rvads.errors import RunError, needs
+from pytest_rvads.physics.world import Motion
+from pytest_rvads.runs.run import DT
+from pytest_rvads.runs.vehicle import Vehicle
+
+__all__ = ["MujocoWorld"]
+
+_NONE = 0
+"""Group of shapes that collide with nothing."""
+
+
+class MujocoWorld:
+    """A `World` in MuJoCo.
+
+    Args:
+        vehicles: mass, inertia and body of every vehicle.
+        starts: initial motion of every body, in the same order.
+    """
+
+    def __init__(self, vehicles: Sequence[Vehicle], starts: Sequence[Motion]) -> None:
+        try:
+            import mujoco  # with the first simulation: it takes 0.2 s
+        except ModuleNotFoundError:
+            raise RunError(needs("the world of mujoco", "mujoco", "mujoco")) from None
+        self._model = _model(mujoco, vehicles)
+        self._data = data = mujoco.MjData(self._model)
+        data.qpos[:] = [number for start in starts for number in start[:3]]
+        data.qvel[:] = [number for start in starts for number in start[3:]]
+        # `mj_step` would be these two with checks around them that write a log file into the working directory.
+        self._forward, self._integrate = mujoco.mj_forward, mujoco.mj_Euler
+        # Contacts are looked up before the first step too: two vehicles may stand inside each other.
+        self._forward(self._model, data)
+
+    def motions(self) -> list[Motion]:
+        """Return the motion of every body, in the order in which they were given."""
+        data = self._opened()
+        place, velocity = iter(data.qpos.tolist()), iter(data.qvel.tolist())
+        return [Motion(*numbers) for numbers in zip(place, place, place, velocity, velocity, velocity, strict=True)]
+
+    def step(self, forces: Sequence[float]) -> None:
+        """Advance by one step under `forces` (x [N], y [N], moment [N m] of every body, flat)."""
+        data = self._opened()
+        data.qfrc_applied[:] = forces
+        self._forward(self._model, data)
+        self._integrate(self._model, data)
+
+    def contacts(self) -> list[tuple[int, int]]:
+        """Return the pairs (lower index first) of bodies that overlapped at the start of the last step."""
+        data = self._opened()
+        if not data.ncon:
+            return []
+        # Every body has one shape, and nothing else has any.
+        return sorted({(min(pair), max(pair)) for pair in data.contact.geom.tolist()})
+
+    def remove(self, body: int) -> None:
+        """Take `body` out of the world: it stands still and touches nothing any more."""
+        data = self._opened()
+        self._model.geom_contype[body] = self._model.geom_conaffinity[body] = _NONE
+        data.qvel[3 * body : 3 * body + 3] = 0.0
+
+    def close(self) -> None:
+        """Free the world."""
+        self._data = None
+
+    def _opened(self) -> Any:
+        if self._data is None:
+            raise RunError("this world is closed: build a new one for every run")
+        return self._data
+
+
+def _model(mujoco: Any, vehicles: Sequence[Vehicle]) -> Any:
+    """Return a model of so many vehicles; it is the world's own, because removing a body changes it."""
+    spec = mujoco.MjSpec()
+    spec.option.timestep = DT
+    off = mujoco.mjtDisableBit
+    # No gravity: the plane carries everything. No warm start: a step depends on the state alone.
+    spec.option.disableflags = int(off.mjDSBL_GRAVITY | off.mjDSBL_WARMSTART)
+    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    for vehicle in vehicles:
+        inertia = [vehicle.yaw_inertia] * 3
+        body = spec.worldbody.add_body(mass=vehicle.mass, inertia=inertia, explicitinertial=True)
+        for kind, axis in ((slide, [1, 0, 0]), (slide, [0, 1, 0]), (hinge, [0, 0, 1])):
+            body.add_joint(type=kind, axis=axis)
+        # From the front bumper backwards, the joints in the centre of gravity; bodies slide along each other.
+        size = [vehicle.length / 2, vehicle.width / 2, vehicle.height / 2]
+        place = [vehicle.gravity_offset - vehicle.length / 2, 0, 0]
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=place, condim=1)
+    return spec.compile()
