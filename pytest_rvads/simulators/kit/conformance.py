@@ -40,7 +40,7 @@ _LOOKS: Mapping[str, tuple[Look, bool]] = MappingProxyType(
         "zones": (in_motion.zones_follow_stations, True),
         "speeds": (in_motion.speeds_are_progress, True),
         "poses": (in_motion.headings_and_places, True),
-        "bodies": (in_motion.bodies_of_the_fleet, True),
+        "bodies": (in_motion.bodies_of_the_fleet, False),
         "lights": (in_motion.lights, False),
         "seen": (with_drivers.what_drivers_see, False),
         "subject": (with_drivers.subject_and_traffic, False),
