@@ -32,7 +32,7 @@ from pytest_rvads.simulators.simulator import vmax
 
 __all__ = ["brakes_by_its_envelope", "faults", "hanging", "leaving_the_route", "subject_and_traffic", "what_drivers_see"]
 
-_PATIENCE = 0.5
+_PATIENCE = 1.0
 """Real time that a driver which hangs is given [s]."""
 _BRAKING_FROM = 8.0
 """Where vehicles begin to brake, before the line [m]."""
