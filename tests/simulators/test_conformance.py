@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import pytest_rvads as rvads
+from pytest_rvads.runs.lights import SignalPlan
 from pytest_rvads.simulators import checks, conformance
 from pytest_rvads.simulators.kit.conformance import Check, Outcome
 from pytest_rvads.simulators.simulator import named
@@ -158,6 +159,20 @@ def softer(case: rvads.Case) -> rvads.Case:
     return case.but(aggression=1) if case.scenario.aggression == 3 else case
 
 
+def from_the_vertex(case: rvads.Case) -> rvads.Case:
+    """Distances are taken for those to the entrance vertex."""
+    scenario = case.scenario
+    backs = scenario.place.setbacks
+    return (
+        case.but(distance=[max(d - back, 0.0) for d, back in zip(scenario.distances, backs, strict=True)]) if any(backs) else case
+    )
+
+
+def unturned_lights(run: rvads.Run) -> rvads.Run:
+    plan = SignalPlan(run.junction.phase_groups)
+    return replace(run, lights=np.array([plan.colours(float(time), run.lights.shape[1]) for time in run.times], dtype=np.int8))
+
+
 def showing(change: Callable[[rvads.Observation], rvads.Observation]) -> Callable[[rvads.Case], rvads.Case]:
     """Return a change of a case: its driver is shown something else."""
 
@@ -205,6 +220,11 @@ class Padded(Wrapped):
 class Proud(Wrapped):
     def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
         return 2.0 * (super().vmax(distance, aggression, vehicle) or 0.0)
+
+
+class Timid(Wrapped):
+    def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
+        return 0.5 * (super().vmax(distance, aggression, vehicle) or 0.0)
 
 
 class Confused(Wrapped):
@@ -300,12 +320,30 @@ WRONG: list[tuple[str, Any, str, str]] = [
         "braking",
         r"from 1 x v\(d\)max = .* gets \+.* m past it, expected that it stops",
     ),
+    (
+        "vehicles that brake more than said",
+        Timid(),
+        "braking",
+        r"from 1\.3 x v\(d\)max = .* gets -.* m past it, expected that it passes",
+    ),
     ("another brake", Wrapped(before=softer), "braking", r"from 1 x v\(d\)max = .* gets \+.* m past it, expected that it stops"),
     (
         "starts a metre off",
         Wrapped(further),
         "starts",
         r"a0 starts at station -7\.00 m, expected -8\.00 m, 8 m before its stopping",
+    ),
+    (
+        "lines that are not set back",
+        Wrapped(before=from_the_vertex),
+        "starts",
+        r"a0 starts at station -8\.00 m, expected -11\.00 m, 8 m",
+    ),
+    (
+        "lights that do not turn",
+        Wrapped(unturned_lights),
+        "lights",
+        r"\.r3: the light of entrance 0 is green at 0\.00 s, expected red",
     ),
     ("speeds in km/h from the start", Wrapped(in_km_h), "starts", r"a0 starts at 14\.40 m/s, expected 4\.00 m/s"),
     (
@@ -337,6 +375,8 @@ WRONG: list[tuple[str, Any, str, str]] = [
     ),
     ("nobody watches who touches", Wrapped(lambda run: replace(run, collisions=None)), "integrity", r"its collisions are None"),
     ("places that are no numbers", Wrapped(lost), "integrity", r"pose of a0 at .* s is not a finite number: rvads\.validate"),
+    ("no places", Wrapped(lambda run: replace(run, pose=None)), "integrity", r"its pose is None, expected an array of floats"),
+    ("no states", Wrapped(lambda run: rows(run, slice(0, 0))), "clock", r"the run is empty: it has no states: rvads\.validate"),
     (
         "a driver of its own",
         Wrapped(before=lambda case: replace(case, driver=rvads.Reference)),

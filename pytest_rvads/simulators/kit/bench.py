@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pytest_rvads.conduct.validate import damage
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.junction import Junction, Movement
@@ -64,9 +65,16 @@ class Bench:
 
         Raises:
             RvadsError: as for `simulate`.
+            Broken: the run lacks something, or is damaged.
         """
         with limits(decision=self.longest if decision is None else decision, run=self.longest):
-            return simulate(case, self.simulator)
+            run = simulate(case, self.simulator)
+        for name in ("station", "speed", "pose"):
+            if getattr(run, name) is None:
+                raise Broken(f"{run.label}: its {name} is None, expected an array of floats: who simulates knows it")
+        for finding in damage(run):
+            raise Broken(f"{run.label}: {finding}: rvads.validate(run) must find nothing in a run of a simulator")
+        return run
 
     def alone(self, driver: Factory = Cruises, *, most: int = 1, **scenario: Any) -> Case:
         """Return a case at the first junction with one vehicle at each of the first `most` entrances that have a movement."""

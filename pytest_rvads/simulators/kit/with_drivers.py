@@ -16,7 +16,7 @@ from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
-from pytest_rvads.simulators.kit.bench import Bench, NotTried, crowd, own_row
+from pytest_rvads.simulators.kit.bench import Bench, Broken, NotTried, crowd, own_row
 from pytest_rvads.simulators.kit.probes import (
     FAULTY_FROM,
     Brakes,
@@ -57,6 +57,7 @@ def what_drivers_see(bench: Bench) -> Iterator[str]:
     asked = sorted((round(seen.time / DT), seen.me.name) for seen in shown)
     if asked != sorted((tick, name) for tick in range(run.steps - 1) for name in names):
         yield f"{run.label}: {len(asked)} observations, expected one for each of {', '.join(names)} in every state but the last"
+        return
     wanted = {"junction": place, "vehicle": fleet.vehicle, "speed_limit": SPEED_LIMIT, "aggression": 2, "wait": 2.5}
     for seen in shown:
         me, tick = seen.me.name, round(seen.time / DT)
@@ -99,6 +100,8 @@ def faults(bench: Bench) -> Iterator[str]:
     for driver, states in ((Raises, FAULTY_FROM + 1), (NotANumber, FAULTY_FROM + 1), (unmade, 1)):
         try:
             run = bench.run(Case(case.scenario, driver))
+        except Broken:
+            raise
         except Exception as error:
             yield f"a driver that is {_kind(driver)} makes the simulator raise {error!r:.120}, expected a run with Run.fault set"
             continue
@@ -139,6 +142,8 @@ def hanging(bench: Bench) -> Iterator[str]:
     case = Case(bench.alone(Brakes, most=2, duration=0.2).scenario, Hangs)
     try:
         run = bench.run(case, decision=_PATIENCE)
+    except Broken:
+        raise
     except Exception as error:
         yield (
             f"{case.scenario.name}: a driver that hangs makes the simulator raise {error!r:.160}, expected a run with Run.fault "
