@@ -23,7 +23,8 @@ def __getattr__(name: str) -> object:
         return sorted(homes)
     if name not in homes:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(homes[name]), name)
+    home = homes[name]
+    value = globals()[name] = import_module(f"{home}.{name}") if home == __name__ else getattr(import_module(home), name)
     return value
 
 

@@ -35,10 +35,8 @@ def page() -> str:
 def _entry(name: str, thing: Any) -> str:
     parts = [f"## {name}"]
     if isinstance(thing, ModuleType):
-        functions = [n for n in thing.__all__ if not n.startswith("_")]
-        return "\n\n".join(
-            [*parts, _prose(inspect.getdoc(thing)), *(_member(f"{name}.{n}", getattr(thing, n)) for n in functions)]
-        )
+        public = [(f"{name}.{n}", getattr(thing, n)) for n in thing.__all__ if not n.startswith("_")]
+        return "\n\n".join([*parts, _prose(inspect.getdoc(thing)), *(part for each in public for part in _of_module(*each))])
     if inspect.isclass(thing) and issubclass(thing, Enum):
         parts += [_prose(inspect.getdoc(thing)), "One of " + ", ".join(f"`{member.name}`" for member in thing) + "."]
     elif get_origin(thing):
@@ -48,6 +46,14 @@ def _entry(name: str, thing: Any) -> str:
     else:
         parts += [_code(name, thing), _prose(inspect.getdoc(thing))]
     return "\n\n".join(part for part in parts if part)
+
+
+def _of_module(name: str, value: Any) -> list[str]:
+    """Return what there is to say of a public name of a module that is a public name itself."""
+    if inspect.isclass(value) and issubclass(value, Enum):
+        return [f"**`{name}`**", f"{_prose(inspect.getdoc(value))} One of {', '.join(f'`{member.value}`' for member in value)}."]
+    told = [_member(name, value)]
+    return [*told, *_fields(value), *_methods(name, value)] if inspect.isclass(value) else told
 
 
 def _methods(name: str, cls: type) -> list[str]:

@@ -34,6 +34,8 @@ class Loop:
         make: makes the world that the vehicles move in. What raises `Halt` there ends the run by a fault.
         versions: of what simulates, for the provenance.
         elsewhere: columns of vehicles that the world drives by itself; nobody is asked for their controls.
+        controlled: whether vehicles have dynamics of their own in that world: its steps then take throttle, brake and steering of
+            every vehicle in place of the forces on it. Those of who is gone are 0.
 
     Raises:
         MapError: it is not known where the lanes of the junction lie.
@@ -41,11 +43,19 @@ class Loop:
     """
 
     def __init__(
-        self, case: Case, name: str, make: WorldMaker, versions: Mapping[str, str], elsewhere: Collection[int] = ()
+        self,
+        case: Case,
+        name: str,
+        make: WorldMaker,
+        versions: Mapping[str, str],
+        elsewhere: Collection[int] = (),
+        *,
+        controlled: bool = False,
     ) -> None:
         scenario = case.scenario
         self.case, self.scenario, self.junction = case, scenario, scenario.place
         self._name, self._versions, self._elsewhere = name, versions, frozenset(elsewhere)
+        self._controlled = controlled
         self.collisions: list[Collision] = []
         self.fault: Fault | None = None
         self.end = "duration"
@@ -182,9 +192,11 @@ class Loop:
         """Move the world on by one step and note who touched whom."""
         forces = [0.0] * (3 * len(controls))
         for column in self._active:
-            body = self._bodies[column]
+            body, control = self._bodies[column], controls[column]
             _, _, _, vx, vy, rate = self._motions[column]
-            forces[3 * column : 3 * column + 3] = body.dynamics.forces(body.cos, body.sin, vx, vy, rate, *controls[column])
+            forces[3 * column : 3 * column + 3] = (
+                control if self._controlled else body.dynamics.forces(body.cos, body.sin, vx, vy, rate, *control)
+            )
         self.world.step(forces)
         for pair in self.world.contacts():
             one, two = (self._motions[column] for column in pair)

@@ -11,7 +11,7 @@ RECIPES = dict(re.findall(r"^### Add ([^\n]*)\n(.*?)(?=^### |\Z)", SECTION, re.M
 TRIED = {
     "a rule": "tests/recipes/test_add_a_rule.py",
     "a word": "tests/recipes/test_add_a_word.py",
-    "a simulator": "tests/simulators/test_seam.py",
+    "a simulator": "tests/recipes/test_add_a_simulator.py",
     "a report format": "tests/recipes/test_add_a_report_format.py",
     "a kind of agent": "tests/recipes/test_add_a_kind_of_agent.py",
     "a map format": "tests/maps/test_maps_formats.py",
@@ -26,7 +26,12 @@ EDITED = {
         "pytest_rvads/logic/rules/lexicon.py",
         "docs/rules.md",
     ],
-    "a simulator": ["pytest_rvads/simulators/NAME.py", "pytest_rvads/simulators/simulator.py", "pyproject.toml"],
+    "a simulator": [
+        "pytest_rvads/simulators/NAME.py",
+        "pytest_rvads/simulators/simulator.py",
+        "pyproject.toml",
+        "tests/simulators/test_conformance.py",
+    ],
     "a report format": ["pytest_rvads/report/NAME.py", "pytest_rvads/report/files.py"],
     "a kind of agent": [
         "pytest_rvads/runs/states.py",
@@ -78,7 +83,9 @@ def test_every_path_it_names_is_there() -> None:
 @pytest.mark.parametrize(
     ("place", "names"),
     [
-        ("simulators/simulator.py", ["SIMULATORS", "Simulator"]),
+        ("simulators/simulator.py", ["SIMULATORS", "_Shipped"]),
+        ("simulators/loop.py", ["Loop"]),
+        ("simulators/kit/conformance.py", ["conformance"]),
         ("report/files.py", ["FORMATS"]),
         ("report/outline.py", ["outline", "plain"]),
         ("junctions/formats.py", ["READERS"]),

@@ -1,0 +1,177 @@
+"""Checks of what happens between vehicles: who is gone is out of the way, who touches has collided, who does not has not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from pytest_rvads.conduct.bodies import overlap
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.states import Zone
+from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case, Fleet
+from pytest_rvads.simulators.kit.bench import Bench, NotTried, among, meeting, straight
+from pytest_rvads.simulators.kit.probes import Brakes, Cast, Cruises, Witness
+
+__all__ = ["crossing", "gone_for_good", "passing", "running_into"]
+
+SPEED = 8.0
+"""How fast those drive who meet [m/s]."""
+GAP = 0.5
+"""Between bodies that pass each other [m]."""
+NEAR = 0.2
+"""Bodies whose contact is reported may have this much between them in the states around it [m]; an engine parts them at once."""
+EARLY = 0.05
+"""A contact may be reported this much later than bodies overlap [s]."""
+_LONG = 60.0
+"""An exit road belongs to an itinerary up to there [m]."""
+
+
+def gone_for_good(bench: Bench) -> Iterator[str]:
+    """A vehicle past the end of its itinerary is GONE: it stays so, nobody sees it or touches it, and the others go on.
+
+    Tried with one that follows it over the place where it went, and with others that stand.
+    """
+    shown: list[Observation] = []
+    case = bench.alone(Brakes, most=2, followers=1, distance=3.0, speed=0.0, duration=22.0)
+    agents = case.agents()
+    if len({agent.entrance for agent in agents}) < 2:
+        raise NotTried("the first junction has vehicles at one entrance alone: give one with two")
+    leaving = [agent.name for agent in agents if agent.entrance == agents[0].entrance]
+    cast = partial(Cast, dict.fromkeys(leaving, SPEED))
+    run = bench.run(Case(case.scenario, partial(Witness, shown, cast)))
+    if run.collisions:
+        one, two = run.collisions[0].agents
+        yield f"{run.label}: {one} and {two} collide at {run.collisions[0].time:.2f} s, expected nobody to: take out who is gone"
+        return
+    if run.steps != round(case.scenario.duration / DT) + 1:
+        yield f"{run.label}: the run ends at {run.duration:.2f} s, expected {case.scenario.duration:g} s: the others go on"
+    for column, name in enumerate(leaving):
+        gone = run.zone[:, column] == Zone.GONE
+        if not gone.any():
+            yield (
+                f"{run.label}: {name} is in zone {_zone(run, column)} at the end, expected gone, after {_LONG:g} m of its exit "
+                "road"
+            )
+            continue
+        tick = int(gone.argmax())
+        if not gone[tick:].all():
+            again = tick + int((~gone[tick:]).argmax())
+            yield f"{run.label}: {name} is gone at {tick * DT:.2f} s and back at {again * DT:.2f} s, expected it to stay gone"
+        if not (run.need("station")[tick:, column] == run.need("station")[tick, column]).all():
+            yield f"{run.label}: the station of {name} changes after it is gone, expected it to stay as it was last seen"
+        late = [s for s in shown if round(s.time / DT) >= tick and name in (s.me.name, *(other.name for other in s.others))]
+        if late:
+            yield f"{run.label}: {name} is gone at {tick * DT:.2f} s, {late[0].me.name} is shown it at {late[0].time:.2f} s"
+
+
+def _zone(run: Run, column: int) -> str:
+    return Zone(int(run.zone[-1, column])).name.lower()
+
+
+def crossing(bench: Bench) -> Iterator[str]:
+    """Two vehicles that cross and ignore each other collide: the pair once, when their bodies touch, and the run ends there.
+
+    `Collision.speed` is their relative speed then.
+    """
+    place, one, two = next(
+        ((place, *pair) for place in bench.junctions for pair in straight(place, conflicting=True)), (None, None, None)
+    )
+    if place is None or one is None or two is None:
+        raise NotTried("no junction has two movements straight ahead that cross: give one")
+    first, second, _ = meeting(place, one, two)
+    farther = max(first, second)
+    starts = {one: 10.0 + farther - first, two: 10.0 + farther - second}
+    yield from _collides(bench, among(place, starts, Cruises, speed=SPEED, duration=10.0))
+
+
+def running_into(bench: Bench) -> Iterator[str]:
+    """A vehicle that runs into a standing one has collided with it, likewise."""
+    case = bench.alone(Brakes, followers=1, distance=5.0, speed=3.0, duration=10.0)
+    behind = case.agents()[1].name
+    yield from _collides(bench, Case(case.scenario, partial(Cast, {behind: SPEED})))
+
+
+def _collides(bench: Bench, case: Case) -> Iterator[str]:
+    run = bench.run(case)
+    pair = {agent.name for agent in run.agents}
+    names = " and ".join(sorted(pair))
+    touch = np.flatnonzero(overlap(run, 0, 1))
+    if not run.collisions:
+        when = f"their bodies overlap from {touch[0] * DT:.2f} s on" if len(touch) else "they are steered into each other"
+        yield f"{run.label}: no collision of {names} is reported, {when}: report who touches in Run.collisions"
+        return
+    if len(run.collisions) > 1:
+        yield f"{run.label}: {len(run.collisions)} collisions of one pair, expected 1: each pair once"
+    collision = run.collisions[0]
+    if set(collision.agents) != pair:
+        yield f"{run.label}: the collision is said to be of {' and '.join(collision.agents)}, expected {names}"
+        return
+    tick = round(collision.time / DT)
+    around = _wider(run)[max(tick - 1, 0) : tick + 2]
+    early = len(touch) and touch[0] * DT < collision.time - EARLY
+    if not around.any() or early:
+        bodies = f"overlap from {touch[0] * DT:.2f} s on" if len(touch) else "never overlap"
+        yield (
+            f"{run.label}: the collision of {names} is said to be at {collision.time:.2f} s, their bodies {bodies}: poses and "
+            "sizes decide"
+        )
+    if run.steps - 1 - tick > 2:
+        yield (
+            f"{run.label}: the run goes on for {run.duration - collision.time:.2f} s after the collision, expected it to end "
+            "there"
+        )
+    before = max(min(tick, run.steps - 1) - 1, 0)
+    impact = _apart(run, before)
+    if abs(collision.speed - impact) > 0.5 + 0.1 * impact:
+        yield (
+            f"{run.label}: the collision is at {collision.speed:.2f} m/s, the two move apart or together at {impact:.2f} m/s "
+            "before it"
+        )
+    if run.provenance.get("end") != "collision":
+        yield f"{run.label}: its provenance says that it ended by {run.provenance.get('end')!r}, expected 'collision' under 'end'"
+
+
+def _wider(run: Run) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Return where bodies overlap that are wider and longer by `NEAR`."""
+    sizes = [agent.size or (0.0, 0.0) for agent in run.agents]
+    agents = [
+        replace(agent, size=(length + NEAR, width + NEAR)) for agent, (length, width) in zip(run.agents, sizes, strict=True)
+    ]
+    return overlap(replace(run, agents=tuple(agents), collisions=None), 0, 1)
+
+
+def _apart(run: Run, tick: int) -> float:
+    """Return the relative speed of the two vehicles [m/s]."""
+    (_, _, one), (_, _, two) = run.need("pose")[tick]
+    fast, slow = run.need("speed")[tick]
+    return math.hypot(fast * math.cos(one) - slow * math.cos(two), fast * math.sin(one) - slow * math.sin(two))
+
+
+def passing(bench: Bench) -> Iterator[str]:
+    """Bodies that pass each other at 0.5 m have not collided: bodies are as long and as wide as their vehicles, no more."""
+    for place in bench.junctions:
+        for one, two in straight(place, conflicting=False):
+            _, _, apart = meeting(place, one, two)
+            width = apart - GAP
+            if 1.0 <= width <= 4.0:
+                case = among(place, {one: 10.0, two: 10.0}, Cruises, speed=SPEED, duration=20.0)
+                run = bench.run(Case(case.scenario, Cruises, fleet=Fleet(Vehicle(width=width))))
+                for collision in run.collisions or ():
+                    yield (
+                        f"{run.label}: {' and '.join(collision.agents)} are said to collide at {collision.time:.2f} s, their "
+                        "ways are "
+                        f"{apart:.2f} m apart and they are {width:.2f} m wide: bodies have the length and width of their vehicles"
+                    )
+                if not run.collisions and run.provenance.get("end") != "left":
+                    yield (
+                        f"{run.label}: it ended by {run.provenance.get('end')!r}, expected 'left': both drive past each other "
+                        "and away"
+                    )
+                return
+    raise NotTried("no junction has two straight movements in opposite directions: give one")

@@ -1,0 +1,255 @@
+"""Checks of what every state of a run holds: clock, zones, speeds, poses, bodies, lights; and how runs end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+import numpy as np
+
+from pytest_rvads.conduct.validate import validate
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW
+from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.states import Colour, Kind, Zone
+from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case, Fleet
+from pytest_rvads.simulators.kit.bench import Bench, crowd, own_row
+from pytest_rvads.simulators.kit.probes import Brakes, Cruises, Witness
+
+__all__ = [
+    "bodies_of_the_fleet",
+    "clock",
+    "ends",
+    "headings_and_places",
+    "integrity",
+    "lights",
+    "speeds_are_progress",
+    "zones_follow_stations",
+]
+
+RATE = (0.1, 0.03)
+"""Progress per second on an approach may differ from the speed by this much [m/s] and this share."""
+OFFSET = 1.5
+"""The front bumper may be so far beside the centre line [m]: it swings out in bends by half of that."""
+LAG = 0.3
+"""A station may be so far from where the pose lies on the centre line [m]."""
+TURNED = 0.6
+"""A heading may differ so much from the direction of the centre line under the middle of the body [rad]."""
+_EVERY = 10
+"""Poses are looked at in every tenth state."""
+_SPEED, _WHILE = 5.0, 1.0
+"""Of the vehicle by which the clock is looked at [m/s], and for how long [s]."""
+
+
+def clock(bench: Bench) -> Iterator[str]:
+    """States are 0.01 s apart: drivers are asked once in each but the last, told its time, and shown what the run records.
+
+    A vehicle that keeps a speed gets on by that speed: time in the plant is time in the run.
+    """
+    shown: list[Observation] = []
+    case = bench.alone(partial(Witness, shown, partial(Cruises, _SPEED)), distance=12.0, speed=_SPEED, duration=_WHILE)
+    run = bench.run(case)
+    steps = round(_WHILE / DT)
+    if run.dt != DT:
+        yield f"{run.label}: states are {run.dt:g} s apart, expected {DT:g} s: rules count ticks of that"
+    if run.steps != steps + 1:
+        yield f"{run.label}: {run.steps} states, expected {steps + 1} in {_WHILE:g} s: the first at 0 s, one more after each step"
+    if len(shown) != steps:
+        yield (
+            f"{run.label}: the driver was asked {len(shown)} times in {_WHILE:g} s, expected {steps}: in every state but the last"
+        )
+    for tick, seen in enumerate(shown):
+        if abs(seen.time - tick * DT) > 1e-6:
+            yield f"{run.label}: decision {tick} was asked for at {seen.time:.4f} s, expected {tick * DT:.2f} s"
+            break
+        if tick < run.steps and abs(seen.me.station - float(run.need("station")[tick, 0])) > 1e-6:
+            there = float(run.need("station")[tick, 0])
+            yield (
+                f"{run.label}: at {seen.time:.2f} s the driver was shown station {seen.me.station:.3f} m, the run has "
+                f"{there:.3f} m: "
+                "record the state that drivers decide on, once"
+            )
+            break
+    way = float(np.ptp(run.need("station")[:, 0]))
+    if not 0.85 <= way / (_SPEED * _WHILE) <= 1.15:
+        yield (
+            f"{run.label}: a vehicle that keeps {_SPEED:g} m/s got on by {way:.2f} m in {_WHILE:g} s, expected "
+            f"{_SPEED * _WHILE:g} m: "
+            f"advance the plant by {DT:g} s per state"
+        )
+
+
+def ends(bench: Bench) -> Iterator[str]:
+    """A run ends in the state in which the last vehicle has left, or at the scenario's duration; no state follows.
+
+    A vehicle has left 15 m down its exit road. `Run.provenance` has why the run ended, under ``end``: left, duration, collision,
+    route, fault, late.
+    """
+    for duration in (0.5, 0.37):
+        run = bench.run(bench.alone(Brakes, duration=duration))
+        yield from _said(run, "duration")
+        if run.steps != round(duration / DT) + 1:
+            yield (
+                f"{run.label}: {run.steps} states, expected {round(duration / DT) + 1}: a run of {duration:g} s ends at that time"
+            )
+    for driver in (Cruises, *bench.drivers):
+        case = bench.alone(driver, distance=3.0, speed=2.0, duration=60.0)
+        run = bench.run(case)
+        leave = [way.leave for way in case.scenario.itineraries()]
+        left = (run.need("station") >= leave).all(axis=1)
+        if not left.any():
+            if driver is Cruises:
+                yield f"{run.label}: the vehicle has not left after {run.duration:.2f} s at up to 8 m/s, expected it to drive"
+            continue
+        yield from _said(run, "left")
+        more = run.steps - 1 - int(left.argmax())
+        if more:
+            yield (
+                f"{run.label}: {more} states follow the one in which the last vehicle has left, expected none: end the run there"
+            )
+
+
+def _said(run: Run, end: str) -> Iterator[str]:
+    if (got := run.provenance.get("end")) != end:
+        yield f"{run.label}: its provenance says that it ended by {got!r}, expected {end!r} under 'end'"
+
+
+def integrity(bench: Bench) -> Iterator[str]:
+    """rvads.validate finds nothing: no jumps, no gaps, colours in their order, nobody touches without a collision.
+
+    Progress is left to the check of speeds: in narrow bends the bumper is slower than the vehicle.
+    """
+    for _, run in bench.trips():
+        if run.collisions is None:
+            yield f"{run.label}: its collisions are None, expected a tuple, empty where nobody touched: who simulates can tell"
+        for finding in validate(run):
+            if finding.kind != "progress":
+                yield f"{run.label}: {finding}: rvads.validate(run) must find nothing in a run of a simulator"
+
+
+def zones_follow_stations(bench: Bench) -> Iterator[str]:
+    """The zone of every vehicle is that of its station, and never an earlier one than before: rules see zones alone."""
+    for case, run in bench.trips():
+        for column, way in enumerate(case.scenario.itineraries()):
+            name, zone = run.agents[column].name, run.zone[:, column].astype(np.int64)
+            back = np.flatnonzero(np.diff(zone) < 0)
+            if len(back):
+                before, after = (Zone(int(zone[back[0] + k])).name.lower() for k in (0, 1))
+                yield f"{run.label}: {name} goes back from {before} to {after} at {(back[0] + 1) * DT:.2f} s: zones only go on"
+            if (zone == Zone.ABSENT).any():
+                yield f"{run.label}: {name} is absent, expected it in every state: only recordings lack somebody"
+            for tick in np.flatnonzero(run.here[:, column]).tolist():
+                station = float(run.need("station")[tick, column])
+                if (wanted := way.zone(station)) != zone[tick]:
+                    yield (
+                        f"{run.label}: {name} at station {station:.2f} m is in zone {Zone(int(zone[tick])).name.lower()} at "
+                        f"{tick * DT:.2f} s, expected {wanted.name.lower()}: take it from Itinerary.zone"
+                    )
+                    break
+
+
+def speeds_are_progress(bench: Bench) -> Iterator[str]:
+    """On the approach, progress along the itinerary over time is the speed: in metres per second, of the same instant."""
+    absolute, relative = RATE
+    for _, run in bench.trips():
+        speed, station = run.need("speed"), run.need("station")
+        mean = (speed[1:] + speed[:-1]) / 2
+        rate = np.diff(station, axis=0) / run.dt
+        near = np.abs(rate - mean) <= absolute + relative * np.abs(mean)  # false for NaN
+        wrong = np.argwhere(~near & (run.zone[1:] <= Zone.ENTRANCE) & (run.zone[1:] >= Zone.APPROACH))
+        if len(wrong):
+            tick, column = (int(number) for number in wrong[0])
+            yield (
+                f"{run.label}: {run.agents[column].name} gets on by {rate[tick, column]:.2f} m/s from {tick * DT:.2f} s to the "
+                "next state, "
+                f"its speed is {mean[tick, column]:.2f} m/s: give the forward speed in m/s, and the station that belongs to it"
+            )
+
+
+def headings_and_places(bench: Bench) -> Iterator[str]:
+    """Poses are those of the front bumper on the map, headings in radians, counter-clockwise from east: near the centre line.
+
+    The station is where the bumper is on it.
+    """
+    for case, run in bench.trips():
+        for column, way in enumerate(case.scenario.itineraries()):
+            length = case.fleet.of(run.agents[column].name).length
+            for tick in range(0, run.steps, _EVERY):
+                wrong = _astray(run, way, tick, column, length) if run.here[tick, column] else ""
+                if wrong:
+                    yield f"{run.label}: {run.agents[column].name} at {tick * DT:.2f} s {wrong}"
+                    break
+
+
+def _astray(run: Run, way: Itinerary, tick: int, column: int, length: float) -> str:
+    """Return what is wrong with a pose, if anything."""
+    x, y, heading = (float(number) for number in run.need("pose")[tick, column])
+    station = float(run.need("station")[tick, column])
+    if not all(map(math.isfinite, (x, y, heading, station))):
+        return f"is at ({x}, {y}), heading {heading}, station {station}, expected finite numbers"
+    along, offset = way.project(x, y, station)
+    if abs(offset) > OFFSET:
+        return (
+            f"is {abs(offset):.2f} m beside its centre line, expected at most {OFFSET:g} m: x and y of the front bumper, y to "
+            "the north"
+        )
+    if abs(along - station) > LAG:
+        return f"has station {station:.2f} m, its pose lies at {along:.2f} m: project the front bumper onto the itinerary"
+    lane = way.pose(station - length / 2).heading
+    if abs(math.remainder(heading - lane, math.tau)) > TURNED:
+        return f"has heading {heading:.2f}, its lane {lane:.2f} rad: counter-clockwise from east, in radians"
+    return ""
+
+
+def bodies_of_the_fleet(bench: Bench) -> Iterator[str]:
+    """Agents have the kind and the size of their vehicles in the case's fleet: length and width decide who touches whom."""
+    case = bench.alone(Brakes, most=2, duration=DT)
+    first = case.agents()[0].name
+    truck = Vehicle(length=8.0, width=2.4, front_axle=2.4, rear_axle=2.4, mass=9000.0, kind=Kind.TRUCK)
+    case = Case(case.scenario, Brakes, fleet=Fleet(Vehicle(length=4.2), {first: truck}))
+    run = bench.run(case)
+    for got, wanted in zip(run.agents, case.agents(), strict=True):
+        if got.size is None or not np.allclose(got.size, wanted.size or (), rtol=0.0, atol=1e-6):
+            yield f"{run.label}: the size of {got.name} is {got.size}, expected {wanted.size}: take agents from case.agents()"
+        if got.kind != wanted.kind:
+            yield f"{run.label}: {got.name} is a {got.kind.value}, expected a {wanted.kind.value}: take agents from case.agents()"
+
+
+def lights(bench: Bench) -> Iterator[str]:
+    """In every state each entrance has the colour of Scenario.signals at that time, and NONE where no light stands.
+
+    Drivers are shown the same colours. Tried over a whole cycle at every junction, and rotated.
+    """
+    for place in bench.junctions:
+        cycle = len(place.phase_groups) * (GREEN + YELLOW + CLEARANCE)
+        yield from _colours(bench, crowd(place, Brakes, most=1, duration=cycle + 0.1))
+        yield from _colours(bench, crowd(place, Brakes, most=1, rotation=own_row(place), duration=cycle / 2 + 0.1))
+
+
+def _colours(bench: Bench, case: Case) -> Iterator[str]:
+    shown: list[Observation] = []
+    run = bench.run(Case(case.scenario, partial(Witness, shown)))
+    plan, entrances = case.scenario.signals(), len(run.junction.entrances)
+    for tick in range(run.steps):
+        wanted = plan.colours(tick * DT, entrances)
+        if tuple(run.lights[tick]) != wanted:
+            yield (
+                f"{run.label}: {_told(run.lights[tick].tolist(), wanted, tick)}: take them from Scenario.signals, at the time "
+                "of the state"
+            )
+            break
+    for seen in shown:
+        tick = round(seen.time / DT)
+        wanted = plan.colours(tick * DT, entrances)
+        if seen.lights != wanted:
+            yield f"{run.label}: the driver is shown that {_told(seen.lights, wanted, tick)}: show what the run records"
+            break
+
+
+def _told(got: Sequence[int], wanted: tuple[Colour, ...], tick: int) -> str:
+    entrance = next(e for e, (one, two) in enumerate(zip(got, wanted, strict=True)) if one != two)
+    shown, due = (Colour(colours[entrance]).name.lower() for colours in (got, wanted))
+    return f"the light of entrance {entrance} is {shown} at {tick * DT:.2f} s, expected {due}"
