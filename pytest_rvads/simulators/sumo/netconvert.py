@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element, ElementTree, ParseError, fromstring
 from pytest_rvads.errors import RunError, needs
 from pytest_rvads.wording import one_line
 
-__all__ = ["netconvert"]
+__all__ = ["netconvert", "program_and_home"]
 
 _LIMIT = 60.0
 """How long it may take [s]; a junction takes some hundredths."""
@@ -38,7 +38,7 @@ def netconvert(files: Mapping[str, Element], *, left_hand: bool) -> Element:
     Raises:
         RunError: netconvert is not installed, or failed.
     """
-    program, home = _found()
+    program, home = program_and_home()
     with TemporaryDirectory(prefix="rvads-net-") as folder:
         options = []
         for option, root in files.items():
@@ -71,8 +71,12 @@ def _run(command: Sequence[str], home: str | None) -> str:
 
 
 @lru_cache(maxsize=1)
-def _found() -> tuple[str, str | None]:
-    """Return the program and the home of SUMO: of the package eclipse-sumo, else of SUMO_HOME, else found on the path."""
+def program_and_home() -> tuple[str, str | None]:
+    """Return netconvert and the home of SUMO: of the package eclipse-sumo, else of SUMO_HOME, else found on the path.
+
+    Raises:
+        RunError: there is none.
+    """
     spec = find_spec("sumo")
     homes = [*((spec and spec.submodule_search_locations) or ()), os.environ.get("SUMO_HOME", "")]
     for home in filter(None, homes):

@@ -50,12 +50,12 @@ def network(junction: Junction, plan: SignalPlan) -> Network:
         ScenarioError: SUMO has no such junction.
         RunError: netconvert is not installed, or failed.
     """
-    root = netconvert(_plain(junction), left_hand=junction.left_hand)
+    files = _plain(junction)
+    root = netconvert(files, left_hand=junction.left_hand)
     node = next(item for item in root.iter("junction") if item.get("id") == "J")
     links = _links(junction, root, node)
     check_yields(junction, node, links)
-    for lane in root.iter("lane"):
-        _measure(lane)
+    _restore(root, files["edge-files"])
     for item in root.findall("tlLogic"):
         root.insert(list(root).index(item), program(junction, plan, links))
         root.remove(item)
@@ -143,12 +143,26 @@ def _links(junction: Junction, root: Element, node: Element) -> list[Key]:
     return [key for lane in node.attrib["incLanes"].split() for key in found.get(lane, ())]
 
 
-def _measure(lane: Element) -> None:
-    """Give a lane the length of its centre line: netconvert gives all lanes of an edge one length."""
-    points = [tuple(map(float, point.split(","))) for point in lane.attrib["shape"].split()]
-    length = sum(dist(one[:2], two[:2]) for one, two in pairwise(points))
-    if abs(length - float(lane.attrib["length"])) > _SAME:
-        lane.set("length", repr(length))
+def _restore(root: Element, edges: Element) -> None:
+    """Give lanes the shapes and lengths that they shall have.
+
+    Netconvert moves the ends of lanes of one edge that end apart, and gives them one length.
+    """
+    lanes = {lane.attrib["id"]: lane for lane in root.iter("lane")}
+    shapes = {name: lane.attrib["shape"].split() for name, lane in lanes.items()}
+    shapes |= {f"{e.attrib['id']}_{lane.attrib['index']}": lane.attrib["shape"].split() for e in edges for lane in e}
+    for item in root.iter("connection"):
+        start, via = f"{item.attrib['from']}_{item.attrib['fromLane']}", item.get("via")
+        if via is None:
+            shapes[start][-1] = shapes[f"{item.attrib['to']}_{item.attrib['toLane']}"][0]
+        else:
+            shapes[via][0] = shapes[start][-1]
+    for name, shape in shapes.items():
+        points = [tuple(map(float, point.split(",")[:2])) for point in shape]
+        length = sum(dist(one, two) for one, two in pairwise(points))
+        lanes[name].set("shape", " ".join(shape))
+        if abs(length - float(lanes[name].attrib["length"])) > _SAME:
+            lanes[name].set("length", repr(length))
 
 
 def _shape(points: NDArray[Any]) -> str:

@@ -65,8 +65,8 @@ class SumoProcess:
 
     @property
     def usable(self) -> bool:
-        """Whether it can simulate: it runs, and was not started by a process that this one was forked from."""
-        return not self._closed and self.owner == os.getpid() and self._child.running
+        """Whether it can simulate."""
+        return not self._closed and self._child.running
 
     @property
     def pid(self) -> int:
@@ -133,11 +133,12 @@ _FREE: list[SumoProcess] = []
 
 def acquire() -> SumoProcess:
     """Return a process that no other simulation uses."""
-    process = next((process for process in _FREE if process.usable), None)
-    if process is None:
-        return SumoProcess()
-    _FREE.remove(process)
-    return process
+    for process in [process for process in _FREE if process.owner == os.getpid()]:  # others belong to who forked this one
+        _FREE.remove(process)
+        if process.usable:
+            return process
+        process.close()
+    return SumoProcess()
 
 
 def release(process: SumoProcess) -> None:
