@@ -20,5 +20,5 @@ class SumoDriver(Autopilot):
             AutopilotError: always.
         """
         raise AutopilotError(
-            "SUMO's driver drives in the simulator sumo alone, as the class rvads.SumoDriver itself: add --rvads-simulator sumo"
+            "SUMO's driver drives in the simulator sumo alone: add --rvads-simulator sumo, and name rvads.SumoDriver itself"
         )

@@ -131,8 +131,9 @@ def test_what_sumo_does_not_have_is_refused(place: rvads.Junction, why: str) -> 
 
 @pytest.mark.parametrize(("name", "rotation"), [("light4", 0), ("light4", 1), ("light3", 0), ("lanes4", 0)])
 def test_lights_show_in_every_step_what_the_scenario_says(name: str, rotation: int, tmp_path: Path) -> None:
-    place, steps = rvads.find(name), 9000
+    place = rvads.find(name)
     signals = plan(place, rotation)
+    steps = 2000 * len(signals.groups) + 200  # a cycle, and a little of the next one
     net = network(place, signals)
     (tmp_path / net.name).write_bytes(net.text)
     command = [sys.executable, "-c", SHOW, str(tmp_path / net.name), str(steps)]

@@ -15,7 +15,6 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.conduct.bodies import overlap
-from pytest_rvads.drivers.interface import Command
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.simulators.sumo import sumo_process, sumo_simulator, sumo_world
@@ -197,7 +196,12 @@ def processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[SumoProcess]]:
     """The processes that simulate within the test, the last one at the end."""
     seen: list[SumoProcess] = []
     load = SumoProcess.load
-    monkeypatch.setattr(SumoProcess, "load", lambda self, *args: (seen.append(self), load(self, *args))[1])
+
+    def noted(self: SumoProcess, *arguments: Any) -> Any:
+        seen.append(self)
+        return load(self, *arguments)
+
+    monkeypatch.setattr(SumoProcess, "load", noted)
     yield seen
     with rvads.limits():
         assert simulated("stop4", "1133").fault is None
@@ -207,7 +211,7 @@ def signalling(processes: list[SumoProcess], number: int) -> Callable[[], rvads.
     """Return the reference autopilot, which sends SUMO a signal after one second."""
 
     class Signalling(rvads.Reference):
-        def control(self, seen: rvads.Observation) -> Command:
+        def control(self, seen: rvads.Observation) -> rvads.Control:
             if seen.time == 1.0:
                 os.kill(processes[-1].pid, number)
             return super().control(seen)
