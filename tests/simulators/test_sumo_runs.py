@@ -6,7 +6,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from math import ceil
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +67,16 @@ def test_the_first_state_is_the_start_of_the_case(place: str) -> None:
     assert run.need("speed")[0] == pytest.approx(0.5, abs=1e-9)
 
 
+def test_who_starts_faster_than_sumo_allows_is_refused_unless_it_is_ours() -> None:
+    with pytest.raises(
+        rvads.RunError, match=r"^SUMO lets a0 depart at \(1.75, -75.00\) with 11.18 m/s, expected .* with 15.00 m/s"
+    ):
+        simulated("stop4", "2000", distance=60.0, speed=15.0)
+    run = among("2020", rvads.Reference, rvads.SumoDriver, distance=60.0, speed=[15.0, 0.0, 5.0, 0.0])
+    assert run.fault is None
+    assert run.need("speed")[0] == pytest.approx([15.0, 5.0])
+
+
 def test_a_vehicle_keeps_to_its_lane_stops_at_the_line_and_leaves() -> None:
     run = simulated("stop4", "1233")
     assert (run.provenance["end"], run.fault, run.collisions) == ("left", None, ())
@@ -90,6 +102,19 @@ def test_a_case_has_one_run_in_any_order_and_process() -> None:
     command = [sys.executable, "-c", PRINT]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": str(path)})
     assert done.stdout.split() == [first]
+
+
+def test_a_process_that_is_forked_has_a_sumo_of_its_own() -> None:
+    first = simulated("stop4", "1133").hash
+    with ProcessPoolExecutor(1, mp_context=get_context("fork")) as pool:
+        assert pool.submit(_hash).result() == first
+    (ours,) = sumo_process._FREE
+    assert ours.usable
+    assert simulated("stop4", "1133").hash == first
+
+
+def _hash() -> str:
+    return simulated("stop4", "1133").hash
 
 
 def test_how_many_steps_are_taken_at_once_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

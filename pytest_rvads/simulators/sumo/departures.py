@@ -7,6 +7,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 from pytest_rvads.simulators.sumo.road_network import lane_in, lane_out
 
 __all__ = ["departures", "lone_departure"]
@@ -65,7 +66,7 @@ def _add_vehicle(root: Element, name: str, edges: Sequence[str], lanes: tuple[in
         "depart": "0",
         "departLane": str(lanes[0]),
         "departPos": repr(place),
-        "departSpeed": repr(speed),
+        "departSpeed": repr(min(speed, SPEED_LIMIT)),  # SUMO lets nobody depart faster; others are moved from outside anyway
         "arrivalLane": str(lanes[1]),
         "insertionChecks": "none",
     }

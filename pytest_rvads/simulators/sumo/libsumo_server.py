@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import sys
 from array import array
 from collections.abc import Callable, Collection
@@ -91,7 +92,8 @@ _KEEP_ROUTE = 3
 
 
 def main() -> None:
-    """Answer requests until there are no more."""
+    """Answer requests until there are no more, or it is told to end."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     # SUMO writes on standard output what it does: that goes where its warnings go.
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)

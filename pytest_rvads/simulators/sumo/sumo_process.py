@@ -129,12 +129,14 @@ class SumoProcess:
 
 _FREE: list[SumoProcess] = []
 """Running processes that no simulation uses: starting one takes a third of a second."""
+_PARENTS: list[SumoProcess] = []
+"""Those that belong to the process that this one was forked from; they are kept, lest they are ended here."""
 
 
 def acquire() -> SumoProcess:
     """Return a process that no other simulation uses."""
-    for process in [process for process in _FREE if process.owner == os.getpid()]:  # others belong to who forked this one
-        _FREE.remove(process)
+    while _FREE:
+        process = _FREE.pop()
         if process.usable:
             return process
         process.close()
@@ -145,6 +147,15 @@ def release(process: SumoProcess) -> None:
     """Give a process back for the next simulation."""
     if process.usable:
         _FREE.append(process)
+
+
+def _forked() -> None:
+    _PARENTS.extend(_FREE)
+    _FREE.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forked)
 
 
 @atexit.register

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from functools import partial
@@ -129,6 +130,8 @@ def _driven(case: Case) -> tuple[int, ...]:
 
 
 def _installed() -> None:
+    if os.name != "posix":
+        raise ScenarioError(f"simulator 'sumo' runs SUMO in a process of its own on POSIX systems, this one is {os.name!r}")
     if not find_spec("libsumo"):
         raise ScenarioError(needs("simulator 'sumo'", "libsumo", "sumo"))
 
