@@ -124,7 +124,7 @@ class SumoProcess:
     def _failed(self, why: str) -> SumoFailed:
         detail = self._child.tail()
         self.close()
-        return SumoFailed(f"SUMO (libsumo in process {self.pid}): {why}", detail)
+        return SumoFailed(f"SUMO (libsumo): {why}", detail)  # without numbers: the reason is part of the run's hash
 
 
 _FREE: list[SumoProcess] = []

@@ -7,6 +7,7 @@ from array import array
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 
+from pytest_rvads.conduct.clearance import Box, gap
 from pytest_rvads.errors import RunError
 from pytest_rvads.physics import engines
 from pytest_rvads.physics.world import Motion, World
@@ -32,7 +33,7 @@ class SumoWorld:
 
     Args:
         case: what is simulated.
-        driven: columns of SUMO's vehicles.
+        driven: columns of SUMO's vehicles, one at least.
         seed: of SUMO's random numbers.
         attributes: of the vehicle types, see `departures`.
         vehicles: per column.
@@ -95,7 +96,7 @@ class SumoWorld:
             if self._next >= len(self._rows):
                 self._advance()
         except SumoFailed as error:
-            raise Halt(self._names[self._driven[0] if self._driven else 0], str(error), error.detail) from None
+            raise Halt(self._names[self._driven[0]], str(error), error.detail) from None
         self._motions = self._placed(self._rows, self._next)
         self._next += 4 * len(self._names)
         if self._plane is not None:
@@ -174,24 +175,11 @@ class SumoWorld:
         return [] if self._plane is None else [(self._ours[one], self._ours[two]) for one, two in self._plane.contacts()]
 
     def _overlap(self, one: int, two: int) -> bool:
-        """Tell whether the boxes of two vehicles overlapped before the last step: no axis of theirs separates them."""
-        a, b = self._before[one], self._before[two]
-        first, second = self._vehicles[one], self._vehicles[two]
-        if math.hypot(a.x - b.x, a.y - b.y) > first.length + second.length:
-            return False
-        halves = ((first.length / 2, first.width / 2), (second.length / 2, second.width / 2))
-        units = [(math.cos(m.yaw), math.sin(m.yaw)) for m in (a, b)]
-        # Boxes reach from the front bumper backwards, motions are those of the centre of gravity.
-        (ax, ay), (bx, by) = (
-            (m.x + (v.gravity_offset - v.length / 2) * cos, m.y + (v.gravity_offset - v.length / 2) * sin)
-            for m, v, (cos, sin) in zip((a, b), (first, second), units, strict=True)
-        )
-        for cos, sin in units:
-            for ux, uy in ((cos, sin), (-sin, cos)):
-                reach = sum(
-                    long * abs(ux * c + uy * s) + wide * abs(ux * s - uy * c)
-                    for (long, wide), (c, s) in zip(halves, units, strict=True)
-                )
-                if abs((bx - ax) * ux + (by - ay) * uy) >= reach:
-                    return False
-        return True
+        """Tell whether the boxes of two vehicles overlapped before the last step."""
+        return gap(self._box(one), self._box(two)) < 0.0
+
+    def _box(self, column: int) -> Box:
+        motion, vehicle = self._before[column], self._vehicles[column]
+        ahead = vehicle.gravity_offset
+        x, y = motion.x + ahead * math.cos(motion.yaw), motion.y + ahead * math.sin(motion.yaw)
+        return Box(x, y, motion.yaw, vehicle.length, vehicle.width)
