@@ -5,6 +5,7 @@ __all__: list[str]
 from pytest_rvads.drivers.follower import Follower as Follower
 from pytest_rvads.drivers.reference import Reference as Reference
 from pytest_rvads.drivers.rolling import RollingStop as RollingStop
+from pytest_rvads.drivers.sumo_driver import SumoDriver as SumoDriver
 from pytest_rvads.drivers.lgsvl import LgsvlLike as LgsvlLike
 from pytest_rvads.drivers.playback import Replay as Replay
 from pytest_rvads.drivers.traffic import traffic as traffic
@@ -35,6 +36,7 @@ from pytest_rvads.maps.segment import Turn as Turn
 from pytest_rvads import simulators as simulators
 from pytest_rvads.simulators.choice import limits as limits
 from pytest_rvads.simulators.planar import bullet as bullet, mujoco as mujoco
+from pytest_rvads.simulators.sumo.sumo_simulator import Sumo as Sumo, sumo as sumo
 from pytest_rvads.simulators.simulator import Simulator as Simulator, simulate as simulate, vmax as vmax
 from pytest_rvads.scenarios.case import Case as Case, Fleet as Fleet
 from pytest_rvads.scenarios.scenario import Scenario as Scenario

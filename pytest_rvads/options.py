@@ -43,7 +43,8 @@ _DECLARED = {
         metavar="NAME",
     ),
     "simulator": _Option(
-        "what makes the runs: bullet, mujoco, or module:name of yours; by default bullet, mujoco where there is no pybullet",
+        "what makes the runs: bullet, mujoco, sumo, or module:name of yours; by default bullet, and mujoco where there is no "
+        "pybullet",
         metavar="NAME",
     ),
     "sut-rate": _Option("decisions of the stack per simulated second; by default what it asks for, else 20", metavar="HZ"),

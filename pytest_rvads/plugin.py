@@ -29,8 +29,8 @@ from pytest_rvads.session.main_process import Session
 from pytest_rvads.session.outputs import claim
 from pytest_rvads.session.plan import Planner, in_part
 from pytest_rvads.session.time_budget import BUDGET, Budget
-from pytest_rvads.simulators.choice import Choice, choosing
-from pytest_rvads.wording import encode_all
+from pytest_rvads.simulators.choice import Choice, choice, choosing
+from pytest_rvads.wording import encode_all, one_line
 
 __all__ = [
     "monitor",
@@ -101,10 +101,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_report_header(config: pytest.Config) -> list[str]:
-    """Name what drives, and what simulates, where the options say so."""
+    """Name what drives, and what simulates, where the options say so; with what that simulator says does not carry over."""
     options = config.stash[OPTIONS]
     driven = [f"rvads: driven by {options.driver}"] if options.driver else []
-    return [*driven, f"rvads: simulated by --rvads-simulator={options.simulator}"] if options.simulator else driven
+    if not options.simulator:
+        return driven
+    caveat = getattr(choice().simulator, "caveat", "")
+    said = [f"rvads: {one_line(caveat)}"] if isinstance(caveat, str) and caveat else []
+    return [*driven, f"rvads: simulated by --rvads-simulator={options.simulator}", *said]
 
 
 def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Item]) -> str | None:

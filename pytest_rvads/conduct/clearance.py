@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 from pytest_rvads.conduct import lane
 from pytest_rvads.conduct.bodies import overlap
@@ -17,12 +18,27 @@ from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.states import JUNCTION
 
-__all__ = ["Bodies", "Course"]
+__all__ = ["Bodies", "Box", "Course", "gap"]
 
 _DOUBT = 1e-6
 """Distances smaller than this may have the other sign when they are computed in another order [m]."""
 _BEND = 3.0
 """How far beside a bend of a centre line bodies are looked at [m]: there an offset jumps by up to that times its sharpness."""
+
+
+class Box(NamedTuple):
+    """A body: it reaches from its front backwards."""
+
+    x: float
+    """Of the middle of its front [m]."""
+    y: float
+    """[m]."""
+    heading: float
+    """Counter-clockwise from east [rad]."""
+    length: float
+    """[m]."""
+    width: float
+    """[m]."""
 
 
 class Bodies:
@@ -50,16 +66,21 @@ class Bodies:
             return self.touch
         self.touch, self.due = False, -math.inf
         if one.here and two.here:
-            gap = _gap(one, two)
-            self.touch = bool(overlap(now.run, one.slot, two.slot)[0]) if abs(gap) < _DOUBT else gap < 0.0
-            self.due = -math.inf if self.touch else moved + gap - _DOUBT
+            apart = gap(_box(one), _box(two))
+            self.touch = bool(overlap(now.run, one.slot, two.slot)[0]) if abs(apart) < _DOUBT else apart < 0.0
+            self.due = -math.inf if self.touch else moved + apart - _DOUBT
         return self.touch
 
 
-def _gap(one: Mover, two: Mover) -> float:
+def _box(mover: Mover) -> Box:
+    return Box(mover.x, mover.y, mover.heading, *(mover.agent.size or (0.0, 0.0)))
+
+
+def gap(one: Box, two: Box) -> float:
     """Return a distance that two bodies keep at least; at most 0 where they touch [m]."""
-    (length, width), (other_length, other_width) = one.agent.size or (0.0, 0.0), two.agent.size or (0.0, 0.0)
-    cos, sin, other_cos, other_sin = math.cos(one.heading), math.sin(one.heading), math.cos(two.heading), math.sin(two.heading)
+    _, _, heading, length, width = one
+    _, _, other_heading, other_length, other_width = two
+    cos, sin, other_cos, other_sin = math.cos(heading), math.sin(heading), math.cos(other_heading), math.sin(other_heading)
     long, half, other_long, other_half = length / 2, width / 2, other_length / 2, other_width / 2
     x = (two.x - other_long * other_cos) - (one.x - long * cos)
     y = (two.y - other_long * other_sin) - (one.y - long * sin)

@@ -11,9 +11,10 @@ from pytest_rvads.drivers.naming import in_ids
 from pytest_rvads.drivers.policies import Hesitant, LateYielder, RedLightRunner, Stopped
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.rolling import RollingStop
+from pytest_rvads.drivers.sumo_driver import SumoDriver
 from pytest_rvads.errors import ScenarioError, suggest
 
-__all__ = ["POLICIES", "TIE", "Policy", "traffic"]
+__all__ = ["EVERYWHERE", "POLICIES", "TIE", "Policy", "traffic"]
 
 TIE = 0.5
 """What road users take for arriving at once, as the road rulebook does [s]."""
@@ -25,8 +26,11 @@ POLICIES: dict[str, Factory] = {
     "red_light_runner": RedLightRunner,
     "stopped": Stopped,
     "lgsvl": LgsvlLike,
+    "sumo": SumoDriver,
 }
 """What can be named where traffic is asked for."""
+EVERYWHERE = tuple(name for name, factory in POLICIES.items() if factory is not SumoDriver)
+"""Names of the policies that drive in every simulator."""
 
 
 @dataclass(frozen=True, slots=True)

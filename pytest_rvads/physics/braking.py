@@ -22,7 +22,7 @@ from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 
-__all__ = ["RESOLUTION", "STANDING", "envelope", "greatest_safe", "stopping_distance", "vmax"]
+__all__ = ["RESOLUTION", "STANDING", "check_start", "envelope", "greatest_safe", "stopping_distance", "vmax"]
 
 RESOLUTION = 0.01
 """Speeds are tested to this resolution [m/s]."""
@@ -48,11 +48,16 @@ def vmax(distance: float, aggression: int = 1, vehicle: Vehicle | None = None, e
         ScenarioError: a distance that is negative or not finite, or an unknown aggression.
         RunError: the plant breaks monotonicity, so no bisection can be trusted.
     """
+    check_start(distance, aggression)
+    return _vmax(float(distance), aggression, vehicle or Vehicle(), engine or usual())
+
+
+def check_start(distance: float, aggression: int) -> None:
+    """Raise a `ScenarioError` for a distance [m] that is negative or not finite, or an unknown aggression."""
     if not (math.isfinite(distance) and distance >= 0):
         raise ScenarioError(f"the distance to the stopping line must be 0 m or more, got {distance!r}")
     if aggression not in (1, 2, 3):
         raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")
-    return _vmax(float(distance), aggression, vehicle or Vehicle(), engine or usual())
 
 
 def envelope(

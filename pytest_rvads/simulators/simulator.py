@@ -33,6 +33,8 @@ class Simulator(Protocol):
     route, because what follows is no driving. It ends with `Run.fault` set when an autopilot raises or answers with something
     that is not a command, when a limit of real time is over, or when the plant fails. The states up to the end are kept. What
     ``timing()`` of an autopilot tells is kept under ``timing`` in `Run.provenance`.
+
+    A simulator may have an attribute ``caveat``, a sentence on what does not carry over to it: the head of a session says it.
     """
 
     @property
@@ -63,6 +65,7 @@ class _Shipped(NamedTuple):
 SIMULATORS = {
     "bullet": _Shipped("pytest_rvads.simulators.planar:bullet", ("pybullet",)),
     "mujoco": _Shipped("pytest_rvads.simulators.planar:mujoco", ("mujoco",)),
+    "sumo": _Shipped("pytest_rvads.simulators.sumo.sumo_simulator:sumo", ("libsumo",)),
 }
 """By name, as options call them; an extra of the package has the same name."""
 

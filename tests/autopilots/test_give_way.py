@@ -14,7 +14,7 @@ from pytest_rvads.drivers.give_way import GiveWay
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.traffic import POLICIES, TIE, traffic
+from pytest_rvads.drivers.traffic import EVERYWHERE, TIE, traffic
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.junctions.finder import find, load
 from pytest_rvads.junctions.junction import Junction
@@ -169,7 +169,7 @@ def test_of_a_queue_only_the_first_one_counts_at_an_entrance() -> None:
     assert queue.first(behind) == ([first], True)
 
 
-@pytest.mark.parametrize("policy", POLICIES)
+@pytest.mark.parametrize("policy", EVERYWHERE)
 def test_traffic_policies_drive_where_signs_differ_and_in_queues(policy: str) -> None:
     case = Scenario(signed(*SIGNS["one of each"]), "2222", distance=15, subject=0, followers=1)
     run = simulate(Case(case, ROAD, traffic=traffic(policy)))

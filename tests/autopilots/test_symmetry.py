@@ -2,7 +2,7 @@
 
 import pytest
 
-from pytest_rvads.drivers.traffic import POLICIES, traffic
+from pytest_rvads.drivers.traffic import EVERYWHERE, traffic
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
@@ -13,7 +13,7 @@ POINTS = {"light4": ("2332", "I", ("mirror",)), "stop4": ("1230", "E", ("rotatio
 
 
 @pytest.mark.parametrize("junction", POINTS)
-@pytest.mark.parametrize("policy", sorted(set(POLICIES) - {"lgsvl"}))
+@pytest.mark.parametrize("policy", sorted(set(EVERYWHERE) - {"lgsvl"}))
 def test_a_policy_is_symmetric(policy: str, junction: str) -> None:
     """All but the paper's stack, which is documented to go by the order of creation."""
     code, letter, relations = POINTS[junction]

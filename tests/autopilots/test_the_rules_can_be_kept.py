@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.traffic import POLICIES, TIE, traffic
+from pytest_rvads.drivers.traffic import EVERYWHERE, TIE, traffic
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
@@ -29,7 +29,7 @@ from pytest_rvads.simulators.simulator import simulate
 JUNCTIONS = ("stop4", "light4", "stop3", "light3")
 DRIVERS: dict[str, Callable[[], Any]] = {"paper": Reference, "road": partial(Reference, tie=TIE)}
 """The paper's rules count every tick, those of the road half a second."""
-TRAFFIC = (*POLICIES, "nobody")
+TRAFFIC = (*EVERYWHERE, "nobody")
 
 
 def scenarios(junction: str, policy: str) -> Iterator[Scenario]:

@@ -13,7 +13,7 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.playback import Replay
 from pytest_rvads.drivers.policies import HESITATION
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.traffic import POLICIES, Policy, traffic
+from pytest_rvads.drivers.traffic import EVERYWHERE, Policy, traffic
 from pytest_rvads.errors import RunError, ScenarioError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check
@@ -102,7 +102,7 @@ def test_what_traffic_does_is_provoked_not_failed(among: Among, policy: str, rul
     assert (verdict.status, verdict.provoked, verdict.responsible) == ("FAIL", True, ("a1",))
 
 
-@pytest.mark.parametrize("policy", POLICIES)
+@pytest.mark.parametrize("policy", EVERYWHERE)
 def test_reference_among_traffic_is_not_to_blame(policy: str) -> None:
     """Two vehicles whose ways cross: the road rules can always be met."""
     for junction, code in (("stop4", "2200"), ("light4", "3020")):

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 import pytest_rvads as rvads
-from pytest_rvads.drivers.traffic import POLICIES
+from pytest_rvads.drivers.traffic import EVERYWHERE
 
 from .cases import Case, at, verdicts
 from .drivers import beside, cast, gated, lawful, paced, stops_at
@@ -186,7 +186,7 @@ def test_who_goes_with_good_reason_is_not_blamed(case: Case) -> None:
     assert case.told() == case.tells
 
 
-AMONG = {f"reference_among_{policy}": rvads.traffic(policy) for policy in POLICIES}
+AMONG = {f"reference_among_{policy}": rvads.traffic(policy) for policy in EVERYWHERE}
 
 
 @shows_each(AMONG)

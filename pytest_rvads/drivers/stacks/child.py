@@ -101,6 +101,11 @@ class Child:
         """Number of the process, of its group and of its session."""
         return self._process.pid
 
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self._exited(0.0) is None
+
     def send(self, data: bytes, limit: float) -> None:
         """Write `data`; where it no longer reads, its answer, or the lack of one, tells what happened.
 

@@ -7,6 +7,7 @@ one end of a pipe; when the other end closes, by an exit, a signal or a crash, i
 from __future__ import annotations
 
 import atexit
+import os
 import subprocess
 import sys
 from contextlib import suppress
@@ -19,8 +20,26 @@ _PATIENCE = 60.0
 """How long we wait for the guard when we exit [s]; it goes on without us."""
 
 _guard: subprocess.Popen[str] | None = None
+_inherited: list[subprocess.Popen[str]] = []
+"""Guards of the processes that this one was forked from."""
 _watched: dict[int, str] = {}
 """What the guard knows of each stack, for another one to be told should it be killed."""
+
+
+def _forked() -> None:
+    """Forget in a forked process what its parent watches: it would be ended when this process ends."""
+    global _guard
+    if _guard is not None:
+        _inherited.append(_guard)  # not collected: that would warn of a process that is not ours
+        if _guard.stdin is not None:
+            with suppress(OSError):
+                _guard.stdin.close()  # or the guard would wait for us, too
+    _guard = None
+    _watched.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forked)
 
 
 def watch(leader: int, mark: str, grace: float) -> None:

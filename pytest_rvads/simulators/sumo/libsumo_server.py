@@ -1,0 +1,119 @@
+"""The program that runs libsumo, in a process of its own: requests in, rows of motions out.
+
+It is started by its path, with a folder of files that it removes at its end, and imports nothing of this package. A request is a
+line of JSON with the name of a function below and its arguments. The answer is a line of JSON, with ``error`` where the request
+failed, and as many numbers behind it, as doubles of this machine, as ``numbers`` says: per step and vehicle the x and y of the
+front bumper [m], the heading as SUMO counts it, clockwise from north [degrees], and the speed [m/s]; not-a-number for a vehicle
+that has arrived.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import sys
+from array import array
+from collections.abc import Callable, Collection
+from typing import Any
+
+_NOWHERE = (float("nan"),) * 4
+
+
+class Server:
+    """The simulation under way."""
+
+    def __init__(self, sumo: Any) -> None:
+        self._sumo = sumo
+        self._loaded = False
+        self._names: list[str] = []
+        self._driving: set[str] = set()
+
+    def load(self, options: list[str], names: list[str], others: Collection[str] = ()) -> array[float]:
+        """Begin anew, let every vehicle depart, and return where it is; `others` are those that are to be moved from outside."""
+        if self._loaded:
+            self._sumo.load(options)
+        else:
+            self._sumo.start(["sumo", *options])
+            self._loaded = True
+        self._names = names
+        self._sumo.simulationStep()
+        self._driving = set(self._sumo.vehicle.getIDList())
+        if missing := [name for name in names if name not in self._driving]:
+            raise RuntimeError(f"it lets {', '.join(missing)} not depart")
+        for name in names:
+            self._sumo.vehicle.setLaneChangeMode(name, 0)  # a route leads along the lanes of an entrance and an exit
+        for name in others:
+            self._sumo.vehicle.setSpeedMode(name, 0)  # its speed is what it is, and not what SUMO would allow
+        return array("d", self._row())
+
+    def step(self, count: int, moved: dict[str, list[float]], gone: list[str]) -> array[float]:
+        """Take so many steps, in the first of which others than SUMO's drivers have `moved` to x, y, heading, speed."""
+        vehicle = self._sumo.vehicle
+        for name in gone:
+            if name in self._driving:
+                vehicle.remove(name)
+                self._driving.discard(name)
+        for name, (x, y, heading, speed) in moved.items():
+            if name in self._driving:
+                vehicle.setSpeed(name, max(speed, 0.0))
+                vehicle.moveToXY(name, "", -1, x, y, angle=heading, keepRoute=_KEEP_ROUTE)
+        rows = array("d")
+        for _ in range(count):
+            self._sumo.simulationStep()
+            self._driving.difference_update(self._sumo.simulation.getArrivedIDList())
+            rows.extend(self._row())
+        return rows
+
+    def brake(self, options: list[str], name: str) -> array[float]:
+        """Return how far a vehicle gets that is told to stop as soon as it has departed [m], and how fast it then is [m/s]."""
+        self.load(options, [name])
+        vehicle = self._sumo.vehicle
+        start = vehicle.getLanePosition(name)
+        vehicle.setSpeed(name, 0.0)
+        while vehicle.getSpeed(name) > 0.0 and name in self._driving:
+            self.step(1, {}, [])
+        return array("d", (vehicle.getLanePosition(name) - start,) if name in self._driving else (float("inf"),))
+
+    def _row(self) -> list[float]:
+        vehicle, row = self._sumo.vehicle, list[float]()
+        for name in self._names:
+            if name in self._driving:
+                x, y = vehicle.getPosition(name)
+                row += x, y, vehicle.getAngle(name), vehicle.getSpeed(name)
+            else:
+                row += _NOWHERE
+        return row
+
+
+_KEEP_ROUTE = 3
+"""Its own route, at exactly this place (TraCI, move to XY)."""
+
+
+def main() -> None:
+    """Answer requests until there are no more, or it is told to end."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    # SUMO writes on standard output what it does: that goes where its warnings go.
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    import libsumo
+
+    server = Server(libsumo)
+    answers: dict[str, Callable[..., array[float]]] = {"load": server.load, "step": server.step, "brake": server.brake}
+    try:
+        for line in sys.stdin:
+            request = json.loads(line)
+            try:
+                numbers = answers[request.pop("do")](**request)
+                head: dict[str, Any] = {"numbers": len(numbers)}
+            except (libsumo.TraCIException, libsumo.FatalTraCIError, RuntimeError) as error:
+                head, numbers = {"numbers": 0, "error": f"{error}"}, array("d")
+            out.write(json.dumps(head).encode() + b"\n" + numbers.tobytes())
+            out.flush()
+    finally:  # also when who asked is gone
+        shutil.rmtree(sys.argv[1], ignore_errors=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""Netconvert, SUMO's program that makes road networks: where it is, and what it makes of files in plain XML."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from xml.etree.ElementTree import Element, ElementTree, ParseError, fromstring
+
+from pytest_rvads.errors import RunError, needs
+from pytest_rvads.wording import one_line
+
+__all__ = ["netconvert", "program_and_home"]
+
+_LIMIT = 60.0
+"""How long it may take [s]; a junction takes some hundredths."""
+_OPTIONS = (
+    "--offset.disable-normalization",  # in the frame of the map
+    "--no-turnarounds",  # there are the movements that the junction has
+    "--junctions.endpoint-shape",  # lanes end where they are said to
+    "--precision=9",
+    "--xml-validation=never",
+)
+
+
+def netconvert(files: Mapping[str, Element], *, left_hand: bool) -> Element:
+    """Return the network of plain XML files.
+
+    Args:
+        files: by the name of the option that takes each.
+        left_hand: whether traffic keeps left.
+
+    Raises:
+        RunError: netconvert is not installed, or failed.
+    """
+    program, home = program_and_home()
+    with TemporaryDirectory(prefix="rvads-net-") as folder:
+        options = []
+        for option, root in files.items():
+            path = Path(folder, f"{option}.xml")
+            ElementTree(root).write(path, encoding="utf-8")
+            options.append(f"--{option}={path}")
+        result = Path(folder, "net.xml")
+        options += [*_OPTIONS, *(["--lefthand"] if left_hand else []), f"--output-file={result}"]
+        said = _run([program, *options], home)
+        try:
+            return fromstring(result.read_bytes())
+        except (OSError, ParseError):
+            raise RunError(f"SUMO's netconvert ({program}) made no network: {one_line(said[-500:])}") from None
+
+
+def _run(command: Sequence[str], home: str | None) -> str:
+    """Run a program and return what it says on standard error."""
+    try:
+        done = subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=_LIMIT,
+            check=False,
+            env=os.environ | ({"SUMO_HOME": home} if home else {}),
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise RunError(f"SUMO's netconvert can't be run: {one_line(str(error), 300)}") from None
+    return done.stderr.decode(errors="replace")
+
+
+@lru_cache(maxsize=1)
+def program_and_home() -> tuple[str, str | None]:
+    """Return netconvert and the home of SUMO: of the package eclipse-sumo, else of SUMO_HOME, else found on the path.
+
+    Raises:
+        RunError: there is none.
+    """
+    spec = find_spec("sumo")
+    homes = [*((spec and spec.submodule_search_locations) or ()), os.environ.get("SUMO_HOME", "")]
+    for home in filter(None, homes):
+        if program := shutil.which("netconvert", path=str(Path(home, "bin"))):
+            return program, home
+    program = shutil.which("netconvert")
+    if program is None:
+        raise RunError(needs("simulator 'sumo' makes networks by netconvert and", "eclipse-sumo", "sumo"))
+    return program, None

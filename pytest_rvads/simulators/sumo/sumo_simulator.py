@@ -1,0 +1,139 @@
+"""The simulator ``sumo``: from a case to a run in which SUMO's own models drive the vehicles that `SumoDriver` is named for."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from functools import partial
+from importlib.util import find_spec
+from types import MappingProxyType
+
+from pytest_rvads.drivers.sumo_driver import SumoDriver
+from pytest_rvads.errors import ScenarioError, needs
+from pytest_rvads.physics import engines
+from pytest_rvads.physics.braking import check_start, greatest_safe
+from pytest_rvads.physics.cache import cached
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.forks import forks
+from pytest_rvads.scenarios.scenario import SPEED_LIMIT
+from pytest_rvads.scenarios.senses import Senses
+from pytest_rvads.simulators.loop import Loop
+from pytest_rvads.simulators.sumo.departures import lone_departure
+from pytest_rvads.simulators.sumo.road_network import straight
+from pytest_rvads.simulators.sumo.sumo_process import acquire, release
+from pytest_rvads.simulators.sumo.sumo_world import SumoWorld
+from pytest_rvads.versions import versions
+
+__all__ = ["Sumo", "sumo"]
+
+SEED = 23423
+"""SUMO's own; the seed of a scenario's senses is added to it."""
+_ROAD = 5000.0
+"""The road on which braking is tested; who has not stopped after so much never will [m]."""
+_LIBRARIES = ("libsumo", "eclipse-sumo")
+
+
+class Sumo:
+    """SUMO's microscopic traffic simulation, in steps of 0.01 s.
+
+    The vehicles that `SumoDriver` is named for move by SUMO's models along their lanes. Others are asked as in every simulator
+    and move by our vehicle dynamics; SUMO is told in every step where they are.
+
+    Args:
+        attributes: of the types of all vehicles in SUMO, in place of SUMO's defaults, as ``sigma=0`` or ``jmTimegapMinor=2``; see
+            SUMO's page "Definition of Vehicles, Vehicle Types, and Routes".
+    """
+
+    name = "sumo"
+    caveat = (
+        "SUMO's driver drives only where it is named (--rvads-autopilot sumo, traffic='sumo'); its vehicles have no tyres, brake "
+        "without a lag and never leave their lanes, and v(d)max is that of SUMO's brakes"
+    )
+
+    def __init__(self, **attributes: str | float) -> None:
+        self.attributes: Mapping[str, str] = MappingProxyType({name: f"{value}" for name, value in attributes.items()})
+
+    def __call__(self, case: Case) -> Run:
+        """Simulate a case, see `pytest_rvads.simulators.simulator.simulate`.
+
+        Raises:
+            ScenarioError: SUMO has no such junction, its driver is to have senses that are not ideal, or lanes are one upstream.
+            RunError: SUMO or netconvert is not installed or failed.
+        """
+        _installed()
+        driven, seed = _driven(case), SEED + case.scenario.senses.seed
+        engine = engines.usual()
+        make = partial(SumoWorld, case, driven, seed, self.attributes) if driven else engine.world
+        loop = Loop(case, self.name, make, versions(*_LIBRARIES, engine.library), driven)
+        run = loop.drive()
+        return replace(run, provenance={**run.provenance, "sumo": {"seed": seed, "attributes": dict(self.attributes)}})
+
+    def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
+        """Return the greatest safe speed `distance` metres before the stopping line, found by tests in SUMO.
+
+        A vehicle that is told to stop brakes by ``decel`` from the first step on, since SUMO's brakes have no lag.
+
+        Raises:
+            ScenarioError: a distance that is negative or not finite, or an unknown aggression.
+            RunError: SUMO or netconvert is not installed or failed.
+        """
+        check_start(distance, aggression)
+        body = vehicle or Vehicle()
+        attributes = dict(self.attributes)
+        values = {"distance": float(distance), "aggression": aggression, "vehicle": asdict(body), "attributes": attributes}
+        return cached({"what": self.name} | values, lambda: self._tested(distance, aggression, body), *_LIBRARIES)
+
+    def __repr__(self) -> str:
+        given = ", ".join(f"{name}={value}" for name, value in self.attributes.items())
+        return f"rvads.Sumo({given})" if given else "rvads.sumo"
+
+    def _tested(self, distance: float, aggression: int, vehicle: Vehicle) -> float | None:
+        _installed()
+        road, process = straight(_ROAD), acquire()
+        try:
+
+            def safe(speed: float) -> bool:
+                return process.brake(road, lone_departure("a0", speed, vehicle, aggression, self.attributes), "a0") <= distance
+
+            return greatest_safe(safe, SPEED_LIMIT)
+        finally:
+            release(process)
+
+
+def _driven(case: Case) -> tuple[int, ...]:
+    """Return the columns that SUMO drives.
+
+    Raises:
+        ScenarioError: it can't.
+    """
+    scenario, agents = case.scenario, case.agents()
+    drivers = [case.driver if case.traffic is None or a.name == scenario.under_test else case.traffic for a in agents]
+    driven = tuple(column for column, driver in enumerate(drivers) if driver is SumoDriver)
+    if case.driver is SumoDriver and scenario.senses != Senses(seed=scenario.senses.seed):
+        raise ScenarioError(
+            f"SUMO's driver sees everything as it is and acts at once, got senses with {scenario.senses.label} in "
+            f"{scenario.name}: leave them ideal, or name another driver"
+        )
+    farthest = {agent.entrance: distance for agent, (distance, _) in zip(agents, case.starts(), strict=True)}
+    for fork in forks(scenario.place) if driven else ():
+        one, two = fork.entrances
+        if all(farthest.get(e, -math.inf) > parted for e, parted in zip(fork.entrances, fork.distances, strict=True)):
+            raise ScenarioError(
+                f"the lanes of entrances {one} and {two} of junction {scenario.place.name!r} are one lane at the starts of "
+                f"{scenario.name}, where SUMO's vehicles would not see each other: choose smaller distances"
+            )
+    return driven
+
+
+def _installed() -> None:
+    if os.name != "posix":
+        raise ScenarioError(f"simulator 'sumo' runs SUMO in a process of its own on POSIX systems, this one is {os.name!r}")
+    if not find_spec("libsumo"):
+        raise ScenarioError(needs("simulator 'sumo'", "libsumo", "sumo"))
+
+
+sumo: Sumo = Sumo()
