@@ -216,6 +216,12 @@ def test_the_limit_is_that_of_brakes_without_a_lag(aggression: int, decel: float
         rvads.vmax(-1.0, simulator=rvads.sumo)
 
 
+def test_brakes_that_never_stop_a_vehicle_make_no_speed_safe_that_needs_them() -> None:
+    feeble = rvads.Vehicle(brake=(0.01, 0.01, 0.01))
+    found = rvads.vmax(50.0, 1, feeble, simulator=rvads.sumo)
+    assert found == pytest.approx((2 * 0.01 * 50.0) ** 0.5, abs=0.02), "v squared over twice the deceleration"
+
+
 @pytest.fixture
 def processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[SumoProcess]]:
     """The processes that simulate within the test, the last one at the end."""

@@ -72,7 +72,7 @@ class Server:
         vehicle = self._sumo.vehicle
         start = vehicle.getLanePosition(name)
         vehicle.setSpeed(name, 0.0)
-        while vehicle.getSpeed(name) > 0.0 and name in self._driving:
+        while name in self._driving and vehicle.getSpeed(name) > 0.0:
             self.step(1, {}, [])
         return array("d", (vehicle.getLanePosition(name) - start,) if name in self._driving else (float("inf"),))
 
