@@ -20,7 +20,11 @@ from pytest_rvads.simulators.kit.conformance import Check, Outcome
 from pytest_rvads.simulators.simulator import named
 
 ROOT = Path(__file__).parents[2]
-SHIPPED: dict[str, tuple[str, dict[str, Any]]] = {"bullet": ("pybullet", {}), "mujoco": ("mujoco", {})}
+SHIPPED: dict[str, tuple[str, dict[str, Any]]] = {
+    "bullet": ("pybullet", {}),
+    "mujoco": ("mujoco", {}),
+    "sumo": ("sumo", {"drivers": [rvads.Reference, rvads.SumoDriver], "junctions": ["stop4", "light4"]}),
+}
 """By name, the library that it needs, and what else the kit is told of it: a simulator that is to pass gets a row."""
 FEW = ("stop4", "stop3", "light4")
 NAMES = [check.name for check in checks(rvads.bullet)]

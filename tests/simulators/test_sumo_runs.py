@@ -206,14 +206,20 @@ def braked(speed: float, decel: float) -> float:
 
 
 @pytest.mark.parametrize(("aggression", "decel"), [(1, 4.0), (3, 8.0)])
-def test_the_limit_is_that_of_brakes_without_a_lag(aggression: int, decel: float) -> None:
+def test_the_limit_of_brakes_without_a_lag_is_that_of_sumo(aggression: int, decel: float) -> None:
+    quick = rvads.Vehicle(brake_lag=1e-6)  # whose resistances stop it sooner by our dynamics
     for distance in (0.3, 3.0, 5.0):
-        found = rvads.vmax(distance, aggression, simulator=rvads.sumo)
+        found = rvads.vmax(distance, aggression, quick, simulator=rvads.sumo)
         assert braked(found - 0.005, decel) <= distance
         assert braked(found + 0.015, decel) > distance
     assert rvads.vmax(30.0, aggression, simulator=rvads.sumo) == pytest.approx(11.176)
     with pytest.raises(ScenarioError, match="must be 0 m or more"):
         rvads.vmax(-1.0, simulator=rvads.sumo)
+
+
+@pytest.mark.parametrize("distance", [0.3, 5.0, 12.0])
+def test_with_a_lag_the_limit_is_that_of_the_vehicles_that_have_one(distance: float) -> None:
+    assert rvads.vmax(distance, simulator=rvads.sumo) == rvads.vmax(distance, simulator=usual())
 
 
 def test_brakes_that_never_stop_a_vehicle_make_no_speed_safe_that_needs_them() -> None:

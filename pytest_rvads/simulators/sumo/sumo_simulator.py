@@ -13,7 +13,7 @@ from types import MappingProxyType
 from pytest_rvads.drivers.sumo_driver import SumoDriver
 from pytest_rvads.errors import ScenarioError, needs
 from pytest_rvads.physics import engines
-from pytest_rvads.physics.braking import check_start, greatest_safe
+from pytest_rvads.physics.braking import check_start, greatest_safe, vmax
 from pytest_rvads.physics.cache import cached
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.vehicle import Vehicle
@@ -51,7 +51,7 @@ class Sumo:
     name = "sumo"
     caveat = (
         "SUMO's driver drives only where it is named (--rvads-autopilot sumo, traffic='sumo'); its vehicles have no tyres, brake "
-        "without a lag and never leave their lanes, and v(d)max is that of SUMO's brakes"
+        "without a lag and never leave their lanes, and v(d)max is the smaller of theirs and that of our dynamics"
     )
 
     def __init__(self, **attributes: str | float) -> None:
@@ -73,9 +73,10 @@ class Sumo:
         return replace(run, provenance={**run.provenance, "sumo": {"seed": seed, "attributes": dict(self.attributes)}})
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
-        """Return the greatest safe speed `distance` metres before the stopping line, found by tests in SUMO.
+        """Return the greatest speed that is safe `distance` metres before the stopping line for SUMO's vehicles and for others.
 
-        A vehicle that is told to stop brakes by ``decel`` from the first step on, since SUMO's brakes have no lag.
+        That of SUMO's is found by tests in SUMO: who is told to stop brakes by ``decel`` from the first step on, since SUMO's
+        brakes have no lag. That of our dynamics, by which others move, is as of `pytest_rvads.physics.braking.vmax`.
 
         Raises:
             ScenarioError: a distance that is negative or not finite, or an unknown aggression.
@@ -85,7 +86,9 @@ class Sumo:
         body = vehicle or Vehicle()
         attributes = dict(self.attributes)
         values = {"distance": float(distance), "aggression": aggression, "vehicle": asdict(body), "attributes": attributes}
-        return cached({"what": self.name} | values, lambda: self._tested(distance, aggression, body), *_LIBRARIES)
+        theirs = cached({"what": self.name} | values, lambda: self._tested(distance, aggression, body), *_LIBRARIES)
+        ours = vmax(distance, aggression, body)
+        return None if theirs is None or ours is None else min(theirs, ours)
 
     def __repr__(self) -> str:
         given = ", ".join(f"{name}={value}" for name, value in self.attributes.items())
