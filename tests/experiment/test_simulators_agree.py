@@ -127,6 +127,15 @@ def test_in_predictions_of_recorded_runs(shared: Path, file: str) -> None:
     assert told(list(recorded_trials(shared / "runs" / file))) == []
 
 
+def test_the_two_runs_are_by_two_engines() -> None:
+    """Else there would be nothing to compare: bits differ, by far less than what any outcome hangs on."""
+    case = next(iter(class_trials(("stop4",), "D"))).case
+    one, two = (simulator.simulate(case, simulator.named(name)) for name in ENGINES)
+    assert tuple(run.provenance["simulator"] for run in (one, two)) == ENGINES
+    assert one.hash != two.hash
+    assert 0.0 < abs(one.station - two.station).max() < 1e-6
+
+
 def test_sets_are_as_large_as_the_paper_and_the_classes_say() -> None:
     paper = list(SETS["paper"]())
     assert sum(len(trial.rules) for trial in paper if isinstance(trial, Trial)) == 240
