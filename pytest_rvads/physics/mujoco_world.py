@@ -104,9 +104,8 @@ def _model(mujoco: Any, vehicles: Sequence[Vehicle]) -> Any:
     spec.option.disableflags = int(off.mjDSBL_GRAVITY | off.mjDSBL_WARMSTART | others)
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
     for vehicle in vehicles:
-        # Releases before 3.3.7 take the mass and the inertia only with a place.
-        inertia = {"mass": vehicle.mass, "inertia": [vehicle.yaw_inertia] * 3, "ipos": [0, 0, 0], "explicitinertial": True}
-        body = spec.worldbody.add_body(**inertia)
+        inertia = [vehicle.yaw_inertia] * 3
+        body = spec.worldbody.add_body(mass=vehicle.mass, inertia=inertia, explicitinertial=True)
         for kind, axis in ((slide, [1, 0, 0]), (slide, [0, 1, 0]), (hinge, [0, 0, 1])):
             body.add_joint(type=kind, axis=axis)
         # From the front bumper backwards, the joints in the centre of gravity; bodies slide along each other.
