@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from pytest_rvads.errors import RunError, needs
+from pytest_rvads.errors import RunError, ScenarioError, needs
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.wording import one_line
 
 __all__ = ["MujocoWorld"]
 
@@ -36,10 +37,12 @@ class MujocoWorld:
         self._data = data = mujoco.MjData(self._model)
         data.qpos[:] = [number for start in starts for number in start[:3]]
         data.qvel[:] = [number for start in starts for number in start[3:]]
-        # `mj_step` would be these two with checks around them that write a log file into the working directory.
+        # `mj_step` would be the first two with checks around them that write a log file into the working directory.
         self._forward, self._integrate = mujoco.mj_forward, mujoco.mj_Euler
-        # Contacts are looked up before the first step too: two vehicles may stand inside each other.
-        self._forward(self._model, data)
+        self._filter, self._set_filter = mujoco.get_mjcb_contactfilter, mujoco.set_mjcb_contactfilter
+        # Two vehicles may stand inside each other. This finds contacts and resolves none: many at once take the solver minutes.
+        mujoco.mj_kinematics(self._model, data)
+        self._unfiltered(mujoco.mj_collision)
 
     def motions(self) -> list[Motion]:
         """Return the motion of every body, in the order in which they were given."""
@@ -51,7 +54,7 @@ class MujocoWorld:
         """Advance by one step under `forces` (x [N], y [N], moment [N m] of every body, flat)."""
         data = self._opened()
         data.qfrc_applied[:] = forces
-        self._forward(self._model, data)
+        self._unfiltered(self._forward)
         self._integrate(self._model, data)
 
     def contacts(self) -> list[tuple[int, int]]:
@@ -70,7 +73,19 @@ class MujocoWorld:
 
     def close(self) -> None:
         """Free the world."""
-        self._data = None
+        self._model = self._data = None
+
+    def _unfiltered(self, function: Any) -> None:
+        """Call a function that finds contacts without the filter that a driver which uses MuJoCo may have set for all models."""
+        foreign = self._filter()
+        if foreign is None:
+            function(self._model, self._data)
+            return
+        self._set_filter(None)
+        try:
+            function(self._model, self._data)
+        finally:
+            self._set_filter(foreign)
 
     def _opened(self) -> Any:
         if self._data is None:
@@ -83,8 +98,10 @@ def _model(mujoco: Any, vehicles: Sequence[Vehicle]) -> Any:
     spec = mujoco.MjSpec()
     spec.option.timestep = DT
     off = mujoco.mjtDisableBit
-    # No gravity: the plane carries everything. No warm start: a step depends on the state alone.
-    spec.option.disableflags = int(off.mjDSBL_GRAVITY | off.mjDSBL_WARMSTART)
+    # No gravity: the plane carries everything. No warm start: a step depends on the state alone. The others keep out callbacks
+    # that a driver which uses MuJoCo may have set for all models: nothing here is actuated, sprung or damped.
+    others = off.mjDSBL_ACTUATION | off.mjDSBL_SPRING | off.mjDSBL_DAMPER
+    spec.option.disableflags = int(off.mjDSBL_GRAVITY | off.mjDSBL_WARMSTART | others)
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
     for vehicle in vehicles:
         inertia = [vehicle.yaw_inertia] * 3
@@ -95,4 +112,8 @@ def _model(mujoco: Any, vehicles: Sequence[Vehicle]) -> Any:
         size = [vehicle.length / 2, vehicle.width / 2, vehicle.height / 2]
         place = [vehicle.gravity_offset - vehicle.length / 2, 0, 0]
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=place, condim=1)
-    return spec.compile()
+    try:
+        return spec.compile()
+    except ValueError as error:
+        told = one_line(str(error), 200)
+        raise ScenarioError(f"MuJoCo can't move these vehicles: {told}; give them masses and sizes of vehicles") from None

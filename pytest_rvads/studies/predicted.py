@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,7 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import named, simulate
+from pytest_rvads.studies.agreement import Entries, same_order
 from pytest_rvads.studies.experiment import outcome
 from pytest_rvads.studies.pool import Progress, spread
 from pytest_rvads.studies.prediction import DEFAULT_WAIT, DURATION, RULES
@@ -52,7 +52,7 @@ class Compared:
     name: str
     verdicts: Mapping[str, tuple[str, str]]
     """Per rule the recorded verdict and the simulated one."""
-    entries: Mapping[str, tuple[float | None, float | None]]
+    entries: Entries
     """Per vehicle when it enters the junction, recorded and simulated [s]."""
     free: Mapping[str, float]
     """Per vehicle how much later it enters in simulation when it is alone than in the earliest recording of its kind [s]."""
@@ -60,10 +60,7 @@ class Compared:
     @property
     def same_order(self) -> bool:
         """Whether every two vehicles enter in the same order, or together, in both."""
-        return all(
-            _sign(self.entries[a][0], self.entries[b][0]) == _sign(self.entries[a][1], self.entries[b][1])
-            for a, b in combinations(self.entries, 2)
-        )
+        return same_order(self.entries)
 
 
 def compare(
@@ -189,11 +186,6 @@ def _simulate(simulator: str | None, site: Scenario) -> tuple[dict[str, str], di
 
 def _late(entry: float | None) -> float:
     return math.inf if entry is None else entry
-
-
-def _sign(one: float | None, two: float | None) -> int:
-    first, second = _late(one), _late(two)
-    return (first > second) - (first < second)
 
 
 def _time(entry: float | None) -> str:

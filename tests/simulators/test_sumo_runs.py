@@ -19,6 +19,7 @@ import pytest_rvads as rvads
 from pytest_rvads.conduct.bodies import overlap
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.runs.states import Colour
+from pytest_rvads.simulators.planar import usual
 from pytest_rvads.simulators.sumo import sumo_process, sumo_simulator, sumo_world
 from pytest_rvads.simulators.sumo.sumo_process import SumoProcess
 

@@ -1,0 +1,56 @@
+"""``rvads compare-simulators``: do two simulators tell the same?"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from pytest_rvads.cli.common import Subparsers, progress, say
+from pytest_rvads.errors import ScenarioError, suggest
+
+__all__ = ["declare"]
+
+
+def declare(commands: Subparsers) -> None:
+    """Add the command of this module."""
+    compare = commands.add_parser(
+        "compare-simulators",
+        help="run the same cases on two simulators and tell which outcomes differ",
+        description="Run the same cases on two simulators and compare verdicts, order of entry and collisions; entry times may "
+        "differ, and by how much is told.",
+    )
+    compare.add_argument("simulators", metavar="NAME", nargs=2, help="bullet, mujoco, or module:name")
+    compare.add_argument(
+        "--set",
+        metavar="NAME",
+        action="append",
+        help="paper, classes, signs, mutants or contacts, may be repeated (default: paper and contacts)",
+    )
+    compare.add_argument("--recorded", metavar="FILE", nargs="+", default=[], help="also the runs of recorded files, predicted")
+    compare.add_argument("--strict", action="store_true", help="exit 1 when an outcome differs")
+    compare.add_argument("--workers", type=int, help="processes (default: one per processor)")
+    compare.set_defaults(command=_compare)
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from pytest_rvads.simulators.simulator import named
+    from pytest_rvads.studies.agreement import agree, text_agreements
+    from pytest_rvads.studies.case_sets import SETS, recorded_trials
+
+    if options.workers is not None and options.workers < 1:
+        raise ScenarioError(f"--workers must be at least 1, got {options.workers}")
+    wanted = options.set or ([] if options.recorded else ["paper", "contacts"])
+    for name in wanted:
+        if name not in SETS:
+            raise ScenarioError(f"--set must be one of {', '.join(SETS)}, got {name!r}{suggest(name, SETS)}")
+    one, two = options.simulators
+    for name in (one, two):
+        named(name, Path.cwd())  # an unknown one is refused before anything runs
+    trials = {name: list(SETS[name]()) for name in wanted} | {file: list(recorded_trials(file)) for file in options.recorded}
+    found = {
+        name: list(agree((one, two), cases, workers=options.workers, progress=partial(progress, what=f"cases of {name}")))
+        for name, cases in trials.items()
+    }
+    say(text_agreements(found, (one, two)))
+    return int(options.strict and not all(case.same for cases in found.values() for case in cases))
