@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import RunError, suggest
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.finder import find, load, names
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
@@ -27,7 +27,19 @@ from pytest_rvads.runs.tracks.matching import NEVER, STANDS, Matched, Matcher, d
 from pytest_rvads.runs.tracks.samples import Log, Samples
 from pytest_rvads.wording import one_line
 
-__all__ = ["Intake", "explain_empty", "label_of", "light_log", "read_tracks", "recording_of", "unlit"]
+__all__ = [
+    "Intake",
+    "check_one",
+    "explain_empty",
+    "junctions_of",
+    "label_of",
+    "light_log",
+    "passed",
+    "read_tracks",
+    "recording_of",
+    "recordings_in",
+    "unlit",
+]
 
 _Values = NDArray[np.float64]
 _AHEAD = {"front": 0.0, "center": 0.5, "rear_axle": AXLE}
@@ -75,7 +87,7 @@ def _pair(value: object) -> bool:
 
 def read_tracks(  # noqa: PLR0913 - the options of a command
     source: Any,
-    junction: Junction | str,
+    junction: Junction | str | None = None,
     *,
     map: str | os.PathLike[str] | None = None,
     format: str | None = None,
@@ -97,9 +109,10 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
 
     Args:
         source: a file, or a table: of pandas, polars, pyarrow, or a dictionary of columns.
-        junction: a junction, or what `find` takes.
-        map: OpenDRIVE file that a junction given by id is in.
-        format: ``csv``, ``ind``, ``interaction``, ``fcd``, ``carla``, ``osi`` or ``rosbag``; None: by the name of the file.
+        junction: a junction, or what `find` takes; None: the one that somebody passes, of the map that the log names.
+        map: OpenDRIVE file that a junction given by id is in; None: the one that the log names, as OpenSCENARIO does.
+        format: ``csv``, ``ind``, ``interaction``, ``fcd``, ``carla``, ``osi``, ``rosbag`` or ``xosc``; None: by the name of the
+            file.
         columns: of a table, per field (time, id, x, y, heading, speed, vx, vy, length, width, class) its column, with a unit
             after a colon where it is not s, rad or m/s: ``{"time": "t:ms", "heading": "yaw:deg"}``; None: by the usual names.
         point: which point of a vehicle x and y are: ``"front"``, the middle of the front bumper, ``"center"`` of its box, or
@@ -119,16 +132,76 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
         RunError: the log can't be read, or nobody in it passes the junction; the message says where, and what to do.
         MapError: no such junction.
     """
-    place = junction if isinstance(junction, Junction) else find(junction, map)
     log, usual = read_log(source, format=format, columns=columns, strict=strict)
     intake = Intake(point or usual, size, offset, position_accuracy, speed_accuracy, speed_limit)
     shown = light_log(log, lights)
-    recording = recording_of(log, place, intake, shown, label_of(log, label))
-    if not recording.tracks:
-        raise RunError(explain_empty(log, [place], intake, recording.left_out))
-    if shown and not recording.lights:
-        raise RunError(unlit(shown, place))
-    return recording
+    places = [junction] if isinstance(junction, Junction) else junctions_of(log, junction, map)
+    found, left_out = passed(log, places, intake, shown, label_of(log, label))
+    if not found:
+        raise RunError(explain_empty(log, places, intake, left_out))
+    check_one(log, found)
+    if shown and not found[0].lights:
+        raise RunError(unlit(shown, found[0].junction))
+    return found[0]
+
+
+def check_one(log: Log, found: Sequence[Recording]) -> None:
+    """Raise a `RunError` where somebody passes several junctions and only one can be meant."""
+    if len(found) > 1:
+        named = one_line(", ".join(recording.junction.id for recording in found), 200)
+        raise RunError(
+            f"{log.where}: vehicles pass {len(found)} junctions of the map ({named}): name one (--junction, junction=)"
+        )
+
+
+def recordings_in(log: Log, point: Point) -> list[Recording]:
+    """Return what a log has of every junction of its map that somebody passes, taken as it is.
+
+    Raises:
+        RunError: it names no map, or nobody passes a junction of it.
+        MapError: its map can't be read.
+    """
+    intake, places = Intake(point), junctions_of(log, None, None)
+    found, left_out = passed(log, places, intake, log.lights, label_of(log, None))
+    if not found:
+        raise RunError(explain_empty(log, places, intake, left_out))
+    return found
+
+
+def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | None) -> list[Junction]:
+    """Return the junctions that a log may be about; without a name all usable ones of its map.
+
+    Args:
+        log: the log.
+        junction: what `find` takes, ``all``, or None.
+        map: OpenDRIVE file; None: the one that the log names, unless `junction` is a built-in one.
+
+    Raises:
+        RunError: neither a junction is named nor a map.
+        MapError: no such junction.
+    """
+    if map is None and junction not in names():
+        map = log.map
+    if junction is not None and junction != "all":
+        return [find(junction, map)]
+    if map is None:
+        raise RunError(f"{log.where}: name the junction that it is about (--junction, junction=), this log names no map")
+    return [find(report.id, map) for report in load(map).junctions if report.usable]
+
+
+def passed(
+    log: Log, junctions: Sequence[Junction], intake: Intake, shown: Mapping[str, Changes], label: str
+) -> tuple[list[Recording], Sequence[tuple[str, str]]]:
+    """Return what a log has of those junctions that somebody passes; and who is left out, and why, at the last one."""
+    found: list[Recording] = []
+    left_out: Sequence[tuple[str, str]] = ()
+    for junction in junctions:
+        several = len(junctions) > 1
+        recording = recording_of(log, junction, intake, shown, f"{label} {junction.id}" if several else label)
+        left_out = recording.left_out
+        if recording.tracks:
+            found.append(recording)
+    return found, left_out
 
 
 def label_of(log: Log, label: str | None) -> str:
