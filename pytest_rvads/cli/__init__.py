@@ -12,7 +12,15 @@ import sys
 from collections.abc import Callable, Sequence
 
 from pytest_rvads import __version__
-from pytest_rvads.cli import check_commands, import_command, map_commands, power_command, report_commands, simulate_commands
+from pytest_rvads.cli import (
+    check_commands,
+    export_command,
+    import_command,
+    map_commands,
+    power_command,
+    report_commands,
+    simulate_commands,
+)
 from pytest_rvads.cli.common import warn
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.wording import encode_all
@@ -47,6 +55,14 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="rvads", description="Validate autonomous-driving controllers against traffic rules.")
     parser.add_argument("--version", action="version", version=f"rvads {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for module in (map_commands, import_command, check_commands, simulate_commands, report_commands, power_command):
+    for module in (
+        map_commands,
+        import_command,
+        export_command,
+        check_commands,
+        simulate_commands,
+        report_commands,
+        power_command,
+    ):
         module.declare(commands)
     return parser
