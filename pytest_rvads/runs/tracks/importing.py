@@ -6,14 +6,13 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import RunError, suggest
+from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find, load, names
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.recording import Changes, Recording, Track
@@ -21,6 +20,7 @@ from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.smoothing import DERIVED
 from pytest_rvads.runs.states import AXLE, Agent, Kind
 from pytest_rvads.runs.tracks.cleaning import accuracy_of, delay_of, track_of
+from pytest_rvads.runs.tracks.intake import Intake
 from pytest_rvads.runs.tracks.lightlog import lights_at, read_lights, signals_at
 from pytest_rvads.runs.tracks.logformats import Point, read_log
 from pytest_rvads.runs.tracks.matching import NEVER, STANDS, Matched, Matcher, directions
@@ -28,7 +28,6 @@ from pytest_rvads.runs.tracks.samples import Log, Samples
 from pytest_rvads.wording import one_line
 
 __all__ = [
-    "Intake",
     "check_one",
     "explain_empty",
     "junctions_of",
@@ -46,43 +45,6 @@ _AHEAD = {"front": 0.0, "center": 0.5, "rear_axle": AXLE}
 """How far ahead of its point the front bumper of a vehicle is, as a share of its length."""
 _WALKS = "it is a pedestrian"
 _UNSIZED = "its length is not known, which is needed to tell where its front is: --size (size=) gives one"
-
-
-@dataclass(frozen=True, slots=True)
-class Intake:
-    """How a log is taken; see `read_tracks`.
-
-    Raises:
-        RunError: a value that can't be.
-    """
-
-    point: Point
-    size: tuple[float, float] | None = None
-    offset: tuple[float, float] = (0.0, 0.0)
-    position_accuracy: float | None = None
-    speed_accuracy: float | None = None
-    speed_limit: float | None = None
-
-    def __post_init__(self) -> None:
-        points = get_args(Point)
-        if self.point not in points:
-            raise RunError(f"point must be {', '.join(points)}, got {self.point!r:.60}{suggest(str(self.point), points)}")
-        for name, most in (("position_accuracy", 10.0), ("speed_accuracy", 10.0)):
-            value = getattr(self, name)
-            if value is not None and not _within(value, 0.0, most):
-                raise RunError(f"{name} must be a standard deviation from 0 to {most:g}, got {value!r:.60}")
-        if self.size is not None and not (_pair(self.size) and all(_within(value, 0.1, 100.0) for value in self.size)):
-            raise RunError(f"size must be a length and a width from 0.1 to 100 m, got {self.size!r:.60}")
-        if not (_pair(self.offset) and all(_within(value, -1e9, 1e9) for value in self.offset)):
-            raise RunError(f"offset must be two numbers to add to x and y [m], got {self.offset!r:.60}")
-
-
-def _within(value: object, low: float, high: float) -> bool:
-    return isinstance(value, int | float | np.number) and low <= float(value) <= high
-
-
-def _pair(value: object) -> bool:
-    return isinstance(value, tuple | list) and len(value) == 2
 
 
 def read_tracks(  # noqa: PLR0913 - the options of a command
