@@ -41,12 +41,16 @@ from pytest_rvads.simulators.simulator import Simulator as Simulator, simulate a
 from pytest_rvads.scenarios.case import Case as Case, Fleet as Fleet
 from pytest_rvads.scenarios.scenario import Scenario as Scenario
 from pytest_rvads.scenarios.senses import Senses as Senses
+from pytest_rvads.openscenario.run_export import export_run as export_run
+from pytest_rvads.openscenario.scenario_export import save_scenario as save_scenario
+from pytest_rvads.openscenario.scenario_import import load_scenario as load_scenario
 from pytest_rvads.search import strategies as strategies
 from pytest_rvads.search.chance import sweep as sweep
 from pytest_rvads.search.metamorphic import equivalent as equivalent
 from pytest_rvads.search.rationality import determinate as determinate, rational as rational
 from pytest_rvads.runs.itineraries import Itinerary as Itinerary
 from pytest_rvads.conduct.kpis import Kpis as Kpis, kpis as kpis
+from pytest_rvads.runs.readers import read_runs as read_runs
 from pytest_rvads.runs.recorded import read_recorded as read_recorded
 from pytest_rvads.runs.recording import Recording as Recording
 from pytest_rvads.runs.recordingfile import load_recording as load_recording, save_recording as save_recording

@@ -69,6 +69,9 @@ _DECLARED = {
     "max-items": _Option("refuse a test that would expand to more items than this", "10000"),
     "rules": _Option("file with rules of your own, see `rvads rules --file`"),
     "keep": _Option("folder to keep every run in, as .npz for `rvads check`"),
+    "export": _Option(
+        "folder to write every run that failed to as OpenSCENARIO XML (.xosc), its map beside it; needs the extra openscenario"
+    ),
     "report": _Option(
         "also write the verdicts to FILE.json, FILE.html, FILE.md, or FILE.csv (by requirement); may be repeated",
         metavar="FILE",
@@ -138,6 +141,8 @@ class Options:
     max_items: int
     rules: Path | None
     keep: Path | None
+    export: Path | None
+    """Where runs that failed go as OpenSCENARIO XML."""
     reports: tuple[Path, ...]
     """Files to write; the ending of each names its format."""
     summary: str
@@ -197,6 +202,7 @@ class Options:
             max_items=_count("max-items", values["max-items"]),
             rules=config.rootpath / values["rules"] if values["rules"] else None,
             keep=here / values["keep"] if values["keep"] else None,
+            export=here / values["export"] if values["export"] else None,
             reports=_reports(config, here),
             summary=values["summary"],
             cov_fail_under=_number("cov-fail-under", values["cov-fail-under"], 100.0),

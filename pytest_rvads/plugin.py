@@ -22,6 +22,7 @@ from pytest_rvads.options import Options, declare
 from pytest_rvads.session.bundled import offer
 from pytest_rvads.session.chosen_driver import chosen
 from pytest_rvads.session.comparing import explain
+from pytest_rvads.session.exports import check_library
 from pytest_rvads.session.interrupts import end_with_parent, heed
 from pytest_rvads.session.items import OPTIONS, RECORD, attach, letter, prepare
 from pytest_rvads.session.limits import limits
@@ -73,6 +74,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
     try:
         options = config.stash[OPTIONS] = Options.read(config)
+        if options.export:
+            check_library()
         if options.autopilot:
             chosen(options.autopilot, config.invocation_params.dir)  # a wrong name ends the session before anything runs
         simulator = None

@@ -15,6 +15,7 @@ from pytest_rvads import __version__
 from pytest_rvads.cli import (
     check_commands,
     compare_command,
+    export_command,
     import_command,
     map_commands,
     power_command,
@@ -56,8 +57,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"rvads {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for module in (
-        *(map_commands, import_command, check_commands, simulate_commands),
-        *(compare_command, report_commands, power_command),
+        map_commands,
+        import_command,
+        export_command,
+        check_commands,
+        simulate_commands,
+        compare_command,
+        report_commands,
+        power_command,
     ):
         module.declare(commands)
     return parser

@@ -17,7 +17,7 @@ def declare(commands: Subparsers) -> None:
     """Add the command of this module."""
     check = commands.add_parser(
         "check",
-        help="judge runs that were recorded (.json) or kept by --rvads-keep (.npz)",
+        help="judge runs that were recorded (.json), kept by --rvads-keep (.npz), or exported (.xosc)",
         description="Exit status: 0 when no rule is violated or open, 1 when one is, 2 when a file or run can't be read or "
         "judged, 5 when nothing was judged: no rule applies, or every verdict is unsure. What is UNSURE is counted and listed, "
         "and neither passes nor fails.",

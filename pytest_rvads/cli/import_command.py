@@ -14,7 +14,6 @@ from pytest_rvads.cli.intake_options import add_intake, intake_of
 from pytest_rvads.errors import RunError
 
 if TYPE_CHECKING:
-    from pytest_rvads.junctions.junction import Junction
     from pytest_rvads.runs.recording import Recording
 
 __all__ = ["declare"]
@@ -27,17 +26,19 @@ def declare(commands: Subparsers) -> None:
     """Add the command of this module."""
     parser = commands.add_parser(
         "import",
-        help="bring in recorded traffic: CSV, SUMO, CARLA, OSI, ROS bags",
+        help="bring in recorded traffic: CSV, SUMO, CARLA, OSI, ROS bags, OpenSCENARIO",
         description="Matches every vehicle of a log to a way through a junction and keeps what is found for `rvads check`.",
     )
     parser.add_argument("tracks", metavar="TRACKS", help="file of tracks, or the folder of a bag")
     parser.add_argument("--map", metavar="FILE", help="OpenDRIVE file of the junction, in whose coordinates the tracks are")
     parser.add_argument(
-        "--junction", metavar="ID", required=True, help="id in --map, built-in name, type or place, or all of --map"
+        "--junction",
+        metavar="ID",
+        help="id in --map, built-in name, type or place, or all of --map; a log that names its map needs none",
     )
     parser.add_argument("-o", "--output", metavar="OUT", required=True, help="file to write (.npz); a folder for --junction all")
     parser.add_argument(
-        "--format", metavar="NAME", help="csv, ind, interaction, fcd, carla, osi or rosbag (default: by the name)"
+        "--format", metavar="NAME", help="csv, ind, interaction, fcd, carla, osi, rosbag or xosc (default: by the name)"
     )
     parser.add_argument("--columns", metavar="FIELD=COLUMN[:UNIT],...", help="as in time=t:ms,id=track,x=X,y=Y,heading=yaw:deg")
     add_intake(parser)
@@ -51,29 +52,42 @@ def declare(commands: Subparsers) -> None:
 
 def _import(options: argparse.Namespace) -> int:
     from pytest_rvads.runs.recordingfile import save_recording
-    from pytest_rvads.runs.tracks.importing import explain_empty, label_of, light_log, recording_of, unlit
+    from pytest_rvads.runs.tracks.importing import (
+        check_one,
+        explain_empty,
+        junctions_of,
+        label_of,
+        light_log,
+        recording_of,
+        unlit,
+    )
     from pytest_rvads.runs.tracks.logformats import read_log
     from pytest_rvads.runs.tracks.table import parse_columns
 
-    junctions = _junctions(options)
+    several = options.junction == "all"
+    if not options.tracks.endswith(".xosc"):  # which names its map
+        _check_junction(options)
     columns = parse_columns(options.columns) if options.columns else None
     log, usual = read_log(options.tracks, format=options.format, columns=columns, strict=options.strict, watch=_watch())
+    junctions = junctions_of(log, options.junction, options.map)
     intake = intake_of(options, usual)
     shown = light_log(log, options.lights)
     label = label_of(log, options.label)
-    several, found = options.junction == "all", []
+    recordings: list[Recording] = []
     left_out: Sequence[tuple[str, str]] = ()
     for number, junction in enumerate(junctions, start=1):
         recording = recording_of(log, junction, intake, shown, f"{label} {junction.id}" if several else label)
         left_out = recording.left_out
-        if recording.tracks:
-            path = Path(options.output, f"{junction.name}.npz") if several else Path(options.output)
-            save_recording(recording, path)
-            found.append((path, recording))
+        recordings += [recording] if recording.tracks else []
         if several:
             progress(number, len(junctions), "junctions")
-    if not found:
+    if not recordings:
         raise RunError(explain_empty(log, junctions, intake, left_out))
+    if not several:
+        check_one(log, recordings)
+    found = [(Path(options.output, f"{r.junction.name}.npz") if several else Path(options.output), r) for r in recordings]
+    for path, recording in found:
+        save_recording(recording, path)
     if shown and not any(recording.lights for _, recording in found):
         warn(f"warning: {unlit(shown, found[0][1].junction)}")
     told = [_told(path, recording, stated=options.position_accuracy is not None) for path, recording in found]
@@ -85,14 +99,16 @@ def _import(options: argparse.Namespace) -> int:
     return 0
 
 
-def _junctions(options: argparse.Namespace) -> list[Junction]:
-    from pytest_rvads.junctions.finder import find, load
+def _check_junction(options: argparse.Namespace) -> None:
+    """Tell what is wrong with a junction before anything long is read."""
+    from pytest_rvads.junctions.finder import find
 
+    if options.junction is None:
+        raise RunError("name the junction that the tracks are at: --junction ID, with --map FILE where it is not built in")
     if options.junction != "all":
-        return [find(options.junction, options.map)]
-    if options.map is None:
+        find(options.junction, options.map)
+    elif options.map is None:
         raise RunError("--junction all takes the junctions of a map: give --map FILE")
-    return [find(report.id, options.map) for report in load(options.map).junctions if report.usable]
 
 
 def _watch() -> Any:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from pytest_rvads.errors import RunError
 
 if TYPE_CHECKING:
-    from pytest_rvads.runs.tracks.importing import Intake
+    from pytest_rvads.runs.tracks.intake import Intake
     from pytest_rvads.runs.tracks.logformats import Point
 
 __all__ = ["INTAKE", "add_intake", "intake_of"]
@@ -35,7 +35,7 @@ def intake_of(options: argparse.Namespace, usual: Point) -> Intake:
     Raises:
         RunError: a value that can't be.
     """
-    from pytest_rvads.runs.tracks.importing import Intake
+    from pytest_rvads.runs.tracks.intake import Intake
 
     return Intake(
         options.point or usual,

@@ -17,7 +17,7 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.road_map import RoadMap, read_map
 from pytest_rvads.maps.control import JunctionControl
 
-__all__ = ["find", "load", "names", "nearest"]
+__all__ = ["called", "find", "load", "names", "nearest"]
 
 _TYPE = re.compile(
     r"(?P<ways>\d+)-way\s+(?P<control>(all-way\s+)?stops?|(traffic\s+)?lights?|none|uncontrolled|yields?|partial)"
@@ -95,6 +95,16 @@ def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
 
     id = min(usable, key=distance).id
     return _junction(road_map, key, id, _name(map, id))
+
+
+def called(name: str, map: str | os.PathLike[str]) -> Junction:
+    """Return the junction of `map` that ids call so (``stem.id``), or that has this id.
+
+    Raises:
+        MapError: an unreadable map, or no such junction.
+    """
+    ids = {_name(map, report.id): report.id for report in load(map).junctions}
+    return find(ids.get(name, name), map)
 
 
 def load(map: str | os.PathLike[str]) -> RoadMap:

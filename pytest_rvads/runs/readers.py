@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.archive import peek
+from pytest_rvads.runs.playedfile import read_played
 from pytest_rvads.runs.recorded import read_recorded
 from pytest_rvads.runs.recordingfile import FORMAT, load_recording
 from pytest_rvads.runs.run import Run
@@ -27,17 +28,23 @@ def _is_recording(path: Path) -> bool:
 READERS: dict[str, Callable[[str | Path], Sequence[Run]]] = {
     ".json": read_recorded,
     ".npz": _kept,
+    ".xosc": read_played,
 }
 """Per suffix, in small letters: a function that reads a file and raises `RunError` where it can't."""
 
 
 def read_runs(path: str | Path) -> Sequence[Run]:
-    """Read the runs of a file, recorded elsewhere (``.json``) or kept by this library (``.npz``: a run, or a recording).
+    """Read the runs of a file.
+
+    Such are recorded elsewhere (``.json``), kept by this library (``.npz``: a run, or a recording), or trajectories in
+    OpenSCENARIO XML (``.xosc``): what `export_run` wrote is judged as the run was; files of others are recorded traffic, at all
+    junctions that somebody passes of the map that the file names.
 
     The runs of a recording are made one by one, when they are asked for.
 
     Raises:
         RunError: another kind of file, or a damaged one.
+        MapError: the map of a ``.xosc`` can't be read.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in READERS:

@@ -16,6 +16,7 @@ from pytest_rvads.options import Options
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.session.artefacts import look, show
 from pytest_rvads.session.chosen_driver import where_else
+from pytest_rvads.session.exports import export
 from pytest_rvads.session.plan import start
 from pytest_rvads.wording import one_line, printable
 
@@ -264,4 +265,7 @@ def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: py
         if image:
             page = told
             show(item, report, image)
+    if (exports := item.config.stash[OPTIONS].export) and run is not None:
+        name = item.nodeid.replace(cell.id, cell.run)
+        lines.append(f"export    {export(item, exports, name, run, verdict, item.config.stash[OPTIONS].map)}")
     return "\n".join((*lines, rerun)), page

@@ -78,10 +78,10 @@ def test_what_folders_patterns_and_files_mean(folder: Path, capsys: Read) -> Non
     ("name", "told"),
     [
         ("none.npz", "none.npz: can't be read: No such file or directory"),
-        ("empty", "empty: the folder is empty, expected files of runs (.json, .npz) in it"),
-        ("x.json", "x.json: the folder is empty, expected files of runs (.json, .npz) in it"),
+        ("empty", "empty: the folder is empty, expected files of runs (.json, .npz, .xosc) in it"),
+        ("x.json", "x.json: the folder is empty, expected files of runs (.json, .npz, .xosc) in it"),
         ("none*.npz", "none*.npz: no file matches this pattern"),
-        ("drives/notes.txt", "drives/notes.txt: expected a file of runs (.json, .npz), got one ending in '.txt'"),
+        ("drives/notes.txt", "drives/notes.txt: expected a file of runs (.json, .npz, .xosc), got one ending in '.txt'"),
     ],
 )
 def test_what_is_not_there_is_told_and_costs_nothing_else(

@@ -64,7 +64,27 @@ def carla_seed() -> bytes:
     return "\n".join(map(json.dumps, records)).encode()
 
 
-SEEDS = {"t.csv": csv_seed(), "t.xml": fcd_seed(), "t.jsonl": carla_seed()}
+def xosc_seed() -> bytes:
+    box = '<BoundingBox><Center x="1.1"/><Dimensions length="4.6" width="1.8"/></BoundingBox>'
+    objects = "".join(
+        f'<ScenarioObject name="{name}"><Vehicle vehicleCategory="car">{box}</Vehicle></ScenarioObject>' for name in "ab"
+    )
+    groups = ""
+    for name in "ab":
+        vertices = "".join(
+            f'\n<Vertex time="{time}"><Position><WorldPosition x="{x}" y="{y}" h="{heading}"/></Position></Vertex>'
+            for time, who, x, y, heading, _ in samples(PLACE)
+            if who == name
+        )
+        timing = '<TimeReference><Timing domainAbsoluteRelative="absolute" scale="1" offset="0"/></TimeReference>'
+        action = f"<FollowTrajectoryAction><Polyline>{vertices}</Polyline>{timing}</FollowTrajectoryAction>"
+        groups += f'<ManeuverGroup><EntityRef entityRef="{name}"/><Event>{action}</Event></ManeuverGroup>'
+    phase = '<Phase duration="3"><TrafficSignalState trafficSignalId="0" state="red"/></Phase>'
+    lights = f"<TrafficSignals><TrafficSignalController>{phase}</TrafficSignalController></TrafficSignals>"
+    return f"<OpenSCENARIO><RoadNetwork>{lights}</RoadNetwork>{objects}{groups}</OpenSCENARIO>".encode()
+
+
+SEEDS = {"t.csv": csv_seed(), "t.xml": fcd_seed(), "t.jsonl": carla_seed(), "t.xosc": xosc_seed()}
 
 
 def survive(path: Path, content: bytes) -> None:

@@ -6,28 +6,39 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import RunError, suggest
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.finder import find, load, names
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.smoothing import DERIVED
 from pytest_rvads.runs.states import AXLE, Agent, Kind
 from pytest_rvads.runs.tracks.cleaning import accuracy_of, delay_of, track_of
+from pytest_rvads.runs.tracks.intake import Intake
 from pytest_rvads.runs.tracks.lightlog import lights_at, read_lights, signals_at
 from pytest_rvads.runs.tracks.logformats import Point, read_log
 from pytest_rvads.runs.tracks.matching import NEVER, STANDS, Matched, Matcher, directions
 from pytest_rvads.runs.tracks.samples import Log, Samples
 from pytest_rvads.wording import one_line
 
-__all__ = ["Intake", "explain_empty", "label_of", "light_log", "read_tracks", "recording_of", "unlit"]
+__all__ = [
+    "check_one",
+    "explain_empty",
+    "junctions_of",
+    "label_of",
+    "light_log",
+    "passed",
+    "read_tracks",
+    "recording_of",
+    "recordings_in",
+    "unlit",
+]
 
 _Values = NDArray[np.float64]
 _AHEAD = {"front": 0.0, "center": 0.5, "rear_axle": AXLE}
@@ -36,46 +47,9 @@ _WALKS = "it is a pedestrian"
 _UNSIZED = "its length is not known, which is needed to tell where its front is: --size (size=) gives one"
 
 
-@dataclass(frozen=True, slots=True)
-class Intake:
-    """How a log is taken; see `read_tracks`.
-
-    Raises:
-        RunError: a value that can't be.
-    """
-
-    point: Point
-    size: tuple[float, float] | None = None
-    offset: tuple[float, float] = (0.0, 0.0)
-    position_accuracy: float | None = None
-    speed_accuracy: float | None = None
-    speed_limit: float | None = None
-
-    def __post_init__(self) -> None:
-        points = get_args(Point)
-        if self.point not in points:
-            raise RunError(f"point must be {', '.join(points)}, got {self.point!r:.60}{suggest(str(self.point), points)}")
-        for name, most in (("position_accuracy", 10.0), ("speed_accuracy", 10.0)):
-            value = getattr(self, name)
-            if value is not None and not _within(value, 0.0, most):
-                raise RunError(f"{name} must be a standard deviation from 0 to {most:g}, got {value!r:.60}")
-        if self.size is not None and not (_pair(self.size) and all(_within(value, 0.1, 100.0) for value in self.size)):
-            raise RunError(f"size must be a length and a width from 0.1 to 100 m, got {self.size!r:.60}")
-        if not (_pair(self.offset) and all(_within(value, -1e9, 1e9) for value in self.offset)):
-            raise RunError(f"offset must be two numbers to add to x and y [m], got {self.offset!r:.60}")
-
-
-def _within(value: object, low: float, high: float) -> bool:
-    return isinstance(value, int | float | np.number) and low <= float(value) <= high
-
-
-def _pair(value: object) -> bool:
-    return isinstance(value, tuple | list) and len(value) == 2
-
-
 def read_tracks(  # noqa: PLR0913 - the options of a command
     source: Any,
-    junction: Junction | str,
+    junction: Junction | str | None = None,
     *,
     map: str | os.PathLike[str] | None = None,
     format: str | None = None,
@@ -97,9 +71,10 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
 
     Args:
         source: a file, or a table: of pandas, polars, pyarrow, or a dictionary of columns.
-        junction: a junction, or what `find` takes.
-        map: OpenDRIVE file that a junction given by id is in.
-        format: ``csv``, ``ind``, ``interaction``, ``fcd``, ``carla``, ``osi`` or ``rosbag``; None: by the name of the file.
+        junction: a junction, or what `find` takes; None: the one that somebody passes, of the map that the log names.
+        map: OpenDRIVE file that a junction given by id is in; None: the one that the log names, as OpenSCENARIO does.
+        format: ``csv``, ``ind``, ``interaction``, ``fcd``, ``carla``, ``osi``, ``rosbag`` or ``xosc``; None: by the name of the
+            file.
         columns: of a table, per field (time, id, x, y, heading, speed, vx, vy, length, width, class) its column, with a unit
             after a colon where it is not s, rad or m/s: ``{"time": "t:ms", "heading": "yaw:deg"}``; None: by the usual names.
         point: which point of a vehicle x and y are: ``"front"``, the middle of the front bumper, ``"center"`` of its box, or
@@ -119,16 +94,76 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
         RunError: the log can't be read, or nobody in it passes the junction; the message says where, and what to do.
         MapError: no such junction.
     """
-    place = junction if isinstance(junction, Junction) else find(junction, map)
     log, usual = read_log(source, format=format, columns=columns, strict=strict)
     intake = Intake(point or usual, size, offset, position_accuracy, speed_accuracy, speed_limit)
     shown = light_log(log, lights)
-    recording = recording_of(log, place, intake, shown, label_of(log, label))
-    if not recording.tracks:
-        raise RunError(explain_empty(log, [place], intake, recording.left_out))
-    if shown and not recording.lights:
-        raise RunError(unlit(shown, place))
-    return recording
+    places = [junction] if isinstance(junction, Junction) else junctions_of(log, junction, map)
+    found, left_out = passed(log, places, intake, shown, label_of(log, label))
+    if not found:
+        raise RunError(explain_empty(log, places, intake, left_out))
+    check_one(log, found)
+    if shown and not found[0].lights:
+        raise RunError(unlit(shown, found[0].junction))
+    return found[0]
+
+
+def check_one(log: Log, found: Sequence[Recording]) -> None:
+    """Raise a `RunError` where somebody passes several junctions and only one can be meant."""
+    if len(found) > 1:
+        named = one_line(", ".join(recording.junction.id for recording in found), 200)
+        raise RunError(
+            f"{log.where}: vehicles pass {len(found)} junctions of the map ({named}): name one (--junction, junction=)"
+        )
+
+
+def recordings_in(log: Log, point: Point) -> list[Recording]:
+    """Return what a log has of every junction of its map that somebody passes, taken as it is.
+
+    Raises:
+        RunError: it names no map, or nobody passes a junction of it.
+        MapError: its map can't be read.
+    """
+    intake, places = Intake(point), junctions_of(log, None, None)
+    found, left_out = passed(log, places, intake, log.lights, label_of(log, None))
+    if not found:
+        raise RunError(explain_empty(log, places, intake, left_out))
+    return found
+
+
+def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | None) -> list[Junction]:
+    """Return the junctions that a log may be about; without a name all usable ones of its map.
+
+    Args:
+        log: the log.
+        junction: what `find` takes, ``all``, or None.
+        map: OpenDRIVE file; None: the one that the log names, unless `junction` is a built-in one.
+
+    Raises:
+        RunError: neither a junction is named nor a map.
+        MapError: no such junction.
+    """
+    if map is None and junction not in names():
+        map = log.map
+    if junction is not None and junction != "all":
+        return [find(junction, map)]
+    if map is None:
+        raise RunError(f"{log.where}: name the junction that it is about (--junction, junction=), this log names no map")
+    return [find(report.id, map) for report in load(map).junctions if report.usable]
+
+
+def passed(
+    log: Log, junctions: Sequence[Junction], intake: Intake, shown: Mapping[str, Changes], label: str
+) -> tuple[list[Recording], Sequence[tuple[str, str]]]:
+    """Return what a log has of those junctions that somebody passes; and who is left out, and why, at the last one."""
+    found: list[Recording] = []
+    left_out: Sequence[tuple[str, str]] = ()
+    for junction in junctions:
+        several = len(junctions) > 1
+        recording = recording_of(log, junction, intake, shown, f"{label} {junction.id}" if several else label)
+        left_out = recording.left_out
+        if recording.tracks:
+            found.append(recording)
+    return found, left_out
 
 
 def label_of(log: Log, label: str | None) -> str:

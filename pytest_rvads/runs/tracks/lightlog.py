@@ -20,7 +20,7 @@ from pytest_rvads.runs.tracks.csvfile import rows_of
 from pytest_rvads.runs.tracks.source import opened, parse_xml
 from pytest_rvads.wording import one_line
 
-__all__ = ["changes_of", "lights_at", "read_lights", "signals_at"]
+__all__ = ["ENTRANCE", "changes_of", "lights_at", "read_lights", "signal_ids", "signals_at"]
 
 _COLOURS = {
     Colour.GREEN: ("green", "g", "1"),
@@ -30,7 +30,7 @@ _COLOURS = {
 }
 _COLOUR = {word: colour for colour, words in _COLOURS.items() for word in words}
 _MOST_CHANGES = 5_000_000
-_ENTRANCE = "entrance "
+ENTRANCE = "entrance "
 """Begins the names of entrances, which may be the ids of signals, too."""
 
 
@@ -60,7 +60,13 @@ def changes_of(rows: Mapping[str, list[tuple[float, Colour]]]) -> dict[str, Chan
 def signals_at(junction: Junction) -> dict[str, tuple[int, ...]]:
     """Return the entrances that each signal is for: by its id in the map, and entrances by what they are called."""
     labels = {junction.vehicle_at(number).removeprefix("a"): (number,) for number in range(len(junction.entrances))}
-    found: dict[str, tuple[int, ...]] = {f"{_ENTRANCE}{label}": numbers for label, numbers in labels.items()}
+    named = {f"{ENTRANCE}{label}": numbers for label, numbers in labels.items()}
+    return {**labels, **named, **signal_ids(junction)}
+
+
+def signal_ids(junction: Junction) -> dict[str, tuple[int, ...]]:
+    """Return the entrances that each light of the map is for, by its id there; nothing where there is no map."""
+    found: dict[str, tuple[int, ...]] = {}
     map = junction.map or (path_of(junction.name) if junction.name in LAYOUTS else None)
     if map is not None:
         report = load(map).report(junction.id)
@@ -68,7 +74,7 @@ def signals_at(junction: Junction) -> dict[str, tuple[int, ...]]:
             at = tuple(number for number, end in enumerate(report.entrances) if end.edge == item.edge)
             if item.kind is ObjectKind.LIGHT:
                 found[item.id] = tuple(sorted({*found.get(item.id, ()), *at}))
-    return {**labels, **found}
+    return found
 
 
 def lights_at(junction: Junction, shown: Mapping[str, Changes]) -> dict[int, Changes]:
@@ -103,7 +109,7 @@ def _table(path: Path) -> dict[str, Changes]:
         if "time" not in names or signal is None or colour is None:
             listed = one_line(", ".join(names), 200)
             raise RunError(f"{source.where}: row 1 must name the columns time, signal or entrance, and colour, got {listed}")
-        before = _ENTRANCE if signal == "entrance" else ""
+        before = ENTRANCE if signal == "entrance" else ""
         for number, (line, cells) in enumerate(rows):
             if len(cells) != len(names):
                 raise RunError(f"{source.where}: row {line}: expected {len(names)} cells as in row 1, got {len(cells)}")

@@ -18,6 +18,7 @@ from pytest_rvads.runs.tracks.rosbag import read_rosbag
 from pytest_rvads.runs.tracks.samples import Log
 from pytest_rvads.runs.tracks.source import Watch
 from pytest_rvads.runs.tracks.table import PRESETS
+from pytest_rvads.runs.tracks.xosc import read_xosc
 
 __all__ = ["FORMATS", "Format", "Point", "Reader", "read_log"]
 
@@ -61,6 +62,7 @@ FORMATS: dict[str, Format] = {
     "carla": Format(read_carla, (".jsonl", ".jsonl.gz"), "front"),
     "osi": Format(read_osi, (".mcap", ".osi")),
     "rosbag": Format(read_rosbag, (".db3", ".bag"), "rear_axle"),
+    "xosc": Format(read_xosc, (".xosc",), "rear_axle"),
 }
 """By name, as ``--format`` takes it."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +72,8 @@ class Log:
     """Vehicles with a damaged row, and which one: file, row, column and why."""
     lights: Mapping[str, Changes] = field(default_factory=dict)
     """By id of a signal, as far as the log has them."""
+    map: Path | None = None
+    """OpenDRIVE file that it names as its map."""
 
 
 class Gather:

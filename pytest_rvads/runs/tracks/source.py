@@ -83,12 +83,15 @@ def opened(path: Path, watch: Watch | None = None) -> Iterator[Source]:
         raise RunError(f"{path}: can't be read: {one_line(told)}") from error
 
 
-def parse_xml(source: Source, start: Callable[[str, dict[str, str], int], None]) -> None:
+def parse_xml(
+    source: Source, start: Callable[[str, dict[str, str], int], None], end: Callable[[str], None] | None = None
+) -> None:
     """Read a file of XML element by element; nothing of it is kept.
 
     Args:
         source: the file.
         start: called with the tag of every element, its attributes, and the line that it begins in.
+        end: called with the tag of every element when it ends.
 
     Raises:
         RunError: no XML, or some with a document type declaration.
@@ -100,6 +103,8 @@ def parse_xml(source: Source, start: Callable[[str, dict[str, str], int], None])
 
     parser.StartElementHandler = lambda tag, attributes: start(tag, attributes, parser.CurrentLineNumber)
     parser.StartDoctypeDeclHandler = doctype
+    if end is not None:
+        parser.EndElementHandler = end
     try:
         for chunk in source.chunks():
             parser.Parse(chunk, False)

@@ -20,7 +20,8 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.bounds import FARTHEST, Name, Size
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
-from pytest_rvads.runs.tracks.importing import Intake, recording_of
+from pytest_rvads.runs.tracks.importing import recording_of
+from pytest_rvads.runs.tracks.intake import Intake
 from pytest_rvads.runs.tracks.lightlog import changes_of, signals_at
 from pytest_rvads.runs.tracks.samples import LATEST, Log, Samples, kind_of
 from pytest_rvads.wording import one_line

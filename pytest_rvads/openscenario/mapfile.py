@@ -1,0 +1,74 @@
+"""The map beside a file: the one that the junction is from, copied as it is."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+from pytest_rvads.errors import MapError
+from pytest_rvads.junctions.builtin import LAYOUTS, path_of
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.opendrive.xmlfile import MAX_BYTES
+from pytest_rvads.storage import read_file, write_file
+
+__all__ = ["mapped", "put_map"]
+
+
+def mapped(junction: Junction, *maps: str | os.PathLike[str] | None) -> Junction:
+    """Return a junction as it is in its map file; of a kept run it is not known otherwise which one that is.
+
+    Args:
+        junction: the junction.
+        maps: files that it may be from, beside the one that it says itself; the first that has it counts.
+
+    Raises:
+        MapError: it is from no file, or not as it is there.
+    """
+    candidates = [path_of(junction.name)] if junction.name in LAYOUTS else []
+    candidates += [Path(map) for map in (*maps, junction.map) if map is not None]
+    lacking: MapError | None = None
+    for path in candidates:
+        try:
+            found = find(junction.id, path)
+        except MapError as error:
+            lacking = error
+            continue
+        if found.digest == junction.digest:
+            return replace(junction, map=str(path))
+        lacking = MapError(
+            f"junction {junction.name!r} is not as it is in map file {path}: the file has changed since, or U-turns were kept; "
+            "give the map that it is from (--map, map=)"
+        )
+    raise lacking or MapError(
+        f"junction {junction.name!r} is from no map file that is known, which has to lie beside a file of OpenSCENARIO: give its "
+        "OpenDRIVE map (--map, map=)"
+    )
+
+
+def put_map(junction: Junction, folder: Path) -> str:
+    """Copy the map of a junction, which `mapped` gave, into a folder, and return its name there.
+
+    It is written once; where another file has its name, it gets one of its own.
+
+    Raises:
+        MapError: it can't be read or written.
+    """
+    source = Path(str(junction.map))
+    try:
+        content = read_file(source, MAX_BYTES)
+        name = source.name
+        if _differs(folder / name, content):
+            name = f"{source.stem}-{sha256(content).hexdigest()[:8]}{source.suffix}"
+        target = folder / name
+        if not target.exists() or _differs(target, content):
+            write_file(target, content)
+    except OSError as error:
+        raise MapError(f"map file {source} can't be copied to {folder}: {error.strerror}") from error
+    return name
+
+
+def _differs(path: Path, content: bytes) -> bool:
+    return path.exists() and (path.stat().st_size != len(content) or path.read_bytes() != content)

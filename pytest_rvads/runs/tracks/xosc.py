@@ -1,0 +1,42 @@
+"""Tracks in OpenSCENARIO XML: vehicles that follow trajectories with times, and the lights of its controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pytest_rvads.errors import RunError
+from pytest_rvads.runs.tracks.played import no_trajectories, played
+from pytest_rvads.runs.tracks.samples import Gather, Log
+from pytest_rvads.runs.tracks.source import Watch
+
+__all__ = ["read_xosc"]
+
+_COLUMNS = {"time": "time", "heading": "h", "size": "Dimensions"}
+
+
+def read_xosc(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
+    """Return the vehicles of a file, the lights of its controllers, and the map that it names.
+
+    Places are those of rear axles, and the fronts are as far ahead of them as the bounding boxes say.
+
+    Raises:
+        RunError: it can't be read, nobody in it follows a trajectory, or a vertex is bad while reading is `strict`.
+    """
+    if columns:
+        raise RunError(f"{path.name}: the attributes of OpenSCENARIO are known, leave --columns out")
+    found = played(path, watch)
+    if not found.ways:
+        raise no_trajectories(found.where)
+    gather = Gather(found.where, _COLUMNS, strict=strict)
+    for entity in found.entities:
+        way = found.ways.get(entity.name)
+        if way is not None and len(way):
+            gather.extend(entity.name, way[:, 0].astype(np.int64), np.column_stack((way[:, 1:], np.full(len(way), np.nan))))
+            gather.describe(entity.name, entity.size, entity.kind, entity.ahead)
+    gather.lights = dict(found.lights)
+    log = gather.log()
+    return replace(log, refused=(*log.refused, *found.untold.items()), map=found.map)
