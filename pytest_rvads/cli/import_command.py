@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -141,7 +142,7 @@ def _told(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any]:
             f"{arms[key][0]} to {arms[key][1]}, {junction.movements[key].turn}": count for key, count in sorted(ways.items())
         },
         "offset": {
-            "mean": round(sum(track.offset for track in tracks) / len(tracks), 4),
+            "mean": round(math.fsum(track.offset for track in tracks) / len(tracks), 4),
             "worst": round(worst.offset, 4),
             "vehicle": worst.agent.name,
         },

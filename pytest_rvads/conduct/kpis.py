@@ -7,6 +7,7 @@ What a run does not record is None, and named in `Kpis.unavailable`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import combinations
@@ -188,7 +189,7 @@ def _ttc(run: Run, one: int, two: int) -> float | None:
     """Return the shortest time until discs that cover the two bodies touch, at constant velocity."""
     both = run.here[:, one] & run.here[:, two]
     sizes = run.size(one), run.size(two)
-    reach = sum(float(np.hypot(length / _DISCS / 2, width / 2)) for length, width in sizes)
+    reach = math.fsum(float(np.hypot(length / _DISCS / 2, width / 2)) for length, width in sizes)
     first, second = (_discs(run, k, length)[both] for k, (length, _) in zip((one, two), sizes, strict=True))
     gap = second[:, None, :, :] - first[:, :, None, :]
     closing = (velocity(run, two) - velocity(run, one))[both][:, None, None, :]

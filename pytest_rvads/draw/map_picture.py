@@ -242,7 +242,7 @@ def _painted(road_map: RoadMap, report: JunctionReport, place: Project, reach: f
     for arm in report.arms:
         for upstream, ids in ((True, arm.entrances), (False, arm.exits)):
             lanes = [edges[id] for id in ids]
-            width = sum(lane.width for lane in lanes) / max(len(lanes), 1)
+            width = math.fsum(lane.width for lane in lanes) / max(len(lanes), 1)
             for line, broken in marks(
                 [lane.points for lane in lanes], width, left_hand=report.left_hand, centre=upstream or not arm.entrances
             ):

@@ -221,7 +221,7 @@ def analyse(
         tuple(kept),
         signs,
         reason,
-        tuple(sum(graph.edges[e].length for e in walk(graph, end.edge, upstream=True, joints=joints)) for end in entrances),
+        tuple(math.fsum(graph.edges[e].length for e in walk(graph, end.edge, upstream=True, joints=joints)) for end in entrances),
         right_of,
         opposite,
         _phases(network, entrances, opposite, here, _arrows_across(kept, here, left_hand=left_hand)),

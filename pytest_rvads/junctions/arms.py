@@ -93,7 +93,7 @@ def sort_arms(arms: Sequence[RoadArm], in_order: Callable[[Sequence[RoadArm]], b
     """
     if not arms:
         return ()
-    x, y = sum(arm.x for arm in arms) / len(arms), sum(arm.y for arm in arms) / len(arms)
+    x, y = math.fsum(arm.x for arm in arms) / len(arms), math.fsum(arm.y for arm in arms) / len(arms)
 
     def turned(angle: float) -> float:
         # An arm just at the starting direction must not jump to the end by rounding.
@@ -123,15 +123,15 @@ def turns_in_order(turning: Iterable[tuple[int, int, float]], ways: int) -> bool
 def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[Edge], left_hand: Container[str]) -> RoadArm:
     points = [edge.points[-1] for edge in entering] + [edge.points[0] for edge in leaving]
     headings = [edge.end_heading + math.pi for edge in entering] + [edge.start_heading for edge in leaving]
-    outward = math.atan2(sum(map(math.sin, headings)), sum(map(math.cos, headings)))
+    outward = math.atan2(math.fsum(map(math.sin, headings)), math.fsum(map(math.cos, headings)))
     # From the kerb beside the entrances to the one beside the exits.
     across = (-math.sin(outward), math.cos(outward)) if ends[0][0] in left_hand else (math.sin(outward), -math.cos(outward))
     return RoadArm(
         ends,
         tuple(edge.id for edge in sorted(entering, key=lambda edge: float(edge.points[-1] @ across))),
         tuple(edge.id for edge in sorted(leaving, key=lambda edge: float(-(edge.points[0] @ across)))),
-        float(sum(p[0] for p in points) / len(points)),
-        float(sum(p[1] for p in points) / len(points)),
+        math.fsum(p[0] for p in points) / len(points),
+        math.fsum(p[1] for p in points) / len(points),
         outward,
     )
 

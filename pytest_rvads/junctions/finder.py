@@ -91,7 +91,7 @@ def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
 
     def distance(report: JunctionReport) -> float:
         arms = report.arms
-        return math.dist((x, y), (sum(a.x for a in arms) / len(arms), sum(a.y for a in arms) / len(arms)))
+        return math.dist((x, y), (math.fsum(a.x for a in arms) / len(arms), math.fsum(a.y for a in arms) / len(arms)))
 
     id = min(usable, key=distance).id
     return _junction(road_map, key, id, _name(map, id))

@@ -171,7 +171,7 @@ class MetricGraph:
             parts.append(self.segment(min(options, key=lambda key: options[key]["weight"])))
         if two.eta > _SAME:
             parts.append(last.head(two.eta))
-        return Ride(tuple(parts), sum(part.length for part in parts))
+        return Ride(tuple(parts), math.fsum(part.length for part in parts))
 
     def roads(self) -> Iterator[Road]:
         """Yield the roads: the maximal directed paths outside junctions, each once."""

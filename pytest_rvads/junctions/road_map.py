@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 from functools import cached_property
@@ -139,7 +140,7 @@ class RoadMap:
             lifted(report.right_of, report.entrances),
             lifted(report.opposite, report.entrances),
             report.left_hand,
-            sum(edge.width for edge in edges) / len(edges),
+            math.fsum(edge.width for edge in edges) / len(edges),
             self.path,
             report.stated,
         )

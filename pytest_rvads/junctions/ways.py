@@ -80,7 +80,7 @@ def paths_of(graph: MetricGraph, junction: str) -> list[Path]:
                 while way[-1] != (start, "in"):
                     way.append(before[way[-1]][0])
                 ids = tuple(id for id, _ in way[-2:0:-1])
-                paths.append(Path(start, end[0], ids, length[end], sum(edges[id].turning for id in ids)))
+                paths.append(Path(start, end[0], ids, length[end], math.fsum(edges[id].turning for id in ids)))
         found += sorted(paths, key=lambda path: path.edges)
     return found
 
@@ -132,5 +132,5 @@ class _Bend(NamedTuple):
 
 def _bend(one: Edge, two: Edge) -> _Bend:
     turn = abs(math.remainder(two.start_heading - one.end_heading, math.tau))
-    inside = sum(edge.length for edge in (one, two) if edge.junction is not None)
+    inside = math.fsum(edge.length for edge in (one, two) if edge.junction is not None)
     return _Bend(round(turn, 3), math.dist(one.points[-1], two.points[0]), inside, (one.id, two.id))

@@ -107,6 +107,6 @@ def _edge(draft: Draft, road: Road, chain: list[_Node], lines: list[LaneLine], f
         jump = max(math.dist(one[-1], two[0]) for one, two in pairwise(parts))
         if jump > GAP_WARNING:
             draft.warn(Doubt.GAP, f"lane {name} jumps by {jump:.2f} m between two lane sections", road.id)
-    turning = step * sum(line.turning for line in lines)
+    turning = step * math.fsum(line.turning for line in lines)
     width = lines[len(lines) // 2].width
     return Chain(name, road.id, road.junction, forward, points, turning, width, length, tuple(chain), s)

@@ -107,7 +107,7 @@ def _spans(road: Road) -> Iterator[tuple[Section, float, float]]:
 
 def _check_shapes(road: Road, warnings: list[MapWarning]) -> None:
     ends = [*(shape.s for shape in road.shapes[1:]), road.length]
-    total = sum(shape.length for shape in road.shapes)
+    total = math.fsum(shape.length for shape in road.shapes)
     for one, two, at in zip(road.shapes, road.shapes[1:], ends, strict=False):
         line = evaluate(one, np.array([0.0, max(at - one.s, 0.0)]))
         gap = math.hypot(two.x - line.x[-1], two.y - line.y[-1])

@@ -149,7 +149,7 @@ def _junction(root: Element, layout: Roundabout, arm: int, name: str) -> Element
     )
     for number, (start, end, pieces) in enumerate(ways):
         id = _CONNECTING + len(ways) * arm + number
-        road = add_road(root, id, sum(piece.length for piece in pieces), junction=junction.attrib["id"])
+        road = add_road(root, id, math.fsum(piece.length for piece in pieces), junction=junction.attrib["id"])
         for tag, (other, point, _) in (("predecessor", start), ("successor", end)):
             add(road[0], tag, elementType="road", elementId=other, contactPoint=point)
         add_plan(road, pieces)

@@ -306,7 +306,7 @@ def _movement(root: Element, junction: Element, layout: Layout, entrance: tuple[
             f"arms {arm} and {out} are too close together for a turn; move the stop lines out from {layout.stop:g} m"
         ) from None
     id = 100 + (lane * max(layout.leaving) + onto) * layout.ways**2 + arm * layout.ways + out
-    road = add_road(root, id, sum(piece.length for piece in pieces), junction=_JUNCTION, left_hand=layout.left_hand)
+    road = add_road(root, id, math.fsum(piece.length for piece in pieces), junction=_JUNCTION, left_hand=layout.left_hand)
     for tag, number in (("predecessor", arm), ("successor", out)):
         add(road[0], tag, elementType="road", elementId=number, contactPoint="start")
     add_plan(road, pieces)

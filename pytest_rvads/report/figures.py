@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import itemgetter
 from typing import Any
@@ -74,7 +75,7 @@ def timing(records: Sequence[Record]) -> list[str]:
 
 def _line(stack: str, found: Sequence[Computing]) -> str:
     count = sum(one.decisions for one in found)
-    mean = sum(one.compute for one in found) / max(count, 1)
+    mean = math.fsum(one.compute for one in found) / max(count, 1)
     longest = max(one.longest for one in found)
     return f"{stack}: {count} decisions in {len(found)} runs, {1000 * mean:.2g} ms each, {1000 * longest:.2g} ms the longest"
 

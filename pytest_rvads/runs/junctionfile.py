@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Annotated, Any
@@ -141,7 +142,7 @@ def _made(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junctio
         return Segment(line.id, along, line.turn, line.junction)
 
     movements = [Movement(m.entrance, m.exit, m.turn, m.length, m.segment, get(m.path)) for m in record.movements]
-    length = sum(m.path.length for m in movements if m.path is not None)
+    length = math.fsum(m.path.length for m in movements if m.path is not None)
     if length > _LONGEST:
         raise ValueError(f"its movements are {length:,.0f} m long together, expected at most {_LONGEST:,} m")
     ways = {m.key: m for m in movements}

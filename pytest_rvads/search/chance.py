@@ -51,8 +51,8 @@ class Spread:
     @property
     def shares(self) -> dict[Status, float]:
         """Share of the range with each status that occurs, the worst first."""
-        total = sum(self._width(i) for i in self.intervals)
-        found = {s: sum(self._width(i) for i in self.intervals if i.status is s) / total for s in _WORST}
+        total = math.fsum(self._width(i) for i in self.intervals)
+        found = {s: math.fsum(self._width(i) for i in self.intervals if i.status is s) / total for s in _WORST}
         return {status: share for status, share in found.items() if share}
 
     @property

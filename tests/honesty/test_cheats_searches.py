@@ -5,6 +5,7 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.metamorphic import equivalent
+from pytest_rvads.simulators.planar import usual
 
 from .attempts import CHECKED, STOPPED, Session
 from .shown import shows
@@ -20,7 +21,7 @@ def test_a_search_in_which_a_rule_never_applied_found_nothing_out() -> None:
     def nothing_found() -> None: ...
 
     with pytest.raises(rvads.ScenarioError, match="p4 was not triggered in any of"):
-        nothing_found(rvads_vehicle=rvads.Vehicle(), rvads_simulator=rvads.bullet)
+        nothing_found(rvads_vehicle=rvads.Vehicle(), rvads_simulator=usual())
 
 
 @shows("sweep_where_nothing_applies")

@@ -12,6 +12,7 @@ from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.finder import find
+from pytest_rvads.physics.engines import usual
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.runs.vehicle import Vehicle
@@ -222,7 +223,7 @@ def test_meta_is_made_of_builtins(stander: type[Stander]) -> None:
     assert set(json.loads(json.dumps(dict(meta)))) == set(meta)
     assert meta["scenario"] == scenario.record()
     assert meta["autopilot"].endswith("Stander")
-    assert set(meta["versions"]) == {"pytest-rvads", "pybullet", "numpy", "python"}
+    assert set(meta["versions"]) == {"pytest-rvads", usual().library, "numpy", "python"}
 
 
 SCENARIOS = [

@@ -97,6 +97,7 @@ def test_more_bodies_than_the_engine_moves_at_once_are_bodies_like_any_other(mak
 
 @pytest.mark.parametrize("simulator", [bullet, mujoco], ids=str)
 def test_ten_vehicles_on_each_of_eight_lanes_are_simulated(simulator: Planar) -> None:
+    pytest.importorskip(simulator.engine.library)
     place = find("lanes4")
     code = [place.directions(entrance)[0] for entrance in range(8)]
     run = simulate(Case(Scenario(place, code, distance=3, followers=9, duration=1.0), Reference), simulator)

@@ -7,7 +7,7 @@ import textwrap
 from pathlib import Path
 from typing import get_origin
 
-HEAVY = ("numpy", "networkx", "rich", "hypothesis", "lark", "pybullet", "msgspec")
+HEAVY = ("numpy", "networkx", "rich", "hypothesis", "lark", "pybullet", "mujoco", "msgspec")
 
 
 def test_importing_the_plugin_loads_nothing_heavy() -> None:

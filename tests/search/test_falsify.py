@@ -15,6 +15,7 @@ import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.search.falsify import avoidable, broken, look_for, pasteable
+from pytest_rvads.simulators.planar import usual
 
 NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
 
@@ -189,6 +190,7 @@ def test_an_error_of_a_simulator_is_told_once_with_its_type_and_its_notes(pytest
         test_it="""
         import pytest
         import pytest_rvads as rvads
+        from pytest_rvads.simulators.planar import usual
 
         class Lost(rvads.RunError):
             def __init__(self, host, port):
@@ -196,7 +198,7 @@ def test_an_error_of_a_simulator_is_told_once_with_its_type_and_its_notes(pytest
 
         class Remote:
             name = "remote"
-            vmax = rvads.bullet.vmax
+            vmax = usual().vmax
 
             def __call__(self, case):
                 error = Lost("here", 80)
@@ -212,7 +214,7 @@ def test_an_error_of_a_simulator_is_told_once_with_its_type_and_its_notes(pytest
     """
     )
     result = pytester.runpytest("-p", "no:cacheprovider")
-    result.stdout.fnmatch_lines(["E *test_it.Lost: test_it.py:21: here:80 is gone", "*start it again"])
+    result.stdout.fnmatch_lines(["E *test_it.Lost: test_it.py:22: here:80 is gone", "*start it again"])
     result.stdout.no_fnmatch_line("*searching.py*")
 
 
@@ -241,7 +243,7 @@ def test_a_search_starts_no_vehicle_faster_than_it_can_stop() -> None:
 
         def __call__(self, case: rvads.Case) -> rvads.Run:
             asked.append(case.scenario)
-            return rvads.bullet(case)
+            return usual()(case)
 
     look_for("stop4", rvads.Reference, "speed_limit", fleet=rvads.Fleet(bus), simulator=Watched(), budget=8, duration=1.0)
     assert 0 < max(max(scenario.speeds) for scenario in asked) <= 1.0

@@ -6,6 +6,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
+from pytest_rvads.simulators.planar import usual
 from pytest_rvads.studies import power
 from pytest_rvads.studies.killing import Killing
 from pytest_rvads.studies.methods import METHODS
@@ -40,15 +41,18 @@ def test_random_speeds_stay_inside_the_braking_envelope() -> None:
 
 
 def test_ties_detect_i3_and_nothing_else() -> None:
-    tied = rvads.Scenario(rvads.find("paper_stop4"), "2200")
-    assert detects(("I3", tied, None, "bullet"))
-    assert not detects(("I1", tied, None, "bullet"))
+    tied, simulator = rvads.Scenario(rvads.find("paper_stop4"), "2200"), usual().name
+    assert detects(("I3", tied, None, simulator))
+    assert not detects(("I1", tied, None, simulator))
 
 
 def test_one_vehicle_among_traffic_has_the_deficiency() -> None:
     at_the_line = rvads.Scenario(rvads.find("paper_stop4"), "2200", distance=0.0, subject=0)
-    assert detects(("I1", at_the_line, "reference", "bullet")), "it drives off before it knows that it has to stop"
-    assert not detects(("I3", at_the_line, "reference", "bullet")), "which of several goes first is the traffic's own decision"
+    simulator = usual().name
+    assert detects(("I1", at_the_line, "reference", simulator)), "it drives off before it knows that it has to stop"
+    assert not detects(("I3", at_the_line, "reference", usual().name)), (
+        "which of several goes first is the traffic's own decision"
+    )
 
 
 def test_the_race_counts_up_to_the_first_that_detects(monkeypatch: pytest.MonkeyPatch) -> None:

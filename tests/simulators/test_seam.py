@@ -18,13 +18,13 @@ from pytest_rvads.search.falsify import look_for
 from pytest_rvads.search.relations import RELATIONS
 from pytest_rvads.simulators.choice import Choice, choice, choosing
 from pytest_rvads.simulators.closed_loop import closed_vmax
-from pytest_rvads.simulators.planar import bullet
+from pytest_rvads.simulators.planar import usual
 from pytest_rvads.simulators.simulator import meant, named
 from pytest_rvads.studies import killing
 from pytest_rvads.studies.mutants import MUTANTS
 
 OWN = """
-    from pytest_rvads import bullet
+    from pytest_rvads.simulators.planar import usual
 
     class Counting:
         name = "counting"
@@ -32,7 +32,7 @@ OWN = """
 
         def __call__(self, case):
             type(self).runs += 1
-            return bullet(case)
+            return usual()(case)
 
         def vmax(self, distance, aggression=1, vehicle=None):
             return 1.0
@@ -51,10 +51,10 @@ class Counting:
 
     def __call__(self, case: rvads.Case) -> rvads.Run:
         self.cases.append(case)
-        return bullet(case)
+        return usual()(case)
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
-        return bullet.vmax(distance, aggression, vehicle)
+        return usual().vmax(distance, aggression, vehicle)
 
 
 def case(junction: str, directions: str, **more: Any) -> rvads.Case:
@@ -130,7 +130,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def test_a_simulator_is_found_by_name() -> None:
-    assert named("bullet") is bullet
+    assert named(usual().name) is usual()
     with pytest.raises(ScenarioError, match=r"unknown simulator 'bulet', there is bullet.*did you mean 'bullet'"):
         named("bulet")
     with pytest.raises(ScenarioError, match=r"can't be loaded: .*no_such_module"):
@@ -243,7 +243,7 @@ def test_a_failure_is_told_by_the_envelope_of_what_made_its_run(pytester: pytest
 
 
 def test_a_simulator_that_returns_no_run_is_an_error_of_the_item(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(own=OWN.replace("return bullet(case)", "return None"))
+    pytester.makepyfile(own=OWN.replace("return usual()(case)", "return None"))
     pytester.makepyfile("""
         import pytest_rvads as rvads
 
@@ -260,11 +260,11 @@ def test_a_simulator_that_returns_no_run_is_an_error_of_the_item(pytester: pytes
     ("answer", "wrong"),
     [
         (lambda case: 3, "3"),
-        (lambda case: bullet(case.but(directions="1100")), "another agents: .*'a1 from 1 to 2'.* expected .*'a1 from 1 to 3'"),
-        (lambda case: bullet(case.but(place=rvads.find("paper_stop4"))), "another junction: .* expected"),
-        (lambda case: bullet(case.but(subject=1)), "another subject: a1, expected a0"),
+        (lambda case: usual()(case.but(directions="1100")), "another agents: .*'a1 from 1 to 2'.* expected .*'a1 from 1 to 3'"),
+        (lambda case: usual()(case.but(place=rvads.find("paper_stop4"))), "another junction: .* expected"),
+        (lambda case: usual()(case.but(subject=1)), "another subject: a1, expected a0"),
         (
-            lambda case: bullet(case.but(distance=9.0)),
+            lambda case: usual()(case.but(distance=9.0)),
             "another label: stop4-.*-cfgd09.00v00.00, expected stop4-.*-cfgd08.00v00.00",
         ),
     ],
@@ -318,7 +318,7 @@ def test_whoever_names_no_simulator_gets_that_of_the_session(pytester: pytest.Py
             assert max(find(rvads.strategies.scenarios(), lambda scenario: any(scenario.speeds)).speeds) <= 1.0
     """)
     pytester.runpytest("--rvads-simulator=own:counting", "-p", "no:cacheprovider").assert_outcomes(passed=8)
-    assert meant() is bullet, "and outside of sessions it is the one that ships"
+    assert meant() is usual(), "and outside of sessions it is the one that ships"
 
 
 def test_a_session_that_ends_takes_back_its_own_choice() -> None:
@@ -364,14 +364,14 @@ def test_a_test_has_the_simulator_of_its_own_file_in_any_scope_and_every_result_
         *(f"--rvads-report={name}" for name in files),
     )
     result.assert_outcomes(passed=11)
-    result.stdout.fnmatch_lines(["simulated by bullet: 1 run", "simulated by mine: 1 run"])
+    result.stdout.fnmatch_lines([f"simulated by {usual().name}: 1 run", "simulated by mine: 1 run"])
     text = {name: (pytester.path / name).read_text(encoding="utf-8") for name in files}
     made = {record["nodeid"].partition("::")[0]: record["simulator"] for record in json.loads(text["out.json"])["records"]}
     assert made == {
-        "test_a_default.py": "bullet",
+        "test_a_default.py": usual().name,
         **dict.fromkeys(("test_function.py", "test_module.py", "test_session.py"), "mine"),
     }
     assert all("simulated by mine: 1 run" in text[name] for name in ("out.html", "out.md"))
-    assert {row["simulator"] for row in csv.DictReader(text["out.csv"].splitlines()) if row["item"]} == {"bullet", "mine"}
+    assert {row["simulator"] for row in csv.DictReader(text["out.csv"].splitlines()) if row["item"]} == {usual().name, "mine"}
     properties = [(p.get("name"), p.get("value")) for p in ET.parse(pytester.path / "out.xml").iter("property")]
     assert properties.count(("simulator", "mine")) == 6

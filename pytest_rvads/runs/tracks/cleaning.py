@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -40,8 +41,8 @@ def delay_of(found: Sequence[tuple[Samples, Matched]]) -> float:
         for vehicle, match in found
         if vehicle.speed is not None
     ]
-    weight = sum(weight for _, weight in each)
-    return sum(late * weight for late, weight in each) / weight if weight else 0.0
+    weight = math.fsum(weight for _, weight in each)
+    return math.fsum(late * weight for late, weight in each) / weight if weight else 0.0
 
 
 def track_of(  # noqa: PLR0913 - a vehicle as it is, as it was recorded, and how well
