@@ -58,7 +58,10 @@ def test_sessions_print_what_the_page_says(pytester: pytest.Pytester, command: s
         assert line in printed
 
 
-def test_the_limits_are_those_of_the_page(capsys: pytest.CaptureFixture[str]) -> None:
-    (command,) = [command for command in SHOWN if command.startswith("rvads")]
-    assert main(command.split()[1:]) == 0
-    assert [line.strip() for line in capsys.readouterr().out.splitlines()] == SHOWN[command]
+def test_the_limits_are_those_of_our_dynamics_as_the_page_says(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "`rvads braking --simulator sumo` prints what `rvads braking`" in " ".join(PAGE.split())
+    printed = []
+    for options in ([], ["--simulator", "sumo"]):
+        assert main(["braking", *options]) == 0
+        printed.append(capsys.readouterr().out)
+    assert printed[0] == printed[1]
