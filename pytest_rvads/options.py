@@ -159,6 +159,8 @@ class Options:
     repeat: str
     """Which runs are simulated once more: failed or never."""
     artefacts: str | None
+    deciding: tuple[str, ...]
+    """Flags of the command line without which a run would be another one."""
     open: str
     """What OPEN does to a test: fail, skip or pass."""
     unavoidable: str
@@ -212,6 +214,7 @@ class Options:
             time_budget=_number("time-budget", values["time-budget"], 1e6),
             repeat=values["repeat"],
             artefacts=None if values["artefacts"] == "none" else values["artefacts"],
+            deciding=_deciding(config),
             open=values["open"],
             unavoidable=values["unavoidable"],
             unsure=values["unsure"],
@@ -246,6 +249,12 @@ def _value(config: pytest.Config, name: str) -> str:
     if option.choices and value and value not in option.choices:
         raise RvadsError(f"{dest} must be one of {', '.join(option.choices)}, got {value!r}")
     return value
+
+
+def _deciding(config: pytest.Config) -> tuple[str, ...]:
+    """Return the flags that say what drives, in which simulator, on which map, by which rules; the ini file says it again."""
+    given = ((name, config.getoption(_dest(name))) for name in ("sut", "sut-rate", "autopilot", "simulator", "map", "rules"))
+    return tuple(f"--rvads-{name}={value}" for name, value in given if value)
 
 
 def _count(name: str, value: str) -> int:

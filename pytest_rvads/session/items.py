@@ -5,6 +5,7 @@ It crosses xdist on the report as builtins, and lands in JUnit and report logs.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -256,8 +257,9 @@ def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: py
     cell: Cell | RecordedCell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
     made = [f"recorded  {cell.path}"] if isinstance(cell, RecordedCell) else _made(item, cell.scenario, record)
     lines = [verdict.explanation, *made]
-    run, folder = item.stash.get(RUN, None), item.config.stash[OPTIONS].artefacts
-    rerun, page = f'rerun     pytest "{item.nodeid}"', ""
+    options = item.config.stash[OPTIONS]
+    run, folder = item.stash.get(RUN, None), options.artefacts
+    rerun, page = " ".join(("rerun     pytest", *map(shlex.quote, options.deciding), f'"{item.nodeid}"')), ""
     if folder and run is not None:
         rule = cell.rule if cell.rule and cell.rule.name == verdict.rule else verdict.rule
         told, image = look(item, folder, run, verdict, rule, "\n".join((*lines, rerun)))
@@ -265,7 +267,7 @@ def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: py
         if image:
             page = told
             show(item, report, image)
-    if (exports := item.config.stash[OPTIONS].export) and run is not None:
+    if (exports := options.export) and run is not None:
         name = item.nodeid.replace(cell.id, cell.run)
-        lines.append(f"export    {export(item, exports, name, run, verdict, item.config.stash[OPTIONS].map)}")
+        lines.append(f"export    {export(item, exports, name, run, verdict, options.map)}")
     return "\n".join((*lines, rerun)), page

@@ -1,6 +1,7 @@
 """Verdicts reach pytest: pass, failure in one line, NA as a skip, known deficiencies as strict xfail."""
 
 import re
+import shlex
 
 import pytest
 
@@ -125,6 +126,18 @@ def test_the_explanation_has_start_and_a_rerun_line_that_works(files: pytest.Pyt
     command = re.search(r'rerun     pytest "(.*)"', result.stdout.str())
     assert command
     files.runpytest(command[1]).assert_outcomes(failed=1)
+
+
+def test_the_rerun_line_says_again_what_the_command_line_said_of_the_run(files: pytest.Pytester) -> None:
+    pytest.importorskip("mujoco")
+    chosen = ["--rvads-simulator=mujoco", "--rvads-autopilot=red_light_runner", "--rvads-summary=full"]
+    result = files.runpytest("-k", "racer and p1", *chosen)
+    line = re.search(r"rerun     pytest (.*)", result.stdout.str())
+    assert line
+    assert shlex.split(line[1])[:-1] == ["--rvads-autopilot=red_light_runner", "--rvads-simulator=mujoco"]
+    again = files.runpytest(*shlex.split(line[1]))
+    again.assert_outcomes(failed=1)
+    again.stdout.fnmatch_lines(["driven by *RedLightRunner*", "simulated by mujoco"])
 
 
 def test_na_is_a_skip_with_its_reason_at_the_users_test(files: pytest.Pytester) -> None:
