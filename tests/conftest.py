@@ -34,6 +34,20 @@ for _name in ("hypothesis", "pytest_rvads.draw.picture", "pytest_rvads.failure_p
     import_module(_name)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _processes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What tests start compiles each module once, even where nothing may be written beside modules, and goes without Hypothesis.
+
+    The plugin of Hypothesis imports all of Hypothesis at the end of every session, which takes longer than most of the sessions.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTEST_ADDOPTS", "-p no:hypothesispytest")
+        if "PYTHONDONTWRITEBYTECODE" in os.environ:
+            patch.delenv("PYTHONDONTWRITEBYTECODE")
+            patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
+        yield
+
+
 @pytest.fixture(autouse=True)
 def _book() -> Iterator[None]:
     """What a test registers, or a command that it runs in this process, is forgotten at its end."""

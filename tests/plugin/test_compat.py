@@ -39,6 +39,7 @@ OTHERS = {
     "rerunfailures": ("pytest_rerunfailures", ("--reruns", "1")),
     "timeout": ("pytest_timeout", ("--timeout=300",)),
     "randomly": ("pytest_randomly", ("-p", "randomly")),
+    "hypothesispytest": ("hypothesis", ("-p", "hypothesispytest")),
 }
 _PLAIN: dict[str, tuple[str, str, str]] = {}
 """The same for all tests of this file, worked out by the first."""
@@ -66,7 +67,7 @@ def plain(pytester: pytest.Pytester) -> dict[str, tuple[str, str, str]]:
 
 
 @pytest.mark.parametrize("other", OTHERS)
-@pytest.mark.parametrize("workers", [(), ("-n", "2")], ids=["alone", "workers"])
+@pytest.mark.parametrize("workers", [(), ("-n", "1")], ids=["alone", "workers"])
 def test_other_plugins(pytester: pytest.Pytester, plain: object, other: str, workers: tuple[str, ...]) -> None:
     module, options = OTHERS[other]
     if find_spec(module) is None:
