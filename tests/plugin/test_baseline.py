@@ -147,7 +147,7 @@ FLAKY = """
 """
 
 
-@pytest.mark.parametrize("workers", [(), ("-n", "1")])
+@pytest.mark.parametrize("workers", [(), pytest.param(("-n", "1"), marks=pytest.mark.slow)])
 def test_a_run_that_can_t_be_repeated_is_flaky(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
     pytester.makepyfile(test_it=FLAKY)
     result = pytester.runpytest("--rvads-report=out.json", *workers)

@@ -38,4 +38,4 @@ def test_terminals_see_progress_and_pipes_do_not(pytester: pytest.Pytester) -> N
     assert "rvads: v(d)max of point 11/12" in shown
     assert "12 tests collected" in shown
     assert "rvads: v(d)max" not in on_a_terminal(*command, "-q")
-    assert "rvads: v(d)max" not in pytester.runpytest_subprocess("--collect-only").stdout.str()
+    assert "rvads: v(d)max" not in pytester.runpytest("--collect-only").stdout.str()

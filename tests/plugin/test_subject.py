@@ -90,7 +90,7 @@ TRAFFIC = """
 """
 
 
-@pytest.mark.parametrize("options", [(), ("-n", "1")])
+@pytest.mark.parametrize("options", [(), pytest.param(("-n", "1"), marks=pytest.mark.slow)])
 def test_only_what_the_subject_did_fails(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
     pytester.makepyfile(TRAFFIC)
     result = pytester.runpytest("--rvads-report=out.json", "--rvads-report=out.md", "--junitxml=out.xml", *options)

@@ -17,4 +17,4 @@ def simulated(scenario: rvads.Scenario, autopilot: Any) -> rvads.Run:
 @pytest.fixture(autouse=True)
 def _with_hypothesis(monkeypatch: pytest.MonkeyPatch) -> None:
     """Who searches has the plugin of Hypothesis at work as well."""
-    monkeypatch.delenv("PYTEST_ADDOPTS")
+    monkeypatch.delenv("PYTEST_ADDOPTS", raising=False)
