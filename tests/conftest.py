@@ -34,6 +34,32 @@ for _name in ("hypothesis", "pytest_rvads.draw.picture", "pytest_rvads.failure_p
     import_module(_name)
 
 
+WITHOUT = "-p no:hypothesispytest -p no:html"
+"""Options of sessions within tests: one of these plugins imports all of Hypothesis at the end of every session, which takes
+longer than most of the sessions, the other a language of templates at its beginning."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _processes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What tests start compiles each module once, even where nothing may be written beside modules."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTEST_ADDOPTS", WITHOUT)
+        if "PYTHONDONTWRITEBYTECODE" in os.environ:
+            patch.delenv("PYTHONDONTWRITEBYTECODE")
+            patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
+        yield
+
+
+@pytest.fixture(autouse=True)
+def _few_plugins(request: pytest.FixtureRequest) -> Iterator[None]:
+    """The same options hold where `pytester` has cleared them."""
+    if "pytester" in request.fixturenames:
+        request.getfixturevalue("pytester")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTEST_ADDOPTS", WITHOUT)
+        yield
+
+
 @pytest.fixture(autouse=True)
 def _book() -> Iterator[None]:
     """What a test registers, or a command that it runs in this process, is forgotten at its end."""

@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import networkx as nx
@@ -13,6 +14,13 @@ import pytest_rvads
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = Path(pytest_rvads.__file__).parent
+
+
+@cache
+def statements(file: Path) -> tuple[ast.Import | ast.ImportFrom, ...]:
+    """All imports of a module, also in functions and for type checkers only."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    return tuple(node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom))
 
 
 def test_data_flows_one_way() -> None:
@@ -37,10 +45,8 @@ def test_data_flows_one_way() -> None:
 def test_a_library_has_its_home(library: str, homes: set[str]) -> None:
     found = set()
     for file in sorted(PACKAGE.rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
-            if isinstance(node, ast.ImportFrom):
-                names = [node.module or ""]
+        for node in statements(file):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else [node.module or ""]
             if any(name.split(".")[0] == library for name in names):
                 place = file.relative_to(PACKAGE)
                 found.add(place.parts[0] if place.parts[0] in homes else place.as_posix())
@@ -62,11 +68,11 @@ def imports() -> nx.DiGraph:
     graph = nx.DiGraph()
     graph.add_nodes_from(modules)
     for name, file in modules.items():
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        for node in statements(file):
             if isinstance(node, ast.ImportFrom):
                 said = [f"{node.module}.{alias.name}" for alias in node.names]
                 graph.add_edges_from((name, s if s in modules else node.module) for s in said if {s, node.module} & set(modules))
-            elif isinstance(node, ast.Import):
+            else:
                 graph.add_edges_from((name, alias.name) for alias in node.names if alias.name in modules)
     return graph
 

@@ -106,10 +106,12 @@ def judge(cases: list[Scenario], junction: str, policy: str, book: str) -> dict[
     return {label: wrong for label, wrong in found.items() if wrong}
 
 
-@pytest.mark.parametrize("book", DRIVERS)
-@pytest.mark.parametrize("junction", JUNCTIONS)
-def test_a_sample_of_every_traffic(junction: str, book: str) -> None:
-    for k, policy in enumerate(TRAFFIC):
+# The traffic takes turns, so that each kind meets each book with stop signs and with lights, in an X and in a T; `slow` has all.
+@pytest.mark.parametrize(
+    ("junction", "book", "first"), [(j, b, (n // 2 + k) % 2) for n, j in enumerate(JUNCTIONS) for k, b in enumerate(DRIVERS)]
+)
+def test_a_sample_of_every_traffic(junction: str, book: str, first: int) -> None:
+    for k, policy in list(enumerate(TRAFFIC))[first::2]:
         cases = list(scenarios(junction, policy))
         assert judge([cases[(37 * k + 5) % len(cases)]], junction, policy, book) == {}, policy
 

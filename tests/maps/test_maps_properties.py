@@ -3,7 +3,7 @@
 import math
 import random
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -163,6 +163,11 @@ def test_where_the_map_lies(shared: Path, tmp_path: Path, data: st.DataObject, a
     same_graph(before, after)
 
 
+@cache
+def town(path: Path) -> RoadMap:
+    return read_map(path)
+
+
 @pytest.mark.parametrize("stem", ["Town07", "Issue295a"])
 @pytest.mark.parametrize(
     ("how", "turned"),
@@ -171,10 +176,10 @@ def test_where_the_map_lies(shared: Path, tmp_path: Path, data: st.DataObject, a
 )
 def test_whole_towns(shared: Path, tmp_path: Path, stem: str, how: Callable[[Element], None], turned: bool) -> None:
     """Many lane sections, references to signals, splines: what the small files hardly have."""
-    source = (shared / "maps" / f"{stem}.xodr").read_bytes()
-    root = ElementTree.fromstring(source)
+    source = shared / "maps" / f"{stem}.xodr"
+    root = ElementTree.fromstring(source.read_bytes())
     how(root)
-    one, two = read(tmp_path / "before.xodr", ElementTree.fromstring(source)), read(tmp_path / "after.xodr", root)
+    one, two = town(source), read(tmp_path / "after.xodr", root)
     reports = {report.id: report for report in two.junctions}
     for report in one.junctions:
         other = reports[report.id]

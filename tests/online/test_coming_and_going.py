@@ -135,16 +135,16 @@ def parade(steps: int) -> Iterator[list[Seen]]:
         yield seen
 
 
-def test_ten_thousand_vehicles_take_no_more_memory_than_a_thousand() -> None:
+def test_three_thousand_vehicles_take_no_more_memory_than_a_thousand() -> None:
     monitor = RuleMonitor(["p1", "p3", "full_stop", "no_collision"], find("stop4"), dt=0.5)
     sizes, told = [], 0
-    for tick, seen in enumerate(parade(10_000)):
+    for tick, seen in enumerate(parade(3000)):
         told += sum(found.verdict is Truth.FALSE for found in monitor.see(seen))
-        if tick % 3000 == 2999:
+        if tick % 1000 == 990:
             gc.collect()
             sizes.append(len(gc.get_objects()))
-    assert told >= 9_990, "nobody of them stops"
-    assert max(sizes) - min(sizes) < 0.02 * min(sizes), sizes
+    assert told >= 2_990, "nobody of them stops"
+    assert max(sizes) - min(sizes) < 200, "a tenth of an object per vehicle"
 
 
 def test_each_instance_is_told_once_and_by_the_time_its_vehicles_have_gone() -> None:

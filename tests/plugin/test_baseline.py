@@ -147,10 +147,10 @@ FLAKY = """
 """
 
 
-@pytest.mark.parametrize("workers", [(), ("-n", "1")])
+@pytest.mark.parametrize("workers", [(), pytest.param(("-n", "1"), marks=pytest.mark.slow)])
 def test_a_run_that_can_t_be_repeated_is_flaky(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
     pytester.makepyfile(test_it=FLAKY)
-    result = pytester.runpytest_subprocess("--rvads-report=out.json", *workers)
+    result = pytester.runpytest("--rvads-report=out.json", *workers)
     assert result.ret == pytest.ExitCode.TESTS_FAILED
     result.stdout.fnmatch_lines(
         [
@@ -165,7 +165,7 @@ def test_a_run_that_can_t_be_repeated_is_flaky(pytester: pytest.Pytester, worker
     status = {r["nodeid"].partition("::")[2].partition("[")[0] + (r["rule"] or ""): r["status"] for r in records}
     assert status["test_moody"] == "FLAKY"
     assert status["test_racerp1"] == "FAIL", "a deterministic failure is just a failure"
-    quiet = pytester.runpytest_subprocess("--rvads-repeat=never", *workers)
+    quiet = pytester.runpytest("--rvads-repeat=never", *workers)
     quiet.assert_outcomes(**result.parseoutcomes())
     assert "FLAKY" not in quiet.stdout.str()
 

@@ -72,7 +72,7 @@ TESTS = """
 @pytest.mark.parametrize("workers", [(), ("-n", "2")])
 def test_what_comes_too_late_is_not_run(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
     pytester.makepyfile(test_it=TESTS)
-    result = pytester.runpytest_subprocess("--rvads-time-budget=0", "--rvads-report=out.json", "-v", *workers)
+    result = pytester.runpytest("--rvads-time-budget=0", "--rvads-report=out.json", "-v", *workers)
     assert result.ret == pytest.ExitCode.NO_TESTS_COLLECTED, "nothing was judged"
     assert result.parseoutcomes() == {"passed": 1, "not": 3}, "1 passed, 3 not run"
     result.stdout.fnmatch_lines(["rvads: the time budget of 0 s is used up: 3 items did not run"])

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from shutil import copytree
 from textwrap import dedent
@@ -31,7 +32,7 @@ TESTS = """
     def rvads_autopilot():
         return Mortal
 
-    @rvads.scenario("stop4", classes=(1, 2, 3, 4), grid="E", rules="p1")
+    @rvads.scenario("stop4", classes=(1, 2, 3, 4), grid="E", rules="p1", duration=2)
     def test_rules(run, rule, monitor):
         monitor.check(rule)
 """
@@ -86,7 +87,7 @@ def test_a_process_that_ends_itself_leaves_reports_that_say_so(
 
 def test_a_worker_that_ends_itself_is_accounted_for(green: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOW", "os._exit(0)")
-    assert green.runpytest_subprocess(*REPORTS, "-n", "1", timeout=LONG).ret == pytest.ExitCode.TESTS_FAILED
+    assert green.runpytest(*REPORTS, "-n", "1").ret == pytest.ExitCode.TESTS_FAILED
     assert Counter(record.status for record in load(Path("out.json")).records) == {"PASS": 3, "ERROR": 1}
     assert main(["report", "check", "out.json"]) == pytest.ExitCode.TESTS_FAILED
 
@@ -110,14 +111,16 @@ def test_an_earlier_success_is_not_taken_for_that_of_a_session_without_verdicts(
     green: pytest.Pytester, code: str, workers: tuple[str, ...]
 ) -> None:
     green.makeconftest(code)
-    green.runpytest_subprocess(*REPORTS, *workers, timeout=LONG)
+    # An exit from conftest.py ends a whole process, so that one of its own is needed.
+    run = partial(green.runpytest_subprocess, timeout=LONG) if "exit(0)" in code else green.runpytest
+    run(*REPORTS, *workers)
     assert main(["report", "check", "out.json"]) != OK
 
 
 @pytest.mark.parametrize("option", ["--collect-only", "--markers", "--fixtures", "--help"])
 def test_who_only_asks_keeps_the_report(green: pytest.Pytester, option: str) -> None:
     before = Path("out.json").read_bytes()
-    assert green.runpytest_subprocess(*REPORTS, option, timeout=LONG).ret == OK
+    assert green.runpytest(*REPORTS, option).ret == OK
     assert Path("out.json").read_bytes() == before
     assert main(["report", "check", "out.json"]) == OK
 
@@ -130,7 +133,7 @@ def test_a_session_that_is_refused_leaves_the_report_in_doubt(green: pytest.Pyte
 
 
 def test_a_report_may_replace_its_own_baseline(green: pytest.Pytester) -> None:
-    result = green.runpytest_subprocess("--rvads-baseline=out.json", *REPORTS, timeout=LONG)
+    result = green.runpytest("--rvads-baseline=out.json", *REPORTS)
     assert result.ret == OK
     result.stdout.fnmatch_lines(["against out.json: 4 UNCHANGED"])
 
@@ -138,7 +141,7 @@ def test_a_report_may_replace_its_own_baseline(green: pytest.Pytester) -> None:
 def test_an_incomplete_report_is_no_baseline(green: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOW", "os._exit(0)")
     green.runpytest_subprocess(*REPORTS, timeout=LONG)
-    result = green.runpytest_subprocess("--rvads-baseline=out.json", timeout=LONG)
+    result = green.runpytest("--rvads-baseline=out.json")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines(["*rvads_baseline: *out.json is incomplete, its session has not ended, or died: *"])
 
@@ -201,7 +204,7 @@ def test_a_writer_that_fails_costs_its_own_file(tests: pytest.Pytester, workers:
 @pytest.mark.parametrize("raises", ["sys.exit(0)", "pytest.skip('no')", "pytest.exit('no', returncode=0)"])
 def test_a_hook_that_wants_out_ends_no_session(tests: pytest.Pytester, raises: str) -> None:
     tests.makeconftest(f"import sys, pytest\ndef pytest_rvads_verdict(record):\n    {raises}")
-    result = tests.runpytest_subprocess(timeout=LONG)
+    result = tests.runpytest()
     assert result.ret == pytest.ExitCode.TESTS_FAILED
     result.stdout.fnmatch_lines(["stop4: *4 verdicts: 4 pass", "rvads: a hook pytest_rvads_verdict raised *"])
 
@@ -215,7 +218,7 @@ def test_a_record_that_can_t_be_read_costs_one_item(tests: pytest.Pytester) -> N
             if "class02" in report.nodeid and hasattr(report, "rvads"):
                 report.rvads["hash"] = object()
     """)
-    result = tests.runpytest_subprocess("--rvads-report=out.json", timeout=LONG)
+    result = tests.runpytest("--rvads-report=out.json")
     assert result.ret == pytest.ExitCode.TESTS_FAILED
     records = load(Path("out.json")).records
     assert Counter(record.status for record in records) == {"PASS": 3, "ERROR": 1}

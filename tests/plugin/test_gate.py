@@ -14,7 +14,7 @@ TESTS = """
     import pytest_rvads as rvads
 
     # Of four vehicles that arrive together nobody is first (p3 is NA in C); in E two arrive before the others.
-    @rvads.scenario("stop4", classes=(1, 2), grid="CE", rules=("p1", "p3"))
+    @rvads.scenario("stop4", classes=(1, 2), grid="CE", rules=("p1", "p3"), duration=10)
     def test_rules(run, rule, monitor):
         monitor.check(rule)
 """
@@ -26,20 +26,20 @@ def tests(pytester: pytest.Pytester, reference: None) -> pytest.Pytester:
     return pytester
 
 
-@pytest.mark.parametrize("workers", [(), ("-n", "1")])
+@pytest.mark.parametrize("workers", [(), pytest.param(("-n", "1"), marks=pytest.mark.slow)])
 def test_the_gate_counts_what_the_tests_ask_for(tests: pytest.Pytester, workers: tuple[str, ...]) -> None:
     # Two classes x two configurations x two rules, of which p3 in C is NA.
-    result = tests.runpytest_subprocess("--rvads-cov-fail-under=75", *workers)
+    result = tests.runpytest("--rvads-cov-fail-under=75", *workers)
     assert result.ret == 0
     result.stdout.fnmatch_lines(["coverage: 6/8 cells exercised (75.0 %): 2 NA"])
-    result = tests.runpytest_subprocess("--rvads-cov-fail-under=75.1", *workers)
+    result = tests.runpytest("--rvads-cov-fail-under=75.1", *workers)
     assert result.ret == pytest.ExitCode.TESTS_FAILED
     result.stdout.fnmatch_lines(["rvads: coverage is below 75.1 %: 6/8 cells exercised (75.0 %): 2 NA"])
 
 
 @pytest.mark.parametrize("workers", [(), ("-n", "1")])
 def test_deselecting_does_not_raise_coverage(tests: pytest.Pytester, workers: tuple[str, ...]) -> None:
-    result = tests.runpytest_subprocess("-k", "class01 and p1", "--rvads-cov-fail-under=50", *workers)
+    result = tests.runpytest("-k", "class01 and p1", "--rvads-cov-fail-under=50", *workers)
     assert result.ret == pytest.ExitCode.TESTS_FAILED
     result.stdout.fnmatch_lines(["*coverage is below 50 %: 2/8 cells exercised (25.0 %): 6 not selected"])
 
@@ -101,17 +101,17 @@ def test_a_worker_that_dies_loses_one_item_and_says_so(pytester: pytest.Pytester
         import os
         import pytest_rvads as rvads
 
-        @rvads.scenario("stop4", classes=(1, 2, 3), grid="E", rules="p1")
+        @rvads.scenario("stop4", classes=(1, 2, 3), grid="E", rules="p1", duration=2)
         def test_rules(run, rule, monitor):
             if run.label.startswith("stop4-class02"):
                 os._exit(3)
             monitor.check(rule)
         """
     )
-    result = pytester.runpytest_subprocess("-n", "1", "--rvads-report=out.json")
+    result = pytester.runpytest("-n", "1", "--rvads-report=out.json")
     assert result.ret == pytest.ExitCode.TESTS_FAILED
     result.stdout.fnmatch_lines(["*1 x p1: the worker process crashed*", "stop4: *3 verdicts: 2 pass, 1 error"])
-    stopped = pytester.runpytest_subprocess("-n", "1", "--max-worker-restart=0", "--rvads-report=stopped.json")
+    stopped = pytester.runpytest("-n", "1", "--max-worker-restart=0", "--rvads-report=stopped.json")
     assert stopped.ret != 0
     records = json.loads((pytester.path / "stopped.json").read_text(encoding="utf-8"))["records"]
     assert sorted(r["status"] for r in records) == ["ERROR", "NOT RUN", "PASS"]

