@@ -18,7 +18,7 @@ def test_a_policy_is_symmetric(policy: str, junction: str) -> None:
     """All but the paper's stack, which is documented to go by the order of creation."""
     code, letter, relations = POINTS[junction]
     point = configuration(letter, 4)
-    start = Scenario(find(junction), code, distance=point.distances, speed=point.speeds)
+    start = Scenario(find(junction), code, distance=point.distances, speed=point.speeds, duration=30)
     found = compare(Case(start, traffic(policy)), ("paper", "road"), relations=relations)
     assert found.differences == ()
     assert len(found.compared) >= len(relations)

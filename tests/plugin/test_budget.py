@@ -69,7 +69,7 @@ TESTS = """
 """
 
 
-@pytest.mark.parametrize("workers", [(), ("-n", "2")])
+@pytest.mark.parametrize("workers", [(), ("-n", "1")])
 def test_what_comes_too_late_is_not_run(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
     pytester.makepyfile(test_it=TESTS)
     result = pytester.runpytest("--rvads-time-budget=0", "--rvads-report=out.json", "-v", *workers)

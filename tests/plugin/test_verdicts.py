@@ -152,7 +152,7 @@ def test_known_deficiencies_are_strict(pytester: pytest.Pytester) -> None:
         """
         import pytest_rvads as rvads
 
-        here = rvads.scenario("stop4", classes=(1, 7), grid="C", rules=("p1", "p4"))
+        here = rvads.scenario("stop4", classes=(1, 7), grid="C", rules=("p1", "p4"), duration=12)
 
         @rvads.known("races", rule="p1", cls=(7, 8), reason="never stops")
         @here
@@ -226,7 +226,7 @@ def test_a_run_is_simulated_once_for_all_rules(pytester: pytest.Pytester) -> Non
                 return rvads.Reference()
             return make  # a new function for every test, with the same code
 
-        @rvads.scenario("stop4", classes=(1, 2), grid="BC", rules=("p1", "p2", "p3", "p4"))
+        @rvads.scenario("stop4", classes=(1, 2), grid="BC", rules=("p1", "p2", "p3", "p4"), duration=5)
         def test_rules(run, rule, monitor):
             monitor.verdict(rule)
 
