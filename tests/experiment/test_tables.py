@@ -142,7 +142,7 @@ def test_verdicts_are_the_same_in_other_processes(part: dict[Key, str]) -> None:
 def test_halving_the_step_changes_no_verdict(verdicts: dict[Key, str], tmp_path: Path) -> None:
     package = Path(pytest_rvads.__file__).parent
     shutil.copytree(package, tmp_path / "pytest_rvads", ignore=shutil.ignore_patterns("__pycache__"))
-    run = tmp_path / "pytest_rvads" / "semantics" / "run.py"
+    run = tmp_path / "pytest_rvads" / "runs" / "run.py"
     source = run.read_text()
     assert source.count("\nDT = 0.01\n") == 1
     run.write_text(source.replace("\nDT = 0.01\n", "\nDT = 0.005\n"))
