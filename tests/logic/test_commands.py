@@ -22,7 +22,7 @@ def test_files_are_read_by_their_kind(make: Make, tmp_path: Path) -> None:
     (tmp_path / "runs.json").write_text("[]")
     with pytest.raises(RunError, match="must be an object"):
         read_runs(tmp_path / "runs.json")
-    with pytest.raises(RunError, match=r"expected a file of runs \(.json, .npz\), got one ending in '.csv'"):
+    with pytest.raises(RunError, match=r"expected a file of runs \(.json, .npz, .xosc\), got one ending in '.csv'"):
         read_runs(tmp_path / "runs.csv")
 
 
