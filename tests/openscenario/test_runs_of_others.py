@@ -96,6 +96,9 @@ def test_check_and_import_take_it(rolls: Path, tmp_path: Path, capsys: pytest.Ca
     assert "1 vehicle at stop4.1, 1 busy period" in capsys.readouterr().out
     assert main(["check", str(tmp_path / "kept.npz"), "--rule", "full_stop"]) == 1
     assert main(["check", str(tmp_path), "--rule", "full_stop"]) == 1  # folders are searched for it
+    for name, format in (("LOUD.XOSC", []), ("drive.xml", ["--format", "xosc"])):
+        (tmp_path / name).write_bytes(rolls.read_bytes())
+        assert main(["import", str(tmp_path / name), "-o", str(tmp_path / "kept.npz"), *format]) == 0
 
 
 def test_headings_that_are_not_told_are_those_of_the_way(tmp_path: Path) -> None:
