@@ -78,7 +78,7 @@ def test_what_is_no_id_is_told(id: str, message: str) -> None:
     [
         ({"wait": "soon"}, "here: the field 'wait' must be a number, got 'soon'"),
         ({"senses": {"smell": 1}}, "here: the field 'senses' has one that they don't"),
-        ({"aggression": 7}, "aggression must be 1, 2 or 3"),
+        ({"aggression": 7}, "here: aggression must be 1, 2 or 3"),
     ],
 )
 def test_what_is_no_record_is_told(change: dict[str, object], message: str) -> None:
