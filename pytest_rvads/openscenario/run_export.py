@@ -29,11 +29,13 @@ __all__ = ["export_run", "recorded_map", "vehicles", "write"]
 
 
 class Excerpted(msgspec.Struct, frozen=True):
-    """What a file says of an excerpt of a recording, for people: it is read as recorded traffic."""
+    """What a file says of an excerpt of a recording, which is read as recorded traffic: for people, but for `unsized`."""
 
     label: str
     hash: str
     verdict: Judged | None
+    unsized: list[str]
+    """Vehicles of unknown size, whose box is that of a usual car."""
 
 
 def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None = None, verdict: Verdict | None = None) -> None:
@@ -67,7 +69,8 @@ def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None
     known = vehicles(run)
     bodies = [body_of(agent, known[agent.name]) for agent in run.agents]
     actors = tuple(actor for k, body in enumerate(bodies) if (actor := _actor(run, k, body)) is not None)
-    note = Note.of(run, told) if _whole(run) else Excerpted(run.label, run.hash, told)
+    unsized = [agent.name for agent in run.agents if agent.size is None]
+    note = Note.of(run, told) if _whole(run) else Excerpted(run.label, run.hash, told, unsized)
     said = encode(note)
     decode(said, type(note), f"run {run.label!r:.60} can't be exported", RunError)
     document = Document(
