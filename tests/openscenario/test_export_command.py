@@ -65,7 +65,9 @@ def test_a_case_at_a_junction_of_a_file_needs_its_map(maps: Path, tmp_path: Path
     [
         (["nothing"], "'nothing' is no id of a scenario, expected such as 'stop4-class07-as1133-cfgD'"),
         (["none.npz"], "none.npz: can't be read"),
-        (["stop4-class07-as1133-cfgD", "--rule", "p1"], "--rule judges a run, and the id of a scenario is none"),
+        (["NONE.NPZ"], "NONE.NPZ: can't be read"),
+        (["stop4-class07-as1133-cfgD", "--rule", "p1"], "--rule judges a run, and a scenario is none: leave --rule out"),
+        (["none.npz", "--scenario", "--rule", "p1"], "--rule judges a run, and a scenario is none: leave --rule out"),
     ],
 )
 def test_misuse_is_told_in_one_line(
