@@ -152,7 +152,7 @@ def matched(intention: Intention, junction: Junction) -> Drive | None:
         reached = offsets[-1][0] - way.origin > way.length
         if distance < -_BEHIND or along < 0.0 or not reached or max(abs(beside), abs(offsets[-1][1])) > _BESIDE:
             continue
-        cost = abs(beside) + sum(abs(offset) for _, offset in offsets)
+        cost = abs(beside) + math.fsum(abs(offset) for _, offset in offsets)
         if best is None or cost < best[0]:
             found = Drive(intention.name, intention.length, key, round(max(distance, 0.0), 6) + 0.0, intention.speed)
             best = cost, found
