@@ -1,5 +1,6 @@
 """Trajectories that somebody else wrote: what is read, what is left out, what is refused."""
 
+import gzip
 import re
 from pathlib import Path
 
@@ -205,6 +206,15 @@ def test_what_can_not_be_read_is_told_in_one_sentence(text: str, message: str, t
     with pytest.raises(RunError, match=message) as refused:
         rvads.read_runs(path)
     assert "\n" not in str(refused.value)
+
+
+def test_what_is_kept_in_memory_is_bounded(tmp_path: Path) -> None:
+    """Packed, a hundred kilobytes would become seventy megabytes of names."""
+    long = b'<a b="' + b"x" * 2**20 + b'"/>'
+    path = tmp_path / "drive.xosc"
+    path.write_bytes(gzip.compress(b"<OpenSCENARIO>" + long * 65 + b"</OpenSCENARIO>", 1))
+    with pytest.raises(RunError, match=r"more than 200,000 elements, or 67,108,864 characters in them"):
+        rvads.read_runs(path)
 
 
 def test_a_map_that_is_not_beside_it_is_told(rolls: Path) -> None:
