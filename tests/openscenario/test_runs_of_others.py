@@ -217,6 +217,14 @@ def test_what_is_kept_in_memory_is_bounded(tmp_path: Path) -> None:
         rvads.read_runs(path)
 
 
+@pytest.mark.parametrize("name", ["drive.xosc", "drive.xml"])
+def test_a_tag_without_an_end_is_not_read_for_ever(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(gzip.compress(b'<a b="' + b"x" * 2**24, 1))
+    with pytest.raises(RunError, match=rf"^{name}: row 1: a tag has more than 8,388,608 bytes$"):
+        rvads.read_tracks(path, "stop4")
+
+
 def test_a_map_that_is_not_beside_it_is_told(rolls: Path) -> None:
     rolls.with_name("stop4.xodr").unlink()
     with pytest.raises(MapError, match=r"stop4\.xodr does not exist"):
