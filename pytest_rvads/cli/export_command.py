@@ -39,7 +39,11 @@ def _export(options: argparse.Namespace) -> int:
     from pytest_rvads.runs.readers import READERS
 
     source, out = Path(options.source), Path(options.xosc)
-    is_file = source.exists() or source.suffix in READERS
+    is_file = source.exists() or source.suffix.lower() in READERS
+    if options.rule and (options.scenario or not is_file):
+        raise ScenarioError(
+            "--rule judges a run, and a scenario is none: leave --rule out, or write the run of a file, without --scenario"
+        )
     return _run(options, source, out) if is_file else _scenario(options, out)
 
 
@@ -47,8 +51,6 @@ def _scenario(options: argparse.Namespace, out: Path) -> int:
     from pytest_rvads.openscenario.scenario_export import save_scenario
     from pytest_rvads.scenarios.ids import from_id
 
-    if options.rule:
-        raise ScenarioError("--rule judges a run, and the id of a scenario is none: give the file of a run, or leave --rule out")
     scenario = from_id(options.source, options.map)
     save_scenario(scenario, out, map=options.map)
     say(f"{out}: {scenario.describe()}")

@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 from collections import Counter
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,35 +55,25 @@ def _import(options: argparse.Namespace) -> int:
     from pytest_rvads.runs.recordingfile import save_recording
     from pytest_rvads.runs.tracks.importing import (
         check_one,
-        explain_empty,
         junctions_of,
         label_of,
         light_log,
-        recording_of,
+        passed,
         unlit,
     )
     from pytest_rvads.runs.tracks.logformats import read_log
     from pytest_rvads.runs.tracks.table import parse_columns
 
     several = options.junction == "all"
-    if not options.tracks.endswith(".xosc"):  # which names its map
+    if (options.format or Path(options.tracks).suffix.lower().removeprefix(".")) != "xosc":  # which names its map
         _check_junction(options)
     columns = parse_columns(options.columns) if options.columns else None
     log, usual = read_log(options.tracks, format=options.format, columns=columns, strict=options.strict, watch=_watch())
     junctions = junctions_of(log, options.junction, options.map)
     intake = intake_of(options, usual)
     shown = light_log(log, options.lights)
-    label = label_of(log, options.label)
-    recordings: list[Recording] = []
-    left_out: Sequence[tuple[str, str]] = ()
-    for number, junction in enumerate(junctions, start=1):
-        recording = recording_of(log, junction, intake, shown, f"{label} {junction.id}" if several else label)
-        left_out = recording.left_out
-        recordings += [recording] if recording.tracks else []
-        if several:
-            progress(number, len(junctions), "junctions")
-    if not recordings:
-        raise RunError(explain_empty(log, junctions, intake, left_out))
+    watch = partial(progress, what="junctions") if several else None
+    recordings = passed(log, junctions, intake, shown, label_of(log, options.label), by_junction=several, watch=watch)
     if not several:
         check_one(log, recordings)
     found = [(Path(options.output, f"{r.junction.name}.npz") if several else Path(options.output), r) for r in recordings]

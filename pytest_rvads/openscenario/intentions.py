@@ -10,7 +10,7 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import itinerary
-from pytest_rvads.runs.tracks.played import entities_of
+from pytest_rvads.runs.tracks.played import Entity, entities_of
 from pytest_rvads.runs.tracks.xosctree import Node
 
 __all__ = ["Drive", "Intention", "intentions", "matched"]
@@ -18,6 +18,8 @@ __all__ = ["Drive", "Intention", "intentions", "matched"]
 _READ = ("TeleportAction", "SpeedAction", "AssignRouteAction", "AcquirePositionAction")
 _BESIDE = 1.5
 """Farthest that a start or a goal lies beside the centre of its lane [m]."""
+_LONGEST = 100.0
+"""Longest vehicle [m]."""
 _BEHIND = 1e-6
 """A start on the line is not behind it [m]."""
 
@@ -81,8 +83,7 @@ def intentions(root: Node, where: str) -> Mapping[str, Intention]:
     for entity in entities:
         if entity.name not in privates:
             raise RunError(f"{where}: {entity.name!r:.60} has no <Private> that says where it starts")
-        length = None if entity.size is None else entity.size[0]
-        found[entity.name] = _intention(entity.name, length, entity.ahead, privates[entity.name])
+        found[entity.name] = _intention(entity, privates[entity.name], where)
     return found
 
 
@@ -96,7 +97,10 @@ def _actions(node: Node) -> Iterator[Node]:
             yield from _actions(child)
 
 
-def _intention(name: str, length: float | None, ahead: float | None, private: Node) -> Intention:
+def _intention(entity: Entity, private: Node, where: str) -> Intention:
+    name, length, ahead = entity.name, None if entity.size is None else entity.size[0], entity.ahead
+    if length is not None and not 0.0 < length <= _LONGEST:
+        raise RunError(f"{where}: {name!r:.60} is {length:g} m long, expected more than 0 and up to {_LONGEST:g} m")
     teleport = private.first("TeleportAction")
     if teleport is None or ahead is None:
         lacking = "a <TeleportAction>" if teleport is None else "a <BoundingBox> of its own"
@@ -148,7 +152,7 @@ def matched(intention: Intention, junction: Junction) -> Drive | None:
         reached = offsets[-1][0] - way.origin > way.length
         if distance < -_BEHIND or along < 0.0 or not reached or max(abs(beside), abs(offsets[-1][1])) > _BESIDE:
             continue
-        cost = abs(beside) + sum(abs(offset) for _, offset in offsets)
+        cost = abs(beside) + math.fsum(abs(offset) for _, offset in offsets)
         if best is None or cost < best[0]:
             found = Drive(intention.name, intention.length, key, round(max(distance, 0.0), 6) + 0.0, intention.speed)
             best = cost, found

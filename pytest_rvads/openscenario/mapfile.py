@@ -40,11 +40,11 @@ def mapped(junction: Junction, *maps: str | os.PathLike[str] | None) -> Junction
             return replace(junction, map=str(path))
         lacking = MapError(
             f"junction {junction.name!r} is not as it is in map file {path}: the file has changed since, or U-turns were kept; "
-            "give the map that it is from (--map, map=)"
+            "give the map that it is from (--map, --rvads-map, map=)"
         )
     raise lacking or MapError(
         f"junction {junction.name!r} is from no map file that is known, which has to lie beside a file of OpenSCENARIO: give its "
-        "OpenDRIVE map (--map, map=)"
+        "OpenDRIVE map (--map, --rvads-map, map=)"
     )
 
 

@@ -10,14 +10,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from pytest_rvads.decoding import encode
+from pytest_rvads.decoding import decode, encode
 from pytest_rvads.errors import RunError, RvadsError, require
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.maps.segment import Pose
 from pytest_rvads.openscenario.document import Actor, Body, Document, Trajectory, body_of
 from pytest_rvads.openscenario.mapfile import mapped, put_map
 from pytest_rvads.openscenario.phases import phases_of_run
-from pytest_rvads.openscenario.writing import written
+from pytest_rvads.openscenario.writing import library, written
 from pytest_rvads.runs.playedfile import Judged, Note
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
@@ -29,11 +29,13 @@ __all__ = ["export_run", "recorded_map", "vehicles", "write"]
 
 
 class Excerpted(msgspec.Struct, frozen=True):
-    """What a file says of an excerpt of a recording, for people: it is read as recorded traffic."""
+    """What a file says of an excerpt of a recording, which is read as recorded traffic: for people, but for `unsized`."""
 
     label: str
     hash: str
     verdict: Judged | None
+    unsized: list[str]
+    """Vehicles of unknown size, whose box is that of a usual car."""
 
 
 def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None = None, verdict: Verdict | None = None) -> None:
@@ -55,6 +57,8 @@ def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None
         RvadsError: the library scenariogeneration is not installed.
     """
     require(run, Run, "export_run takes a run, such as rvads.simulate(case) returns", RunError)
+    require(verdict, Verdict | None, "verdict= must be what rvads.check(run, rule) returns", RunError)
+    library()
     path = Path(path)
     if not run.steps or not run.agents:
         raise RunError(f"run {run.label!r} can't be exported: it has no states, or nobody in it")
@@ -65,11 +69,14 @@ def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None
     known = vehicles(run)
     bodies = [body_of(agent, known[agent.name]) for agent in run.agents]
     actors = tuple(actor for k, body in enumerate(bodies) if (actor := _actor(run, k, body)) is not None)
-    note = Note.of(run, told) if _whole(run) else Excerpted(run.label, run.hash, told)
+    unsized = [agent.name for agent in run.agents if agent.size is None]
+    note = Note.of(run, told) if _whole(run) else Excerpted(run.label, run.hash, told, unsized)
+    said = encode(note)
+    decode(said, type(note), f"run {run.label!r:.60} can't be exported", RunError)
     document = Document(
         one_line(title),
         put_map(place, path.parent),
-        ("rvads.run" if isinstance(note, Note) else "rvads.excerpt", encode(note).decode()),
+        ("rvads.run" if isinstance(note, Note) else "rvads.excerpt", said.decode()),
         actors,
         phases_of_run(place, run.lights, run.dt),
         run.duration,
@@ -81,8 +88,10 @@ def write(path: Path, document: Document) -> None:
     """Write a document.
 
     Raises:
-        RvadsError: it can't be written.
+        RvadsError: it can't be written, or has the name of the map that lies beside it.
     """
+    if path.name == document.map:
+        raise RvadsError(f"{path}: the map beside has this name: give the file another one, such as {path.with_suffix('.xosc')}")
     try:
         write_file(path, written(document))
     except OSError as error:

@@ -18,6 +18,7 @@ from pytest_rvads.openscenario.document import Actor, Document, body_of, moved_b
 from pytest_rvads.openscenario.mapfile import mapped, put_map
 from pytest_rvads.openscenario.phases import phases_of_plan
 from pytest_rvads.openscenario.run_export import write
+from pytest_rvads.openscenario.writing import library
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.playedfile import Site
 from pytest_rvads.scenarios.case import Fleet
@@ -59,6 +60,7 @@ def save_scenario(
     """
     require(scenario, Scenario, "save_scenario takes a rvads.Scenario(rvads.find('stop4'), '1133')", ScenarioError)
     require(fleet, Fleet | None, "fleet= must be a rvads.Fleet(vehicle)", ScenarioError)
+    library()
     path, bodies = Path(path), fleet or Fleet()
     place = mapped(scenario.place, map)
     rows = list(zip(scenario.agents(), scenario.itineraries(), scenario.starts(bodies.of), strict=True))

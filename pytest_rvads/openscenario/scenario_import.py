@@ -119,8 +119,8 @@ def _projected(found: Mapping[str, Intention], root: Node, places: list[Junction
             fitting.append((place, [drive for drive in drives.values() if drive is not None]))
     if not fitting:
         raise ScenarioError(
-            f"{where}: {lost!r:.60} must start on an approach and have a route down an exit road of one junction, within "
-            f"{len(places)} of the map there is none where everybody does"
+            f"{where}: {lost!r:.60} must start on an approach and have a route down an exit road of one junction, the same for "
+            f"everybody: the map has none such among {len(places)} that can be used"
         )
     if len(fitting) > 1:
         named = ", ".join(place.id for place, _ in fitting)
@@ -146,15 +146,18 @@ def _assembled(place: Junction, drives: list[Drive], root: Node, where: str) -> 
     code = tuple(by_key[heads[e].key] if e in heads else 0 for e in lanes)
     duration = _duration(root)
     for row in Orbits.at(place).rows:
-        scenario = Scenario(
-            place,
-            rotate(code, -row),
-            distance=rotate(tuple(distance for distance, _ in starts), -row),
-            speed=rotate(tuple(speed for _, speed in starts), -row),
-            rotation=row,
-            duration=usual_duration(place) if duration is None else duration,
-            followers=max(counts) - 1,
-        )
+        try:
+            scenario = Scenario(
+                place,
+                rotate(code, -row),
+                distance=rotate(tuple(distance for distance, _ in starts), -row),
+                speed=rotate(tuple(speed for _, speed in starts), -row),
+                rotation=row,
+                duration=usual_duration(place) if duration is None else duration,
+                followers=max(counts) - 1,
+            )
+        except ScenarioError as error:
+            raise ScenarioError(f"{where}: {error}") from error
         if scenario.creation != (*queues,):
             scenario = scenario.but(order=tuple((entrance - row) % len(lanes) for entrance in order))
         if _lit(scenario, root):

@@ -5,6 +5,7 @@ The version is 1.2: the first whose file header holds properties, and to which e
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
@@ -12,7 +13,7 @@ from importlib import import_module
 from typing import Any
 from xml.etree import ElementTree
 
-from pytest_rvads.errors import RvadsError
+from pytest_rvads.errors import RvadsError, needs
 from pytest_rvads.maps.segment import Pose
 from pytest_rvads.openscenario.document import Actor, Body, Document
 from pytest_rvads.runs.states import Kind
@@ -28,6 +29,8 @@ _FASTEST = 70.0
 """Nobody here is faster [m/s]."""
 _TRACK, _WHEEL = 0.85, 0.64
 """For pictures: track width over width of the body, and diameter of wheels [m], of usual cars."""
+_NO_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""XML 1.0, section 2.2."""
 _CATEGORY = {Kind.CAR: "car", Kind.TRUCK: "truck", Kind.CYCLIST: "bicycle"}
 
 
@@ -40,21 +43,22 @@ def library() -> Any:
     try:
         return import_module("scenariogeneration.xosc")
     except ImportError as error:
-        raise RvadsError(
-            f"OpenSCENARIO is written by the library scenariogeneration, which is not there ({error}): pip install "
-            '"pytest-rvads[openscenario]"'
-        ) from error
+        raise RvadsError(needs("writing OpenSCENARIO", "scenariogeneration", "openscenario")) from error
 
 
 def written(document: Document) -> bytes:
     """Return a file; equal documents give equal bytes.
 
     Raises:
-        RvadsError: the library is not installed, or a name that OpenSCENARIO takes for a parameter.
+        RvadsError: the library is not installed, or a name that OpenSCENARIO takes for a parameter, or that XML can't hold.
     """
-    for text in (document.title, document.map, *(actor.name for actor in document.actors)):
+    signals = {name for phase in document.phases for name in phase.colours}
+    names = (document.title, document.map, *(actor.name for actor in document.actors), *sorted(signals))
+    for text in (*names, *document.note):
         if text.startswith("$"):
             raise RvadsError(f"{text!r:.60} can't stand in OpenSCENARIO, where '$' begins the name of a parameter: rename it")
+        if found := _NO_XML.search(text):
+            raise RvadsError(f"{text!a:.60} can't stand in XML, which has no character {found[0]!a}: rename it")
     xosc = library()
     with _version(xosc):
         root = _Writer(xosc).scenario(document).get_element()

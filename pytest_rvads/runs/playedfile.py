@@ -18,20 +18,22 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.decoding import decode
+from pytest_rvads.decoding import decode, typed
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.builtin import LAYOUTS
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.runs.bounds import Name, Step, check_size
+from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step, check_size
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.junctionfile import Key
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
+from pytest_rvads.runs.tracks.facing import check_facing
 from pytest_rvads.runs.tracks.importing import recordings_in
 from pytest_rvads.runs.tracks.lightlog import lights_at
-from pytest_rvads.runs.tracks.logformats import read_log
+from pytest_rvads.runs.tracks.logformats import FORMATS
 from pytest_rvads.runs.tracks.played import Entity, Played, played
+from pytest_rvads.runs.tracks.xosc import log_of
 
 __all__ = ["VERSION", "Judged", "Note", "Site", "read_played", "site_of"]
 
@@ -62,12 +64,14 @@ class Judged(msgspec.Struct, frozen=True):
     message: str
 
 
-class _Way(msgspec.Struct, frozen=True):
+class _Way(msgspec.Struct, frozen=True, omit_defaults=True):
     name: Name
     route: Key
     """Entrance and exit."""
     zones: list[tuple[int, Zone]]
     """Run-length encoded: ticks, and the zone from there on. It counts where a station is at a border, within `_TIE`."""
+    sized: bool = True
+    """Whether its size is known; else the box in the file is that of a usual car, which no rule may judge."""
 
 
 class Note(msgspec.Struct, frozen=True):
@@ -95,7 +99,7 @@ class Note(msgspec.Struct, frozen=True):
             run.dt,
             run.steps,
             Site(run.junction.name, run.junction.id, run.junction.digest),
-            [_Way(agent.name, agent.route.key, _encoded(run.zone[:, k])) for k, agent in enumerate(run.agents)],
+            [_Way(a.name, a.route.key, _encoded(run.zone[:, k]), a.size is not None) for k, a in enumerate(run.agents)],
             run.facts,
             None if run.collisions is None else list(run.collisions),
             run.fault and replace(run.fault, detail=""),
@@ -119,8 +123,9 @@ def read_played(path: str | Path) -> Sequence[Run]:
     path = Path(path)
     found = played(path)
     if found.note is None:
-        log, point = read_log(path, format="xosc")
-        recordings = recordings_in(log, point)
+        log = log_of(found)
+        check_facing(log)
+        recordings = recordings_in(log, FORMATS["xosc"].point)
         return recordings[0] if len(recordings) == 1 else [run for recording in recordings for run in recording]
     note = decode(found.note.encode(), Note, f"{found.where}: the property rvads.run", RunError)
     if note.version != VERSION:
@@ -165,7 +170,7 @@ def _exact(found: Played, note: Note, junction: Junction) -> Run:
         if entity is None or vertices is None or entity.ahead is None or way.route not in junction.movements:
             why = "no movement leads there" if way.route not in junction.movements else "it has no vehicle with such a trajectory"
             raise RunError(f"{found.where}: {way.name!r} was to go from entrance {way.route[0]} to exit {way.route[1]}: {why}")
-        agents.append(Agent(way.name, junction.movements[way.route], entity.kind, entity.size))
+        agents.append(Agent(way.name, junction.movements[way.route], entity.kind, _size(found, entity) if way.sized else None))
         columns.append(_column(found, note, entity, itinerary(junction, *way.route), way.zones))
     names = [agent.name for agent in agents]
     told = [note.facts.subject, *note.facts.strayed, *(name for c in note.collisions or () for name in c.agents)]
@@ -189,6 +194,11 @@ def _exact(found: Played, note: Note, junction: Junction) -> Run:
         facts=note.facts,
         provenance={"openscenario": found.where},
     )
+
+
+def _size(found: Played, entity: Entity) -> tuple[float, float]:
+    """Return the size of a vehicle, within the bounds of every file of runs."""
+    return typed(entity.size, tuple[Size, Size], f"{found.where}: length and width of {entity.name!r}", RunError)
 
 
 def _lights(found: Played, note: Note, junction: Junction) -> NDArray[np.int8]:
@@ -220,14 +230,21 @@ def _column(
             f"{found.where}: the trajectory of {entity.name!r} must begin at 0 s, go on in steps of {note.dt:g} s, and have a "
             "heading at every vertex"
         )
+    if numbers[-1] < note.steps - 1 and zones[-1][1] is not Zone.GONE:
+        raise RunError(
+            f"{found.where}: the trajectory of {entity.name!r} must last to the end of the run at "
+            f"{(note.steps - 1) * note.dt:g} s, or until it is gone, got an end at {vertices[-1, 1]:g} s"
+        )
+    first = found.speeds.get(entity.name)
+    if max(np.abs(vertices[:, 2:]).max(), abs(first or 0.0)) > FARTHEST:
+        raise RunError(f"{found.where}: {entity.name!r} has a place, heading or speed beyond {FARTHEST:g}")
     ticks = np.arange(note.steps)
     axle = np.stack([np.interp(ticks, numbers, vertices[:, k]) for k in (2, 3)], axis=1)
     heading = np.interp(ticks, numbers, np.unwrap(vertices[:, 4]))
     front = axle + ahead * np.column_stack((np.cos(heading), np.sin(heading)))
     middle = (heading[1:] + heading[:-1]) / 2
     moved = (np.diff(axle, axis=0) * np.column_stack((np.cos(middle), np.sin(middle)))).sum(axis=1) / note.dt
-    first = found.speeds.get(entity.name, float(moved[0]) if len(moved) else 0.0)
-    speed = np.concatenate(([first], moved))
+    speed = np.concatenate(([moved[:1].sum() if first is None else first], moved))
     station = _stations(way, front, speed)
     stated = np.repeat(np.array([zone for _, zone in zones], dtype=np.int8), np.diff([*starts, note.steps]))
     low, high = (np.array([way.zone(value) for value in (station + shift).tolist()], dtype=np.int8) for shift in (-_TIE, _TIE))

@@ -22,8 +22,9 @@ _ID = re.compile(
 )
 _POINT = re.compile(
     r"(?P<cfg>[A-J]|d(?P<d>[\d._]*\d)v(?P<v>[\d._]*\d))(\.f(?P<followers>\d))?(?P<senses>(\.[a-z_]+(\d+\.\d+|\d+)?)*?)"
-    r"(\.r(?P<rotation>\d+))?(\.o(?P<order>[0-9a-z]+))?"
+    r"(\.r(?P<rotation>\d+))?(\.o(?P<order>(?=[a-z]*\d)[0-9a-z]+))?"
 )
+"""An order has digits, which tells it from a sense that begins with o."""
 _SENSE = re.compile(r"\.([a-z_]+)(\d+\.\d+|\d+)?")
 
 
@@ -67,7 +68,7 @@ def from_id(id: str, map: str | os.PathLike[str] | None = None) -> Scenario:
         followers=int(point["followers"] or 0),
     )
     if not f"{id}-".startswith(f"{scenario.name}-"):
-        raise ScenarioError(f"{id!r:.200} names another class or lanes than it has directions{suggest(id, [scenario.name])}")
+        raise ScenarioError(f"{id!r:.200} is not what the scenario is called that it describes{suggest(id, [scenario.name])}")
     return scenario
 
 

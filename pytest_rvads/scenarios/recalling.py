@@ -46,21 +46,22 @@ def recalled(record: Mapping[str, Any], place: Junction, where: str) -> Scenario
     """
     found = typed(dict(record), _Record, where, ScenarioError)
     try:
-        senses = Senses(**found.senses)  # type: ignore[arg-type]
+        return Scenario(
+            place,
+            found.directions,
+            distance=found.distances,
+            speed=found.speeds,
+            rotation=found.rotation,
+            configuration=found.configuration,
+            duration=found.duration,
+            aggression=found.aggression,
+            wait=found.wait,
+            subject=found.subject,
+            order=found.order,
+            senses=Senses(**found.senses),  # type: ignore[arg-type]
+            followers=found.followers,
+        )
     except TypeError as error:
         raise ScenarioError(f"{where}: the field 'senses' has one that they don't: {error}") from error
-    return Scenario(
-        place,
-        found.directions,
-        distance=found.distances,
-        speed=found.speeds,
-        rotation=found.rotation,
-        configuration=found.configuration,
-        duration=found.duration,
-        aggression=found.aggression,
-        wait=found.wait,
-        subject=found.subject,
-        order=found.order,
-        senses=senses,
-        followers=found.followers,
-    )
+    except ScenarioError as error:
+        raise ScenarioError(f"{where}: {error}") from error

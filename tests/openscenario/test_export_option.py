@@ -70,7 +70,7 @@ def test_a_missing_library_ends_the_session_before_anything_runs(
     result = pytester.runpytest("--rvads-export=out")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     (told,) = [line for line in result.errlines if "scenariogeneration" in line]
-    assert 'pip install "pytest-rvads[openscenario]"' in told
+    assert "pip install 'pytest-rvads[openscenario]'" in told
 
 
 def test_what_can_not_be_written_costs_no_verdict(pytester: pytest.Pytester) -> None:

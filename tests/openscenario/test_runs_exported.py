@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -87,13 +87,17 @@ def test_who_stands_costs_no_vertices(maps: Path, tmp_path: Path) -> None:
 
 
 def test_who_is_through_leaves(tmp_path: Path) -> None:
-    layout = rvads.find("stop4")
-    run = rvads.simulate(rvads.Case(rvads.Scenario(layout, "2000", distance=1, duration=60.0), rvads.Reference))
-    gone = run.zone.copy()
-    gone[-50:] = Zone.GONE  # as where somebody else still has some way to go
-    found = again(replace(run, zone=gone), tmp_path)
-    assert "<DeleteEntityAction" in (tmp_path / "run.xosc").read_text("utf-8")
-    assert found.steps == run.steps
+    scenario = rvads.Scenario(rvads.find("stop4"), "2020", distance=(1, 0, 40, 0), speed=(10, 0, 0, 0), duration=20.0)
+    run = rvads.simulate(rvads.Case(scenario, traffic("red_light_runner")))
+    gone = np.flatnonzero(run.zone[:, 0] == Zone.GONE)
+    assert 0 < gone[0] < run.steps - 100
+    assert not (run.zone[:, 1] == Zone.GONE).any()
+    found = again(run, tmp_path)
+    assert np.array_equal(found.zone, run.zone)
+    text = (tmp_path / "run.xosc").read_text("utf-8")
+    assert re.findall(r'<DeleteEntityAction|<EntityAction entityRef="(a\d)">\s*<DeleteEntityAction', text) == ["a0"]
+    time = re.search(r'<Event name="a0 leaves".*?<SimulationTimeCondition value="([^"]*)"', text, re.DOTALL)
+    assert float(time[1]) == pytest.approx(gone[0] * run.dt)
 
 
 def test_the_reference_point_is_the_rear_axle(maps: Path, tmp_path: Path) -> None:
@@ -137,9 +141,9 @@ def test_lights_are_phases_of_the_signals_of_the_map(tmp_path: Path) -> None:
 def test_twenty_failures_at_one_junction_share_its_map(maps: Path, tmp_path: Path) -> None:
     first = FAILURES[17].run(maps)
     rvads.export_run(first, tmp_path / "0.xosc")
-    written = (tmp_path / "left.xodr").stat()
+    written = (tmp_path / "left.xodr").stat().st_ino  # a file that is written anew is another one, moved into place
     rvads.export_run(first, tmp_path / "1.xosc")
-    assert (tmp_path / "left.xodr").stat() == written
+    assert (tmp_path / "left.xodr").stat().st_ino == written
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.xosc", "1.xosc", "left.xodr"]
 
 
@@ -184,6 +188,16 @@ def test_a_fault_stays_one(maps: Path, tmp_path: Path) -> None:
     assert rvads.check(found, "p3").status is Status.ERROR
 
 
+@pytest.mark.parametrize("kind", rvads.Kind)
+@pytest.mark.parametrize("size", [None, (1.25, 0.75)], ids=["unknown", "small"])
+def test_every_kind_and_size_comes_back(kind: rvads.Kind, size: tuple[float, float] | None, maps: Path, tmp_path: Path) -> None:
+    run = FAILURES[15].run(maps)
+    run = replace(run, agents=(replace(run.agents[0], kind=kind, size=size), *run.agents[1:]), collisions=None)
+    found = again(run, tmp_path)
+    assert found.agents == run.agents
+    assert judged(found) == judged(run)
+
+
 @pytest.fixture(scope="module")
 def rolling() -> rvads.Run:
     """Two vehicles that drive all the way, past the line without a stop."""
@@ -198,6 +212,15 @@ def test_an_excerpt_of_a_recording_is_read_as_recorded_traffic(rolling: rvads.Ru
     found = rvads.read_runs(tmp_path / "excerpt.xosc")
     assert isinstance(found, Recording)
     assert [rvads.check(run, "full_stop").status for run in found] == [Status.FAIL]
+
+
+def test_nobody_in_an_excerpt_gets_a_size_that_was_not_recorded(rolling: rvads.Run, tmp_path: Path) -> None:
+    rvads.export_run(rolling, tmp_path / "run.xosc")
+    recorded = rvads.read_tracks(tmp_path / "run.xosc")[0]
+    first, second = recorded.agents
+    rvads.export_run(replace(recorded, agents=(replace(first, size=None), second)), tmp_path / "excerpt.xosc")
+    sizes = {track.agent.name: track.agent.size for track in rvads.read_tracks(tmp_path / "excerpt.xosc").tracks}
+    assert sizes == {first.name: None, second.name: second.size}
 
 
 def test_who_comes_and_goes_is_added_and_deleted(rolling: rvads.Run, tmp_path: Path) -> None:
@@ -223,12 +246,20 @@ def test_others_who_use_the_library_keep_their_version(maps: Path, tmp_path: Pat
     assert xosc.VersionBase.version_minor == before
 
 
+def named(run: rvads.Run, name: str) -> rvads.Run:
+    """Return a run whose first vehicle has another name."""
+    return replace(run, agents=(replace(run.agents[0], name=name), *run.agents[1:]))
+
+
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
         (lambda run: replace(run, pose=None), RunError, "holds no positions"),
         (lambda run: run.label, RunError, "export_run takes a run"),
         (lambda run: replace(run, label="$run"), RvadsError, "'\\$run' can't stand in OpenSCENARIO"),
+        (lambda run: named(run, "$0"), RvadsError, "'\\$0' can't stand in OpenSCENARIO"),
+        (lambda run: named(run, "\ufffe"), RvadsError, "can't stand in XML, which has no character '.ufffe'"),
+        (lambda run: named(run, "x" * 1001), RunError, r"'agents\[0\]\.name' must be a text of length <= 1000"),
         (lambda run: replace(run, zone=run.zone[:0], lights=run.lights[:0], pose=run.pose[:0]), RunError, "it has no states"),
     ],
 )
@@ -237,12 +268,46 @@ def test_what_can_not_be_exported_is_told(
 ) -> None:
     with pytest.raises(error, match=message):
         rvads.export_run(change(FAILURES[3].run(maps)), tmp_path / "run.xosc")
+    assert not (tmp_path / "run.xosc").exists()
+
+
+def test_the_map_beside_is_not_written_over(maps: Path, tmp_path: Path) -> None:
+    run = FAILURES[17].run(maps)
+    (tmp_path / "left.xodr").write_bytes((maps / "left.xodr").read_bytes())
+    with pytest.raises(RvadsError, match=r"the map beside has this name: .* such as .*left\.xosc"):
+        rvads.export_run(run, tmp_path / "left.xodr")
+    assert (tmp_path / "left.xodr").read_bytes() == (maps / "left.xodr").read_bytes()
+
+
+def test_a_verdict_is_one(maps: Path, tmp_path: Path) -> None:
+    with pytest.raises(RunError, match=r"verdict= must be what rvads\.check\(run, rule\) returns, got 'p1'"):
+        rvads.export_run(FAILURES[3].run(maps), tmp_path / "run.xosc", verdict=cast(Any, "p1"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (r'(<Dimensions [^>]*length=")[^"]*', r"\g<1>-4", r"length and width of 'a0': .* must be a number > 0"),
+        (r'<WorldPosition x="[^"]*"', '<WorldPosition x="2e9"', r"'a0' has a place, heading or speed beyond 1e\+09"),
+        (r'(AbsoluteTargetSpeed value=")[^"]*', r"\g<1>2e9", r"'a0' has a place, heading or speed beyond 1e\+09"),
+        (r"steps&quot;:\d+", "steps&quot;:5000", r"'a0' must last to the end of the run at 49.99 s, or until it is gone"),
+    ],
+)
+def test_what_no_run_can_hold_is_refused(old: str, new: str, message: str, maps: Path, tmp_path: Path) -> None:
+    path = tmp_path / "run.xosc"
+    rvads.export_run(FAILURES[3].run(maps), path)
+    text, count = re.subn(old, new, path.read_text("utf-8"))
+    assert count
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RunError, match=rf"^run\.xosc: .*{message}"):
+        rvads.read_runs(path)
 
 
 def test_a_missing_library_is_told_with_what_to_install(maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "scenariogeneration.xosc", None)
-    with pytest.raises(RvadsError, match=r'pip install "pytest-rvads\[openscenario\]"'):
-        rvads.export_run(FAILURES[3].run(maps), tmp_path / "run.xosc")
+    with pytest.raises(RvadsError, match="pip install 'pytest-rvads\\[openscenario\\]'"):
+        rvads.export_run(FAILURES[3].run(maps), tmp_path / "new" / "run.xosc")
+    assert not (tmp_path / "new").exists()
 
 
 def test_a_place_that_can_not_be_written_is_told(maps: Path, tmp_path: Path) -> None:

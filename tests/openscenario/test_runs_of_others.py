@@ -1,5 +1,6 @@
 """Trajectories that somebody else wrote: what is read, what is left out, what is refused."""
 
+import gzip
 import re
 from pathlib import Path
 
@@ -96,6 +97,9 @@ def test_check_and_import_take_it(rolls: Path, tmp_path: Path, capsys: pytest.Ca
     assert "1 vehicle at stop4.1, 1 busy period" in capsys.readouterr().out
     assert main(["check", str(tmp_path / "kept.npz"), "--rule", "full_stop"]) == 1
     assert main(["check", str(tmp_path), "--rule", "full_stop"]) == 1  # folders are searched for it
+    for name, format in (("LOUD.XOSC", []), ("drive.xml", ["--format", "xosc"])):
+        (tmp_path / name).write_bytes(rolls.read_bytes())
+        assert main(["import", str(tmp_path / name), "-o", str(tmp_path / "kept.npz"), *format]) == 0
 
 
 def test_headings_that_are_not_told_are_those_of_the_way(tmp_path: Path) -> None:
@@ -202,6 +206,23 @@ def test_what_can_not_be_read_is_told_in_one_sentence(text: str, message: str, t
     with pytest.raises(RunError, match=message) as refused:
         rvads.read_runs(path)
     assert "\n" not in str(refused.value)
+
+
+def test_what_is_kept_in_memory_is_bounded(tmp_path: Path) -> None:
+    """Packed, a hundred kilobytes would become seventy megabytes of names."""
+    long = b'<a b="' + b"x" * 2**20 + b'"/>'
+    path = tmp_path / "drive.xosc"
+    path.write_bytes(gzip.compress(b"<OpenSCENARIO>" + long * 65 + b"</OpenSCENARIO>", 1))
+    with pytest.raises(RunError, match=r"more than 200,000 elements, or 67,108,864 characters in them"):
+        rvads.read_runs(path)
+
+
+@pytest.mark.parametrize("name", ["drive.xosc", "drive.xml"])
+def test_a_tag_without_an_end_is_not_read_for_ever(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(gzip.compress(b'<a b="' + b"x" * 2**24, 1))
+    with pytest.raises(RunError, match=rf"^{name}: row 1: a tag has more than 8,388,608 bytes$"):
+        rvads.read_tracks(path, "stop4")
 
 
 def test_a_map_that_is_not_beside_it_is_told(rolls: Path) -> None:

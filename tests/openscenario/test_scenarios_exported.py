@@ -176,6 +176,8 @@ def renamed(old: str, new: str, count: int = -1) -> Callable[[str], str]:
         (without("ScenarioObject"), r"it has no vehicles"),
         (without("BoundingBox"), r"needs a <BoundingBox> of its own"),
         (without("LogicFile"), r"it names no map in <LogicFile>"),
+        (lambda text: re.sub(r'length="[^"]*"', 'length="-4"', text), r"s\.xosc: 'a0' is -4 m long, expected more than 0"),
+        (renamed('TargetSpeed value="0.0"', 'TargetSpeed value="-3"'), r"s\.xosc: speed must be 0 or more"),
         (renamed('x="1.7', 'x="7.7', 1), r"'a0' must start on an approach and have a route down an exit road"),
     ],
 )
@@ -202,7 +204,10 @@ def test_what_is_outside_of_the_subset_is_refused_by_name(change: Callable[[str]
         (lambda text: text.replace('duration="15.0"', 'duration="10.0"', 1), "what the lights show"),
         (lambda text: text.replace('"a0"', '"ego"'), "vehicles ego is not what"),
         (lambda text: text.replace("version&quot;:1", "version&quot;:7"), "written in version 7"),
-        (lambda text: text.replace("&quot;aggression&quot;:1", "&quot;aggression&quot;:9"), "aggression must be 1, 2 or 3"),
+        (
+            lambda text: text.replace("&quot;aggression&quot;:1", "&quot;aggression&quot;:9"),
+            r"s\.xosc: the property rvads\.scenario: aggression must be 1, 2 or 3",
+        ),
         (lambda text: text.replace("&quot;wait&quot;:1.5,", ""), "the field 'wait' is missing"),
     ],
 )

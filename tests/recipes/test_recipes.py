@@ -1,4 +1,4 @@
-"""The recipes of CONTRIBUTING.md: eight, each of one to four steps that begin with a file that is there, each with its test."""
+"""The recipes of CONTRIBUTING.md: eight, each of one to five steps that begin with a file that is there, each with its test."""
 
 import re
 from pathlib import Path
@@ -37,6 +37,7 @@ EDITED = {
         "pytest_rvads/runs/states.py",
         "clients/c/rvads.h",
         "docs/attach-your-stack.md",
+        "pytest_rvads/openscenario/writing.py",
         "pytest_rvads/draw/scene.py",
     ],
     "a map format": ["pytest_rvads/NAME/", "pytest_rvads/junctions/formats.py", "pyproject.toml", "docs/maps.md"],
@@ -64,7 +65,7 @@ def test_its_steps_begin_with_the_files_to_touch(what: str) -> None:
     steps = re.findall(r"^(\d)\. (?:A module of )?`([^`]+)`", RECIPES[what], re.MULTILINE)
     assert [int(number) for number, _ in steps] == list(range(1, len(EDITED[what]) + 1))
     assert [file for _, file in steps] == EDITED[what]
-    assert len(re.findall(r"^\d", RECIPES[what], re.MULTILINE)) == len(steps) <= 4
+    assert len(re.findall(r"^\d", RECIPES[what], re.MULTILINE)) == len(steps) <= 5
 
 
 @pytest.mark.parametrize("what", TRIED)

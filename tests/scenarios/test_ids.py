@@ -28,6 +28,8 @@ def test_a_record_gives_its_scenario(scenario: rvads.Scenario) -> None:
         rvads.Scenario(PLACE, "0120", distance=(1, 2, 3, 4), speed=(0, 1, 0, 2), rotation=3, subject=0, order=(3, 1, 0, 2)),
         rvads.Scenario(PLACE, "1111", followers=2, senses=rvads.Senses(delay=0.2, occlusion=True, range=40.0, seed=12)),
         rvads.Scenario(rvads.find("lanes4"), "13130023", distance=0.3),
+        rvads.Scenario(PLACE, "1111", senses=rvads.Senses(occlusion=True)),
+        rvads.Scenario(PLACE, "1111", senses=rvads.Senses(occlusion=True), order=(3, 1, 0, 2)),
     ],
     ids=lambda scenario: scenario.name,
 )
@@ -57,7 +59,7 @@ def test_junctions_of_files_are_found_by_what_ids_call_them(tmp_path: Path) -> N
         ("", "'' is no id of a scenario"),
         ("stop4-class07-as1133", "is no id of a scenario"),
         ("stop4-class07-as1133-cfgmine", "is no id of a scenario"),
-        ("stop4-class08-as1133-cfgD", r"names another class .* did you mean 'stop4-class07-as1133-cfgD'"),
+        ("stop4-class08-as1133-cfgD", r"is not what the scenario is called .* did you mean 'stop4-class07-as1133-cfgD'"),
         ("stop4-class07-as113-cfgD", "is for 3 entrances, 'stop4' has 4"),
         ("stop4-class07-as9133-cfgD", "direction 9 is none of entrance 0"),
         ("stop4-class07-as1133-s7-cfgD", "subject must be an occupied entrance"),
@@ -78,7 +80,7 @@ def test_what_is_no_id_is_told(id: str, message: str) -> None:
     [
         ({"wait": "soon"}, "here: the field 'wait' must be a number, got 'soon'"),
         ({"senses": {"smell": 1}}, "here: the field 'senses' has one that they don't"),
-        ({"aggression": 7}, "aggression must be 1, 2 or 3"),
+        ({"aggression": 7}, "here: aggression must be 1, 2 or 3"),
     ],
 )
 def test_what_is_no_record_is_told(change: dict[str, object], message: str) -> None:

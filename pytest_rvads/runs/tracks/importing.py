@@ -25,11 +25,11 @@ from pytest_rvads.runs.tracks.lightlog import lights_at, read_lights, signals_at
 from pytest_rvads.runs.tracks.logformats import Point, read_log
 from pytest_rvads.runs.tracks.matching import NEVER, STANDS, Matched, Matcher, directions
 from pytest_rvads.runs.tracks.samples import Log, Samples
+from pytest_rvads.runs.tracks.source import Watch
 from pytest_rvads.wording import one_line
 
 __all__ = [
     "check_one",
-    "explain_empty",
     "junctions_of",
     "label_of",
     "light_log",
@@ -98,9 +98,7 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
     intake = Intake(point or usual, size, offset, position_accuracy, speed_accuracy, speed_limit)
     shown = light_log(log, lights)
     places = [junction] if isinstance(junction, Junction) else junctions_of(log, junction, map)
-    found, left_out = passed(log, places, intake, shown, label_of(log, label))
-    if not found:
-        raise RunError(explain_empty(log, places, intake, left_out))
+    found = passed(log, places, intake, shown, label_of(log, label))
     check_one(log, found)
     if shown and not found[0].lights:
         raise RunError(unlit(shown, found[0].junction))
@@ -123,11 +121,8 @@ def recordings_in(log: Log, point: Point) -> list[Recording]:
         RunError: it names no map, or nobody passes a junction of it.
         MapError: its map can't be read.
     """
-    intake, places = Intake(point), junctions_of(log, None, None)
-    found, left_out = passed(log, places, intake, log.lights, label_of(log, None))
-    if not found:
-        raise RunError(explain_empty(log, places, intake, left_out))
-    return found
+    places = junctions_of(log, None, None)
+    return passed(log, places, Intake(point), log.lights, label_of(log, None), by_junction=len(places) > 1)
 
 
 def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | None) -> list[Junction]:
@@ -151,19 +146,32 @@ def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | N
     return [find(report.id, map) for report in load(map).junctions if report.usable]
 
 
-def passed(
-    log: Log, junctions: Sequence[Junction], intake: Intake, shown: Mapping[str, Changes], label: str
-) -> tuple[list[Recording], Sequence[tuple[str, str]]]:
-    """Return what a log has of those junctions that somebody passes; and who is left out, and why, at the last one."""
+def passed(  # noqa: PLR0913 - a log, where, how it is taken, and what it is called
+    log: Log,
+    junctions: Sequence[Junction],
+    intake: Intake,
+    shown: Mapping[str, Changes],
+    label: str,
+    *,
+    by_junction: bool = False,
+    watch: Watch | None = None,
+) -> list[Recording]:
+    """Return what a log has of those junctions that somebody passes, with the id of each in its label if `by_junction`.
+
+    Raises:
+        RunError: nobody passes any of them; the message says why, as far as the last one tells.
+    """
     found: list[Recording] = []
     left_out: Sequence[tuple[str, str]] = ()
-    for junction in junctions:
-        several = len(junctions) > 1
-        recording = recording_of(log, junction, intake, shown, f"{label} {junction.id}" if several else label)
+    for number, junction in enumerate(junctions, start=1):
+        recording = recording_of(log, junction, intake, shown, f"{label} {junction.id}" if by_junction else label)
         left_out = recording.left_out
-        if recording.tracks:
-            found.append(recording)
-    return found, left_out
+        found += [recording] if recording.tracks else []
+        if watch is not None:
+            watch(number, len(junctions))
+    if not found:
+        raise RunError(_explain_empty(log, junctions, intake, left_out))
+    return found
 
 
 def label_of(log: Log, label: str | None) -> str:
@@ -256,7 +264,7 @@ def _named(name: str, number: int) -> str:
     return name if number == 0 else f"{name}#{number + 1}"
 
 
-def explain_empty(log: Log, junctions: Sequence[Junction], intake: Intake, left_out: Sequence[tuple[str, str]]) -> str:
+def _explain_empty(log: Log, junctions: Sequence[Junction], intake: Intake, left_out: Sequence[tuple[str, str]]) -> str:
     """Return why nobody passes any of the junctions, and what to do about it."""
     who = f"junction {junctions[0].name!r}" if len(junctions) == 1 else f"any of the {len(junctions)} junctions"
     told = f"nobody in {log.where} passes {who}"

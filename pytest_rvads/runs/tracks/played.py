@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.decoding import decode
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.recording import Changes
 from pytest_rvads.runs.states import Colour, Kind
@@ -35,7 +37,7 @@ class Entity:
     name: str
     kind: Kind
     size: tuple[float, float] | None
-    """Length and width [m]; None where it is of a catalogue."""
+    """Length and width [m]; None where it is of a catalogue, or was not known when the file was exported."""
     ahead: float | None
     """How far ahead of its reference point, the middle of the rear axle, its front is [m]."""
 
@@ -69,7 +71,8 @@ def played(path: Path, watch: Watch | None = None) -> Played:
         RunError: it can't be read; the message names file, line and element.
     """
     root = read_tree(path, watch)
-    entities = entities_of(root)
+    unsized = _unsized(root, path.name)
+    entities = [replace(entity, size=None) if entity.name in unsized else entity for entity in entities_of(root)]
     ways: dict[str, list[NDArray[np.float64]]] = {entity.name: [] for entity in entities}
     untold: dict[str, str] = {}
     for name, action, trigger in _following(root):
@@ -88,6 +91,16 @@ def played(path: Path, watch: Watch | None = None) -> Played:
     return Played(
         path.name, tuple(entities), found, told, _speeds(root), lights_of(root, end), map_of(root, path), note_of(root, "run")
     )
+
+
+class _Excerpt(msgspec.Struct):
+    unsized: list[str] = []
+
+
+def _unsized(root: Node, where: str) -> list[str]:
+    """Return who has a box only because there must be one, as an export of an excerpt says."""
+    note = note_of(root, "excerpt")
+    return [] if note is None else decode(note.encode(), _Excerpt, f"{where}: the property rvads.excerpt", RunError).unsized
 
 
 def note_of(root: Node, what: str) -> str | None:

@@ -94,9 +94,11 @@ def parse_xml(
         end: called with the tag of every element when it ends.
 
     Raises:
-        RunError: no XML, or some with a document type declaration.
+        RunError: no XML, or some with a document type declaration or a tag that is too long.
     """
     parser = expat.ParserCreate()
+    # Where expat puts long tags off, it can't be told how long they are; that bound is here instead.
+    getattr(parser, "SetReparseDeferralEnabled", bool)(False)
 
     def doctype(*_: object) -> None:
         raise RunError(f"{source.where}: it has a document type declaration (DTD), which can hide entity bombs; remove it")
@@ -106,8 +108,12 @@ def parse_xml(
     if end is not None:
         parser.EndElementHandler = end
     try:
+        fed = 0
         for chunk in source.chunks():
             parser.Parse(chunk, False)
+            fed += len(chunk)
+            if fed - parser.CurrentByteIndex > 2 * _MOST_LINE:  # of an element that has not ended everything is in memory
+                raise RunError(f"{source.where}: row {parser.CurrentLineNumber}: a tag has more than {2 * _MOST_LINE:,} bytes")
         parser.Parse(b"", True)
     except expat.ExpatError as error:
         told = one_line(expat.errors.messages.get(error.code, str(error)))

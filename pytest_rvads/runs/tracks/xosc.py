@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from pytest_rvads.errors import RunError
-from pytest_rvads.runs.tracks.played import no_trajectories, played
+from pytest_rvads.runs.tracks.played import Played, no_trajectories, played
 from pytest_rvads.runs.tracks.samples import Gather, Log
 from pytest_rvads.runs.tracks.source import Watch
 
-__all__ = ["read_xosc"]
+__all__ = ["log_of", "read_xosc"]
 
 _COLUMNS = {"time": "time", "heading": "h", "size": "Dimensions"}
 
@@ -28,7 +28,11 @@ def read_xosc(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wa
     """
     if columns:
         raise RunError(f"{path.name}: the attributes of OpenSCENARIO are known, leave --columns out")
-    found = played(path, watch)
+    return log_of(played(path, watch), strict=strict)
+
+
+def log_of(found: Played, *, strict: bool = False) -> Log:
+    """Return a file that has been read as a log, see `read_xosc`."""
     if not found.ways:
         raise no_trajectories(found.where)
     gather = Gather(found.where, _COLUMNS, strict=strict)

@@ -26,6 +26,8 @@ _MOST_VERTICES = 5_000_000
 """An hour of fourteen vehicles at 100 Hz."""
 _LONGEST = 2**20
 """Longest value of an attribute that is kept [characters]."""
+_MOST_KEPT = 2**26
+"""All attributes outside of trajectories together [characters]."""
 
 
 @dataclass(slots=True, eq=False)
@@ -95,7 +97,7 @@ class _Builder:
         self.root: Node | None = None
         self._stack: list[Node] = []
         self._parameters: dict[str, str] = {}
-        self._nodes = 0
+        self._nodes = self._kept = 0
         self._line: Node | None = None
         """The polyline that is being read."""
         self._inside = 0
@@ -112,8 +114,12 @@ class _Builder:
             self._vertex(self._line, node, row)
             return
         self._nodes += 1
-        if self._nodes > _MOST_NODES:
-            raise RunError(f"{self.where}: it has more than {_MOST_NODES:,} elements: cut it into several files")
+        self._kept += sum(map(len, attributes.values()))
+        if self._nodes > _MOST_NODES or self._kept > _MOST_KEPT:
+            raise RunError(
+                f"{self.where}: it has more than {_MOST_NODES:,} elements, or {_MOST_KEPT:,} characters in them: cut it into "
+                "several files"
+            )
         if self._stack:
             self._stack[-1].children.append(node)
         elif tag != "OpenSCENARIO":

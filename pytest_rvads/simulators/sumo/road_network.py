@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
 from itertools import pairwise
-from math import dist
+from math import dist, fsum
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
@@ -88,7 +88,7 @@ def _plain(junction: Junction) -> dict[str, Element]:
     """Return the files in plain XML (page "Networks/PlainXML")."""
     nodes, edges, connections = Element("nodes"), Element("edges"), Element("connections")
     ends = [junction.way_in(k).points[-1] for k in range(len(junction.entrances))]
-    middle = [sum(float(end[axis]) for end in ends) / len(ends) for axis in (0, 1)]
+    middle = [fsum(float(end[axis]) for end in ends) / len(ends) for axis in (0, 1)]
     SubElement(nodes, "node", id="J", x=repr(middle[0]), y=repr(middle[1]), type=node_type(junction))
     for number, arm in enumerate(junction.arms):
         _add_arm(junction, number, arm, nodes, edges)
@@ -159,7 +159,7 @@ def _restore(root: Element, edges: Element) -> None:
             shapes[via][0] = shapes[start][-1]
     for name, shape in shapes.items():
         points = [tuple(map(float, point.split(",")[:2])) for point in shape]
-        length = sum(dist(one, two) for one, two in pairwise(points))
+        length = fsum(dist(one, two) for one, two in pairwise(points))
         lanes[name].set("shape", " ".join(shape))
         if abs(length - float(lanes[name].attrib["length"])) > _SAME:
             lanes[name].set("length", repr(length))
