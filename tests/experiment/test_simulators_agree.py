@@ -23,6 +23,7 @@ from pytest_rvads.studies.case_sets import SETS, class_trials, recorded_trials
 from pytest_rvads.studies.contact_cases import contact_cases
 from pytest_rvads.studies.mutants import MUTANTS
 
+pytest.importorskip("pybullet")
 ENGINES = ("bullet", "mujoco")
 EARLY = 0.011
 """Entry times and impacts may differ by one tick and what floats make of it [s]."""

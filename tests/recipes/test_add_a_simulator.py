@@ -15,6 +15,7 @@ from pytest_rvads.physics.mujoco_world import MujocoWorld
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.simulators.loop import Loop
+from pytest_rvads.simulators.planar import usual
 from pytest_rvads.simulators.simulator import SIMULATORS, _Shipped, named
 from pytest_rvads.versions import versions
 
@@ -100,7 +101,7 @@ def test_a_world_of_controls_is_handed_what_drivers_answer_and_one_of_forces_is_
 
 def test_the_page_shows_what_is_printed(tmp_path: Path) -> None:
     for code in re.findall(r"^```python\n(# (\w+\.py)\n.*?)^```", PAGE, re.MULTILINE | re.DOTALL):
-        (tmp_path / code[1]).write_text(code[0], encoding="utf-8")
+        (tmp_path / code[1]).write_text(code[0].replace("rvads.bullet", f"rvads.{usual().name}"), encoding="utf-8")
     ((command, shown),) = re.findall(r"^\$ python (-c .*)\n((?:(?!```).*\n)*)", PAGE, re.MULTILINE)
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(tmp_path)))}
 

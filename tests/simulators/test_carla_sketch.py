@@ -13,6 +13,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.simulators.kit.conformance import Check, Outcome
+from pytest_rvads.simulators.planar import usual
 
 ROOT = Path(__file__).parents[2]
 EXCHANGE = [
@@ -22,7 +23,7 @@ UNSUPPORTED = {
     "bodies": "bodies are those of its blueprints, cases with others are refused",
     "passing": "bodies are those of its blueprints, cases with others are refused",
 }
-CHECKS = [check.name for check in rvads.simulators.checks(rvads.bullet)]
+CHECKS = [check.name for check in rvads.simulators.checks(usual())]
 KEPT: dict[str, Check] = {}
 
 

@@ -17,6 +17,7 @@ import pytest_rvads as rvads
 from pytest_rvads.runs.lights import SignalPlan
 from pytest_rvads.simulators import checks, conformance
 from pytest_rvads.simulators.kit.conformance import Check, Outcome
+from pytest_rvads.simulators.planar import usual
 from pytest_rvads.simulators.simulator import named
 
 ROOT = Path(__file__).parents[2]
@@ -27,7 +28,8 @@ SHIPPED: dict[str, tuple[str, dict[str, Any]]] = {
 }
 """By name, the library that it needs, and what else the kit is told of it: a simulator that is to pass gets a row."""
 FEW = ("stop4", "stop3", "light4")
-NAMES = [check.name for check in checks(rvads.bullet)]
+USUAL = usual()
+NAMES = [check.name for check in checks(USUAL)]
 KEPT: dict[str, dict[str, Check]] = {}
 
 
@@ -42,7 +44,7 @@ def test_a_simulator_that_ships_passes(name: str, check: str) -> None:
 
 
 class Wrapped:
-    """Bullet, between two changes: of the case before it drives, of the run after it has."""
+    """The usual one, between two changes: of the case before it drives, of the run after it has."""
 
     name = "wrapped"
 
@@ -51,7 +53,7 @@ class Wrapped:
 
     def __call__(self, case: rvads.Case) -> rvads.Run:
         self.runs += 1
-        run = rvads.bullet(self.before(case) if self.before else case)
+        run = USUAL(self.before(case) if self.before else case)
         run = replace(
             run, label=case.scenario.name, agents=case.agents(), provenance=dict(run.provenance) | {"simulator": self.name}
         )
@@ -62,7 +64,7 @@ class Wrapped:
         return found
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
-        return rvads.bullet.vmax(distance, aggression, vehicle)
+        return USUAL.vmax(distance, aggression, vehicle)
 
 
 def rows(run: rvads.Run, pick: Any, **more: Any) -> rvads.Run:
@@ -515,15 +517,15 @@ def test_every_check_finds_something() -> None:
 OWN = """
 import os
 from dataclasses import replace
-from pytest_rvads import bullet
+from pytest_rvads.simulators.planar import usual
 
 class Mine:
     name = "mine"
     def __call__(self, case):
-        run = bullet(case)
+        run = usual()(case)
         return replace(run, station=run.station + JITTER)
     def vmax(self, distance, aggression=1, vehicle=None):
-        return bullet.vmax(distance, aggression, vehicle)
+        return usual().vmax(distance, aggression, vehicle)
     def __reduce__(self):
         raise TypeError("it holds a connection")
 
@@ -587,7 +589,7 @@ def test_what_is_not_supported_is_said_and_never_passes() -> None:
 
 @pytest.mark.parametrize(("junction", "check"), [("roundabout4", "crossing"), ("roundabout4", "passing")])
 def test_what_no_junction_offers_is_not_tried(junction: str, check: str) -> None:
-    result = found(rvads.bullet, check, junctions=[junction])
+    result = found(USUAL, check, junctions=[junction])
     assert result.outcome is Outcome.UNTRIED
     assert result.told[0].endswith("give one")
 
@@ -597,7 +599,7 @@ def test_a_driver_whose_runs_end_by_faults_is_told() -> None:
         def control(self, seen: rvads.Observation) -> Any:
             return None
 
-    result = found(rvads.bullet, "speeds", drivers=[Lazy])
+    result = found(USUAL, "speeds", drivers=[Lazy])
     assert result.outcome is Outcome.FAILED
     assert "the run ended by a fault at 0.00 s, expected none: " in result.told[0]
 
@@ -622,14 +624,14 @@ def test_a_driver_whose_runs_end_by_faults_is_told() -> None:
 )
 def test_what_the_kit_can_t_use_is_refused(told: dict[str, Any], says: str) -> None:
     with pytest.raises(rvads.ScenarioError, match=says):
-        conformance(rvads.bullet, **told)
+        conformance(USUAL, **told)
 
 
 def test_what_it_can_t_find_or_call_is_refused() -> None:
     with pytest.raises(rvads.MapError, match="nowhere"):
-        checks(rvads.bullet, junctions=["nowhere"])
+        checks(USUAL, junctions=["nowhere"])
     with pytest.raises(rvads.AutopilotError):
-        checks(rvads.bullet, drivers=[3])  # type: ignore[list-item]
+        checks(USUAL, drivers=[3])  # type: ignore[list-item]
 
 
 class Bound(Wrapped):
@@ -664,9 +666,10 @@ def test_every_check_is_an_item_of_a_test_of_ones_own(pytester: pytest.Pytester)
         """
         import pytest
         import pytest_rvads as rvads
+        from pytest_rvads.simulators import planar
 
         @pytest.mark.parametrize("check", rvads.simulators.checks(
-            rvads.bullet, junctions=["stop3"], unsupported={"gone": "nobody leaves"}), ids=str)
+            planar.usual(), junctions=["stop3"], unsupported={"gone": "nobody leaves"}), ids=str)
         def test_mine(check):
             check()
         """

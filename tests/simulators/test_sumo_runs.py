@@ -171,7 +171,7 @@ def test_bodies_that_touch_end_the_run_and_are_those_whose_boxes_overlap() -> No
 
 def test_sumos_driver_drives_nowhere_else() -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "2000")
-    run = rvads.simulate(rvads.Case(scenario, rvads.SumoDriver), rvads.bullet)
+    run = rvads.simulate(rvads.Case(scenario, rvads.SumoDriver), usual())
     assert "SUMO's driver drives in the simulator sumo alone" in run.fault.reason
     assert "add --rvads-simulator sumo" in run.fault.reason
     assert rvads.check(run, "no_collision").status == "ERROR"

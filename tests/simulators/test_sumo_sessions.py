@@ -71,15 +71,15 @@ def test_without_libsumo_the_session_ends_before_anything_runs(
 def test_a_simulator_of_ones_own_may_say_what_does_not_carry_over(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         own="""
-        from pytest_rvads import bullet
+        from pytest_rvads.simulators.planar import usual
 
         class Own:
             name = "own"
             caveat = "its tyres are square"
-            vmax = staticmethod(bullet.vmax)
+            vmax = staticmethod(usual().vmax)
 
             def __call__(self, case):
-                return bullet(case)
+                return usual()(case)
 
         own = Own()
         """,
