@@ -54,8 +54,8 @@ def gone_for_good(bench: Bench) -> Iterator[str]:
         gone = run.zone[:, column] == Zone.GONE
         if not gone.any():
             yield (
-                f"{run.label}: {name} is in zone {_zone(run, column)} at the end, expected gone, after {EXIT_LENGTH:g} m of its exit "
-                "road"
+                f"{run.label}: {name} is in zone {_zone(run, column)} at the end, expected gone, after {EXIT_LENGTH:g} m of its "
+                "exit road"
             )
             continue
         tick = int(gone.argmax())
