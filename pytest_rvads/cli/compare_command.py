@@ -20,7 +20,7 @@ def declare(commands: Subparsers) -> None:
         description="Run the same cases on two simulators and compare verdicts, order of entry and collisions; entry times may "
         "differ, and by how much is told.",
     )
-    compare.add_argument("simulators", metavar="NAME", nargs=2, help="bullet, mujoco, or module:name")
+    compare.add_argument("simulators", metavar="NAME", nargs=2, help="bullet, mujoco, sumo, or module:name")
     compare.add_argument(
         "--set",
         metavar="NAME",

@@ -8,6 +8,7 @@ from functools import cache, partial
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
+from traceback import extract_tb
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.wording import one_line
@@ -37,7 +38,7 @@ def at(name: str, here: Path | None = None) -> Any:
         here: a folder in which modules are looked for first, as ``python -m`` does.
 
     Raises:
-        ImportError: `name` is not written so, or there is no such module.
+        ImportError: `name` is not written so, there is no such module, or it raises when it is imported; says where.
         AttributeError: nothing in it has this name.
     """
     module, _, attribute = name.partition(":")
@@ -45,7 +46,15 @@ def at(name: str, here: Path | None = None) -> Any:
         raise ImportError("expected module:name, both of them names with dots between them at most")
     if here is not None and str(here) not in sys.path:
         sys.path.insert(0, str(here))
-    return attrgetter(attribute)(import_module(module))
+    try:
+        found = import_module(module)
+    except ImportError:
+        raise
+    except Exception as error:  # it is the code of others
+        last = extract_tb(error.__traceback__)[-1]
+        place = "" if last.filename.startswith("<frozen") else f" ({Path(last.filename).name}:{last.lineno})"
+        raise ImportError(f"{module} raised {type(error).__name__}: {one_line(str(error))}{place}") from error
+    return attrgetter(attribute)(found)
 
 
 def name_of(driver: Any) -> str:

@@ -31,7 +31,7 @@ class Loop:
     Args:
         case: what is simulated.
         name: of the simulator.
-        make: makes the world that the vehicles move in. What raises `Halt` there ends the run by a fault.
+        make: makes the world that the vehicles move in. A `Halt` that this world raises on its way ends the run by a fault.
         versions: of what simulates, for the provenance.
         elsewhere: columns of vehicles that the world drives by itself; nobody is asked for their controls.
         controlled: whether vehicles have dynamics of their own in that world: its steps then take throttle, brake and steering of
@@ -79,12 +79,16 @@ class Loop:
         self._lights: tuple[Colour, ...] = ()
         self._step = 0
         self.world: World = make(self._vehicles, starts)
-        self._motions = self.world.motions()
-        overlaps = self.world.contacts()
-        if overlaps:
+        try:
+            self._motions = self.world.motions()
+            if overlaps := self.world.contacts():
+                one, two = (self._agents[column].name for column in overlaps[0])
+                raise ScenarioError(
+                    f"{one} and {two} start inside each other in {scenario.name}: give one of them another distance"
+                )
+        except BaseException:
             self.world.close()
-            one, two = (self._agents[column].name for column in overlaps[0])
-            raise ScenarioError(f"{one} and {two} start inside each other in {scenario.name}: give one of them another distance")
+            raise
 
     def drive(self) -> Run:
         """Simulate until the run ends, and return it."""

@@ -18,6 +18,8 @@ from pytest_rvads.studies.pool import Progress, spread
 
 __all__ = ["Agreement", "Entries", "Mutant", "Trial", "agree", "differences", "same_order", "text_agreements"]
 
+_SIMULATING = "simulating"
+"""What a simulator that can't simulate a case is judged by in place of rules."""
 Entries = Mapping[str, tuple[float | None, float | None]]
 """Per vehicle when it enters the junction, in the one run and in the other [s]; None: never."""
 
@@ -107,9 +109,10 @@ def agree(
 
 
 def differences(found: Agreement, simulators: tuple[str, str]) -> list[str]:
-    """Return a line for every outcome that is not the same."""
+    """Return a line for every outcome that is not the same, and for a case that neither can simulate."""
     one, two = simulators
-    lines = [f"{found.name}: {rule} is {a} by {one}, {b} by {two}" for rule, (a, b) in found.statuses.items() if a != b]
+    lines = [f"{found.name}: {_SIMULATING} is {why} by both" for why in _by_neither(found)]
+    lines += [f"{found.name}: {rule} is {a} by {one}, {b} by {two}" for rule, (a, b) in found.statuses.items() if a != b]
     if not found.same_order:
         times = ", ".join(f"{name} {_time(a)} and {_time(b)}" for name, (a, b) in found.entries.items())
         lines.append(f"{found.name}: another order of entry by {one} and {two}, {times}")
@@ -120,7 +123,7 @@ def differences(found: Agreement, simulators: tuple[str, str]) -> list[str]:
 
 
 def text_agreements(sets: Mapping[str, Sequence[Agreement]], simulators: tuple[str, str]) -> str:
-    """Return a Markdown table with a row per set of cases, and a line per outcome that differs.
+    """Return a Markdown table with a row per set of cases, and below it a list of outcomes that differ.
 
     Times are those of the runs, in seconds; their differences are of vehicles that enter, and of runs that collide, in both.
     """
@@ -131,11 +134,12 @@ def text_agreements(sets: Mapping[str, Sequence[Agreement]], simulators: tuple[s
     ]
     for name, found in sets.items():
         lines.append(f"| {name} | {len(found)} | {' | '.join(_row(found))} |")
-    return "\n".join(lines + [line for found in sets.values() for one in found for line in differences(one, simulators)])
+    told = [f"- {line}" for found in sets.values() for one in found for line in differences(one, simulators)]
+    return "\n".join([*lines, *(["", *told] if told else [])])
 
 
 def _row(found: Sequence[Agreement]) -> Iterator[str]:
-    cells = [pair for one in found for pair in one.statuses.values()]
+    cells = [pair for one in found if not _by_neither(one) for pair in one.statuses.values()]
     yield f"{sum(a == b for a, b in cells)} of {len(cells)}"
     driven = [one for one in found if one.entries]
     yield f"{sum(one.same_order for one in driven)} of {len(driven)}" if driven else ""
@@ -168,7 +172,7 @@ def _told(trial: Trial | Mutant, simulator: str) -> _Told:
         run = simulate(trial.case, named(simulator))
         statuses = {rule: _word(check(run, rule)) for rule in trial.rules}
     except RvadsError as error:
-        return _Told({"simulating": f"refused ({error})"})
+        return _Told({_SIMULATING: f"refused ({error})"})
     if run.fault is not None:
         statuses["fault"] = run.fault.reason
     collisions = sorted(run.collisions or (), key=lambda collision: collision.time)
@@ -178,6 +182,12 @@ def _told(trial: Trial | Mutant, simulator: str) -> _Told:
         tuple(sorted(collision.agents for collision in collisions)),
         collisions[0].time if collisions else None,
     )
+
+
+def _by_neither(found: Agreement) -> list[str]:
+    """Return why neither simulator can simulate a case, if they say the same."""
+    one, two = found.statuses.get(_SIMULATING, ("", ""))
+    return [one] if one and one == two else []
 
 
 def _word(verdict: Verdict) -> str:

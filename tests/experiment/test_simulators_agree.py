@@ -180,7 +180,7 @@ def test_what_differs_is_told() -> None:
     assert any(line.startswith(f"{name}: another order of entry by bullet and deaf, a0 ") for line in lines)
     table = text_agreements({"one": [found]}, ("bullet", "deaf")).splitlines()
     assert table[2].startswith("| one | 1 | 0 of 1 | 0 of 1 | 0 of 1 | 0.00, 0.0000 |  |")
-    assert table[3:] == lines
+    assert table[3:] == ["", *(f"- {line}" for line in lines)]
 
 
 def test_a_case_that_a_simulator_refuses_is_told_as_a_difference(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -193,6 +193,14 @@ def test_a_case_that_a_simulator_refuses_is_told_as_a_difference(monkeypatch: py
     (found,) = agree(ENGINES, [Trial(contact_cases()["crossing"], ("no_collision",))], workers=1)
     lines = differences(found, ENGINES)
     assert any(line.endswith("simulating is nothing by bullet, refused (no place for a0) by mujoco") for line in lines)
+
+
+def test_a_case_that_neither_can_simulate_is_told_and_counts_as_no_verdict() -> None:
+    case = contact_cases()["crossing"].but(distance=1000.0)
+    (found,) = agree(ENGINES, [Trial(case, ("no_collision",))], workers=1)
+    (line,) = differences(found, ENGINES)
+    assert re.search(r": simulating is refused \(.*1000.* by both$", line)
+    assert "| far | 1 | 0 of 0 |  |" in text_agreements({"far": [found]}, ENGINES)
 
 
 def test_the_order_of_entry_counts_ties_and_who_never_enters() -> None:

@@ -4,20 +4,23 @@ import json
 import math
 import subprocess
 import sys
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.errors import ScenarioError
+from pytest_rvads.errors import RunError, ScenarioError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.physics.engines import usual
+from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.simulators.loop import Loop
 from pytest_rvads.simulators.simulator import simulate
 
 from .conftest import Cruiser, Stander
@@ -210,6 +213,27 @@ def test_vehicles_that_start_inside_each_other_are_refused(stander: type[Stander
         simulate(Case(Scenario(find("stop4"), "1100", distance=0, duration=DT), stander, fleet=Fleet(Vehicle(width=12.0)))).fault
         is None
     )
+
+
+def test_a_world_that_fails_before_the_first_step_is_closed(stander: type[Stander]) -> None:
+    closed = []
+
+    class Failing:
+        def __init__(self, _vehicles: Sequence[Vehicle], _starts: Sequence[Motion]) -> None: ...
+        def motions(self) -> list[Motion]:
+            raise RunError("the connection is lost")
+
+        def step(self, forces: Sequence[float]) -> None: ...
+        def contacts(self) -> list[tuple[int, int]]:
+            return []
+
+        def remove(self, body: int) -> None: ...
+        def close(self) -> None:
+            closed.append(self)
+
+    with pytest.raises(RunError, match="the connection is lost"):
+        Loop(Case(Scenario(find("stop4"), "1100"), stander), "failing", Failing, {})
+    assert len(closed) == 1
 
 
 def test_a_start_beyond_the_approach_is_refused(stander: type[Stander]) -> None:

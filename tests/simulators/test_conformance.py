@@ -517,6 +517,7 @@ def test_every_check_finds_something() -> None:
 OWN = """
 import os
 from dataclasses import replace
+from pytest_rvads.simulators.choice import choice
 from pytest_rvads.simulators.planar import usual
 
 class Mine:
@@ -537,6 +538,7 @@ mine = Mine()
     ("jitter", "where", "outcome", "says"),
     [
         ("0.0", "own_simulator:mine", "passed", ""),
+        ("sum(choice().limits[:2]) * 1e-9", "own_simulator:mine", "passed", ""),  # whose runs may take as long there as here
         (
             "os.getpid() * 1e-9",
             "own_simulator:mine",
@@ -612,12 +614,14 @@ def test_a_driver_whose_runs_end_by_faults_is_told() -> None:
             {"unsupported": {"clock": "slow"}},
             r"names 'clock', which no simulator can do without; it may do without bodies, lights, ",
         ),
+        ({"unsupported": {3: "none"}}, r"unsupported= names 3, the checks are name, "),
         ({"unsupported": {"lights": " "}}, r"unsupported= needs a reason for 'lights', .*, got ' '"),
         ({"unsupported": ["lights"]}, r"unsupported= takes reasons by the name of a check.*, got \['lights'\]"),
         ({"junctions": []}, r"junctions= takes a list of at least one, got \[\]"),
         ({"junctions": "stop4"}, r"junctions= takes a list of at least one, got 'stop4'"),
         ({"junctions": [4]}, r"junctions= takes junctions and names of built-in ones, got 4"),
         ({"drivers": rvads.Reference}, r"drivers= takes a list of at least one, got <class"),
+        ({"where": rvads.bullet}, r"where= takes the simulator as module:name, got rvads.bullet"),
         ({"longest": 0}, r"longest= takes a number of seconds above 0, got 0"),
         ({"longest": "1"}, r"longest= takes a number of seconds above 0, got '1'"),
     ],
@@ -625,6 +629,11 @@ def test_a_driver_whose_runs_end_by_faults_is_told() -> None:
 def test_what_the_kit_can_t_use_is_refused(told: dict[str, Any], says: str) -> None:
     with pytest.raises(rvads.ScenarioError, match=says):
         conformance(USUAL, **told)
+
+
+def test_none_is_not_taken_for_the_usual_simulator() -> None:
+    with pytest.raises(rvads.ScenarioError, match=r"^the checks are those of a simulator: .*, got None$"):
+        checks(None)
 
 
 def test_what_it_can_t_find_or_call_is_refused() -> None:

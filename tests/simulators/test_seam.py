@@ -143,6 +143,22 @@ def test_a_simulator_is_found_by_name() -> None:
 
 
 @pytest.mark.parametrize(
+    ("code", "says"),
+    [
+        ("\n1 / 0\n", r"raised ZeroDivisionError: division by zero \(own_broken.py:2\)$"),
+        ("def (:\n", r"raised SyntaxError: invalid syntax \(own_broken.py, line 1\)$"),
+    ],
+)
+def test_a_module_that_raises_is_told_with_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, says: str
+) -> None:
+    (tmp_path / "own_broken.py").write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ScenarioError, match=rf"^simulator 'own_broken:mine' can't be loaded: own_broken {says}"):
+        named("own_broken:mine")
+
+
+@pytest.mark.parametrize(
     ("made", "wrong"),
     [
         ("Counting", "is a class"),

@@ -1,6 +1,7 @@
 """Runs in SUMO: they start where they shall, are the same every time, and end by a fault where SUMO does."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -285,6 +286,46 @@ def test_a_sumo_that_was_killed_between_runs_is_replaced(processes: list[SumoPro
         time.sleep(0.01)
     assert simulated("stop4", "2000").fault is None
     assert processes[-1] is not processes[0]
+
+
+def test_a_sumo_whose_folder_somebody_removed_is_named_and_replaced(processes: list[SumoProcess]) -> None:
+    first = simulated("stop4", "2000").hash
+    shutil.rmtree(processes[-1]._folder)
+    with pytest.raises(rvads.RunError, match=r"^SUMO \(libsumo\): its files can't be written to .*: No such file or directory$"):
+        simulated("stop4", "2000")
+    assert simulated("stop4", "2000").hash == first
+
+
+def test_folders_may_have_any_name(tmp_path: Path) -> None:
+    """SUMO reads lists of files, with commas between them."""
+    odd = tmp_path / "a, b;c & d"
+    odd.mkdir()
+    told = os.environ | {"PYTHONPATH": str(Path(rvads.__file__).parents[1]), "TMPDIR": str(odd)}
+    done = subprocess.run([sys.executable, "-c", PRINT], capture_output=True, text=True, check=True, env=told)
+    assert done.stdout.split() == [_hash()]
+    assert not list(odd.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("attributes", "says"),
+    [
+        (
+            {"length": 12.0},
+            r"^rvads.Sumo takes attributes of a vType .*, got 'length': sizes are those of the vehicles",
+        ),
+        ({"id": "mine"}, "other than id, length, width, height, .* got 'id'"),
+        ({"a b": 1}, "got 'a b'"),
+        ({"sigma": None}, r"^rvads.Sumo\(sigma=\) takes a number or a text, got None$"),
+    ],
+)
+def test_what_can_t_be_an_attribute_of_its_vehicles_is_refused(attributes: dict[str, Any], says: str) -> None:
+    with pytest.raises(ScenarioError, match=says):
+        rvads.Sumo(**attributes)
+
+
+def test_every_seed_of_the_senses_is_one_of_sumo() -> None:
+    run = simulated("stop4", "2000", senses=rvads.Senses(seed=2**31 - 23423 + 5), duration=1.0)
+    assert run.provenance["sumo"]["seed"] == 5
 
 
 def test_what_sumo_refuses_is_told_in_its_words() -> None:

@@ -187,10 +187,13 @@ def checks(
         longest: real time that one run may take [s].
 
     Raises:
-        ScenarioError: no junction or driver, a check that is not there, or one that no simulator can do without.
+        ScenarioError: no simulator, junction or driver, a check that is not there, or one that no simulator can do without.
         MapError: no such junction.
         AutopilotError: a driver that can't be called.
     """
+    if simulator is None:  # which elsewhere means the usual one
+        raise ScenarioError("the checks are those of a simulator: write checks(rvads.bullet), got None")
+    require(where, str | None, "where= takes the simulator as module:name", ScenarioError)
     require(
         unsupported, Mapping, "unsupported= takes reasons by the name of a check, such as {'lights': 'has none'}", ScenarioError
     )
@@ -246,7 +249,7 @@ def _several(name: str, values: Any) -> list[Any]:
 
 def _check_unsupported(name: str, reason: str) -> None:
     if name not in _LOOKS:
-        raise ScenarioError(f"unsupported= names {name!r}, the checks are {', '.join(_LOOKS)}{suggest(name, _LOOKS)}")
+        raise ScenarioError(f"unsupported= names {name!r}, the checks are {', '.join(_LOOKS)}{suggest(str(name), _LOOKS)}")
     if _LOOKS[name][1]:
         free = ", ".join(other for other, (_, needed) in _LOOKS.items() if not needed)
         raise ScenarioError(f"unsupported= names {name!r}, which no simulator can do without; it may do without {free}")

@@ -11,6 +11,7 @@ import numpy as np
 
 from pytest_rvads.conduct.bodies import overlap
 from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.runs.itineraries import EXIT_LENGTH
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
@@ -28,8 +29,6 @@ NEAR = 0.2
 """Bodies whose contact is reported may have this much between them in the states around it [m]; an engine parts them at once."""
 EARLY = 0.05
 """A contact may be reported this much later than bodies overlap [s]."""
-_LONG = 60.0
-"""An exit road belongs to an itinerary up to there [m]."""
 
 
 def gone_for_good(bench: Bench) -> Iterator[str]:
@@ -55,8 +54,8 @@ def gone_for_good(bench: Bench) -> Iterator[str]:
         gone = run.zone[:, column] == Zone.GONE
         if not gone.any():
             yield (
-                f"{run.label}: {name} is in zone {_zone(run, column)} at the end, expected gone, after {_LONG:g} m of its exit "
-                "road"
+                f"{run.label}: {name} is in zone {_zone(run, column)} at the end, expected gone, after {EXIT_LENGTH:g} m of its "
+                "exit road"
             )
             continue
         tick = int(gone.argmax())

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from pytest_rvads import __version__
 from pytest_rvads.scenarios.case import Case
+from pytest_rvads.simulators.choice import limits
 from pytest_rvads.simulators.kit.bench import Bench, crowd
 from pytest_rvads.simulators.kit.probes import Brakes
 from pytest_rvads.simulators.simulator import SIMULATORS, Simulator, named, simulate
@@ -66,7 +67,8 @@ def another_process(bench: Bench) -> Iterator[str]:
         )
         return
     here = [bench.run(case).hash for case in cases]
-    asked, longest = json.dumps({"path": sys.path, "pickled": pickled}), bench.longest * len(cases)
+    asked = json.dumps({"path": sys.path, "pickled": pickled, "longest": bench.longest})
+    longest = bench.longest * len(cases)
     program = [sys.executable, "-c", _PROGRAM.format(str(Path(__file__).parents[3]))]
     try:
         done = subprocess.run(program, input=asked, capture_output=True, text=True, check=False, timeout=longest)
@@ -97,7 +99,8 @@ def answer() -> None:
     sys.path[:] = asked["path"]
     simulator, cases = pickle.loads(base64.b64decode(asked["pickled"]))
     maker = named(simulator) if isinstance(simulator, str) else simulator
-    hashes = [simulate(case, maker).hash for case in cases]
+    with limits(decision=asked["longest"], run=asked["longest"]):
+        hashes = [simulate(case, maker).hash for case in cases]
     sys.stdout.write(f"{_MARK}{json.dumps(hashes)}\n")
 
 

@@ -1,6 +1,7 @@
 """The program that runs libsumo, in a process of its own: requests in, rows of motions out.
 
-It is started by its path, with a folder of files that it removes at its end, and imports nothing of this package. A request is a
+It is started by its path, with a folder of files in which it works and which it removes at its end, and imports nothing of this
+package. A request is a
 line of JSON with the name of a function below and its arguments. The answer is a line of JSON, with ``error`` where the request
 failed, and as many numbers behind it, as doubles of this machine, as ``numbers`` says: per step and vehicle the x and y of the
 front bumper [m], the heading as SUMO counts it, clockwise from north [degrees], and the speed [m/s]; not-a-number for a vehicle
@@ -41,7 +42,7 @@ class Server:
         self._sumo.simulationStep()
         self._driving = set(self._sumo.vehicle.getIDList())
         if missing := [name for name in names if name not in self._driving]:
-            raise RuntimeError(f"it lets {', '.join(missing)} not depart")
+            raise RuntimeError(f"it does not let {', '.join(missing)} depart")
         for name in names:
             self._sumo.vehicle.setLaneChangeMode(name, 0)  # a route leads along the lanes of an entrance and an exit
         for name in others:
@@ -99,6 +100,7 @@ def main() -> None:
     os.dup2(2, 1)
     import libsumo
 
+    os.chdir(sys.argv[1])
     server = Server(libsumo)
     answers: dict[str, Callable[..., array[float]]] = {"load": server.load, "step": server.step, "brake": server.brake}
     try:

@@ -19,6 +19,7 @@ __all__ = ["netconvert", "program_and_home"]
 
 _LIMIT = 60.0
 """How long it may take [s]; a junction takes some hundredths."""
+_RESULT = "net.xml"
 _OPTIONS = (
     "--offset.disable-normalization",  # in the frame of the map
     "--no-turnarounds",  # there are the movements that the junction has
@@ -39,26 +40,31 @@ def netconvert(files: Mapping[str, Element], *, left_hand: bool) -> Element:
         RunError: netconvert is not installed, or failed.
     """
     program, home = program_and_home()
-    with TemporaryDirectory(prefix="rvads-net-") as folder:
-        options = []
-        for option, root in files.items():
-            path = Path(folder, f"{option}.xml")
-            ElementTree(root).write(path, encoding="utf-8")
-            options.append(f"--{option}={path}")
-        result = Path(folder, "net.xml")
-        options += [*_OPTIONS, *(["--lefthand"] if left_hand else []), f"--output-file={result}"]
-        said = _run([program, *options], home)
-        try:
-            return fromstring(result.read_bytes())
-        except (OSError, ParseError):
-            raise RunError(f"SUMO's netconvert ({program}) made no network: {one_line(said[-500:])}") from None
+    # By their names alone: netconvert takes a comma in a path for the end of it.
+    names = {option: f"{option}.xml" for option in files}
+    options = [f"--{option}={name}" for option, name in names.items()]
+    options += [*_OPTIONS, *(["--lefthand"] if left_hand else []), f"--output-file={_RESULT}"]
+    try:
+        with TemporaryDirectory(prefix="rvads-net-") as folder:
+            for option, root in files.items():
+                ElementTree(root).write(Path(folder, names[option]), encoding="utf-8")
+            said = _run([program, *options], home, folder)
+            result = Path(folder, _RESULT)
+            made = result.read_bytes() if result.exists() else b""
+    except OSError as error:
+        raise RunError(f"files for SUMO's netconvert can't be written or read: {error}") from None
+    try:
+        return fromstring(made)
+    except ParseError:
+        raise RunError(f"SUMO's netconvert ({program}) made no network: {one_line(said[-500:])}") from None
 
 
-def _run(command: Sequence[str], home: str | None) -> str:
-    """Run a program and return what it says on standard error."""
+def _run(command: Sequence[str], home: str | None, folder: str) -> str:
+    """Run a program in a folder and return what it says on standard error."""
     try:
         done = subprocess.run(
             command,
+            cwd=folder,
             stdin=subprocess.DEVNULL,
             capture_output=True,
             timeout=_LIMIT,
@@ -79,10 +85,10 @@ def program_and_home() -> tuple[str, str | None]:
     """
     spec = find_spec("sumo")
     homes = [*((spec and spec.submodule_search_locations) or ()), os.environ.get("SUMO_HOME", "")]
-    for home in filter(None, homes):
+    for home in map(os.path.abspath, filter(None, homes)):  # it does not run in this folder
         if program := shutil.which("netconvert", path=str(Path(home, "bin"))):
             return program, home
     program = shutil.which("netconvert")
     if program is None:
         raise RunError(needs("simulator 'sumo' makes networks by netconvert and", "eclipse-sumo", "sumo"))
-    return program, None
+    return os.path.abspath(program), None

@@ -31,14 +31,14 @@ def node_type(junction: Junction) -> str:
     lower = {sign for sign in signs if _RANK[sign] == min(_RANK[s] for s in signs)}
     if Sign.LIGHTS in signs:
         if len(signs) > 1 or None in {entrance.phase for entrance in junction.entrances}:
-            raise _refused(junction, "lights at some entrances only, SUMO's have them at all")
+            raise _refused(junction, "lights at some entrances only, where SUMO has them at all or none")
         return "traffic_light"
     if signs == {Sign.STOP}:
         return "allway_stop"
     if len({_RANK[sign] for sign in signs}) == 1 and Sign.STOP not in signs:
         return "right_before_left"
     if lower == {Sign.STOP, Sign.YIELD}:
-        raise _refused(junction, "stop signs beside yield signs, SUMO's have one of both at all minor roads")
+        raise _refused(junction, "stop signs beside yield signs, where SUMO has one of the two at all minor roads")
     return "priority_stop" if lower == {Sign.STOP} else "priority"
 
 

@@ -53,7 +53,10 @@ class SumoProcess:
     """A running process of SUMO."""
 
     def __init__(self) -> None:
-        self._folder = Path(mkdtemp(prefix="rvads-sumo-"))
+        try:
+            self._folder = Path(mkdtemp(prefix="rvads-sumo-"))
+        except OSError as error:
+            raise SumoFailed(f"SUMO (libsumo): no folder for its files can be made: {error}") from None
         self._closed = False
         self.owner = os.getpid()
         try:
@@ -93,11 +96,20 @@ class SumoProcess:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _options(self, network: Network, routes: str, seed: int) -> list[str]:
+        """Write the files of a simulation, and return its options.
+
+        Raises:
+            SumoFailed: they can't be written.
+        """
         net, departures = self._folder / network.name, self._folder / "departures.rou.xml"
-        if not net.exists():
-            net.write_bytes(network.text)
-        departures.write_text(routes, encoding="utf-8")
-        return [*_OPTIONS, f"--net-file={net}", f"--route-files={departures}", f"--seed={seed}"]
+        try:
+            if not net.exists():
+                net.write_bytes(network.text)
+            departures.write_text(routes, encoding="utf-8")
+        except OSError as error:  # somebody cleans up, or the disk is full
+            raise self._failed(f"its files can't be written to {self._folder}: {error.strerror}") from None
+        # By their names alone: the server works in the folder, and SUMO takes a comma in a path for the end of it.
+        return [*_OPTIONS, f"--net-file={net.name}", f"--route-files={departures.name}", f"--seed={seed}"]
 
     def _ask(self, **request: Any) -> array[float]:
         """Send a request and return the numbers of the answer.

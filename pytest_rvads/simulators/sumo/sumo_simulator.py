@@ -8,10 +8,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from functools import partial
 from importlib.util import find_spec
+from numbers import Real
 from types import MappingProxyType
 
 from pytest_rvads.drivers.sumo_driver import SumoDriver
-from pytest_rvads.errors import ScenarioError, needs
+from pytest_rvads.errors import ScenarioError, needs, require
 from pytest_rvads.physics import engines
 from pytest_rvads.physics.braking import check_start, greatest_safe, vmax
 from pytest_rvads.physics.cache import cached
@@ -32,8 +33,12 @@ __all__ = ["Sumo", "sumo"]
 
 SEED = 23423
 """SUMO's own; the seed of a scenario's senses is added to it."""
+_SEEDS = 2**31
+"""SUMO's seeds are below that."""
 _ROAD = 5000.0
 """The road on which braking is tested; who has not stopped after so much never will [m]."""
+_OF_THE_CASE = ("id", "length", "width", "height")
+"""Attributes of vehicle types that a case has, and nobody else."""
 _LIBRARIES = ("libsumo", "eclipse-sumo")
 
 
@@ -45,7 +50,10 @@ class Sumo:
 
     Args:
         attributes: of the types of all vehicles in SUMO, in place of SUMO's defaults, as ``sigma=0`` or ``jmTimegapMinor=2``; see
-            SUMO's page "Definition of Vehicles, Vehicle Types, and Routes".
+            SUMO's page "Definition of Vehicles, Vehicle Types, and Routes". Sizes are those of the case's vehicles.
+
+    Raises:
+        ScenarioError: what can't be such an attribute, or is for the case to say.
     """
 
     name = "sumo"
@@ -55,6 +63,13 @@ class Sumo:
     )
 
     def __init__(self, **attributes: str | float) -> None:
+        for name, value in attributes.items():
+            if name in _OF_THE_CASE or not (name.isascii() and name.isidentifier()):
+                raise ScenarioError(
+                    f"rvads.Sumo takes attributes of a vType of SUMO other than {', '.join(_OF_THE_CASE)}, such as sigma=0, got "
+                    f"{name!r:.60}: sizes are those of the vehicles in the fleet of a case"
+                )
+            require(value, str | Real, f"rvads.Sumo({name}=) takes a number or a text", ScenarioError)
         self.attributes: Mapping[str, str] = MappingProxyType({name: f"{value}" for name, value in attributes.items()})
 
     def __call__(self, case: Case) -> Run:
@@ -65,7 +80,7 @@ class Sumo:
             RunError: SUMO or netconvert is not installed or failed.
         """
         _installed()
-        driven, seed = _driven(case), SEED + case.scenario.senses.seed
+        driven, seed = _driven(case), (SEED + case.scenario.senses.seed) % _SEEDS
         engine = engines.usual()
         make = partial(SumoWorld, case, driven, seed, self.attributes) if driven else engine.world
         loop = Loop(case, self.name, make, versions(*_LIBRARIES, engine.library), driven)
