@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 
 from pytest_rvads.errors import MapError, RunError, RvadsError, ScenarioError
@@ -13,7 +14,7 @@ from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
-from pytest_rvads.simulators.kit.bench import Bench, Broken, crowd, own_row, set_back
+from pytest_rvads.simulators.kit.bench import Bench, Broken, NotTried, crowd, own_row, set_back
 from pytest_rvads.simulators.kit.probes import Brakes
 from pytest_rvads.simulators.simulator import usable, vmax
 from pytest_rvads.wording import one_line
@@ -69,14 +70,15 @@ def start_places(bench: Bench) -> Iterator[str]:
     """In the first state every vehicle stands where its scenario says, with its speed, heading along its lane.
 
     Distances are from the front bumper to the stopping line. Tried at every junction, rotated, with lines set back, with
-    followers, and with every driver.
+    followers where there is room, and with every driver.
     """
     for place in bench.junctions:
         for driver in (Brakes, *bench.drivers):
             yield from _start(bench, crowd(place, driver, speed=4.0, duration=5 * DT))
         yield from _start(bench, crowd(place, Brakes, speed=4.0, rotation=own_row(place), duration=5 * DT))
     yield from _start(bench, crowd(set_back(bench.place), Brakes, duration=5 * DT))
-    yield from _start(bench, bench.alone(Brakes, most=2, followers=2, speed=3.0, distance=4.0, duration=5 * DT))
+    with suppress(NotTried):  # the rest has been
+        yield from _start(bench, bench.queue(2, most=2, speed=3.0, distance=4.0, duration=5 * DT))
 
 
 def _start(bench: Bench, case: Case) -> Iterator[str]:

@@ -19,7 +19,7 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.orbits import Orbits
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.choice import limits
-from pytest_rvads.simulators.kit.probes import Cruises
+from pytest_rvads.simulators.kit.probes import Brakes, Cruises
 from pytest_rvads.simulators.simulator import Simulator, simulate
 
 __all__ = ["Bench", "Broken", "Look", "NotTried", "among", "crowd", "meeting", "own_row", "set_back", "straight"]
@@ -79,6 +79,19 @@ class Bench:
     def alone(self, driver: Factory = Cruises, *, most: int = 1, **scenario: Any) -> Case:
         """Return a case at the first junction with one vehicle at each of the first `most` entrances that have a movement."""
         return crowd(self.place, driver, most=most, **scenario)
+
+    def queue(self, followers: int, **scenario: Any) -> Case:
+        """Return a case with vehicles that brake at the first entrances of the first junction, and followers behind each.
+
+        Raises:
+            NotTried: there is no room for them.
+        """
+        case = self.alone(Brakes, followers=followers, **scenario)
+        try:
+            case.starts()
+        except ScenarioError as error:
+            raise NotTried(f"the first junction has no room for followers, {error}") from None
+        return case
 
     def trips(self) -> Iterator[tuple[Case, Run]]:
         """Return runs of every driver at every junction, made once; nobody is in a hurry.

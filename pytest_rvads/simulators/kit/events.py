@@ -17,12 +17,14 @@ from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.simulators.kit.bench import Bench, NotTried, among, meeting, straight
-from pytest_rvads.simulators.kit.probes import Brakes, Cast, Cruises, Witness
+from pytest_rvads.simulators.kit.probes import Cast, Cruises, Witness
 
 __all__ = ["crossing", "gone_for_good", "passing", "running_into"]
 
 SPEED = 8.0
 """How fast those drive who meet [m/s]."""
+LATER = 8.0
+"""Who follows sets out so much later [s]: then who drives ahead is no longer in a bend, where it is slow."""
 GAP = 0.5
 """Between bodies that pass each other [m]."""
 NEAR = 0.2
@@ -37,12 +39,12 @@ def gone_for_good(bench: Bench) -> Iterator[str]:
     Tried with one that follows it over the place where it went, and with others that stand.
     """
     shown: list[Observation] = []
-    case = bench.alone(Brakes, most=2, followers=1, distance=3.0, speed=0.0, duration=22.0)
+    case = bench.queue(1, most=2, distance=3.0, speed=0.0, duration=30.0)
     agents = case.agents()
     if len({agent.entrance for agent in agents}) < 2:
         raise NotTried("the first junction has vehicles at one entrance alone: give one with two")
     leaving = [agent.name for agent in agents if agent.entrance == agents[0].entrance]
-    cast = partial(Cast, dict.fromkeys(leaving, SPEED))
+    cast = partial(Cast, dict.fromkeys(leaving, SPEED), dict.fromkeys(leaving[1:], LATER))
     run = bench.run(Case(case.scenario, partial(Witness, shown, cast)))
     if run.collisions:
         one, two = run.collisions[0].agents
@@ -91,7 +93,7 @@ def crossing(bench: Bench) -> Iterator[str]:
 
 def running_into(bench: Bench) -> Iterator[str]:
     """A vehicle that runs into a standing one has collided with it, likewise."""
-    case = bench.alone(Brakes, followers=1, distance=5.0, speed=3.0, duration=10.0)
+    case = bench.queue(1, distance=5.0, speed=3.0, duration=10.0)
     behind = case.agents()[1].name
     yield from _collides(bench, Case(case.scenario, partial(Cast, {behind: SPEED})))
 

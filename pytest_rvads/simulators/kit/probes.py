@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 from pytest_rvads.drivers.interface import Command, Control, Drives, Observation, TargetSpeed
 from pytest_rvads.runs.run import DT
@@ -45,15 +46,18 @@ class Cast:
 
     Args:
         speeds: by the name of the agent [m/s].
+        since: by the name of the agent when it sets out [s]; at once where nothing is said.
     """
 
-    def __init__(self, speeds: Mapping[str, float]) -> None:
-        self._speeds = speeds
+    def __init__(self, speeds: Mapping[str, float], since: Mapping[str, float] = MappingProxyType({})) -> None:
+        self._speeds, self._since = speeds, since
 
     def control(self, seen: Observation) -> Control | TargetSpeed:
         """Return the speed of the own vehicle, or full service brake."""
         speed = self._speeds.get(seen.me.name)
-        return Control(brake=1.0) if speed is None else TargetSpeed(speed)
+        if speed is None or seen.time < self._since.get(seen.me.name, 0.0):
+            return Control(brake=1.0)
+        return TargetSpeed(speed)
 
 
 class Steers:
