@@ -14,8 +14,8 @@ from pytest_rvads.errors import ScenarioError
 from pytest_rvads.storage import write_file
 
 if TYPE_CHECKING:
+    from pytest_rvads.executors import Progress
     from pytest_rvads.studies.experiment import Setup
-    from pytest_rvads.studies.pool import Progress
 
 __all__ = ["declare"]
 

@@ -168,6 +168,8 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     ways: Count
     """Number of arms of the junction."""
     junction: str
+    control: str = ""
+    """What regulates the junction, where that is known."""
     cls: Count
     scenario: str
     cfg: str
@@ -242,8 +244,8 @@ def planned_record(
         nodeid: of the item.
         line: of the test function in its file.
         test: name of the test function.
-        keys: what selects the cell: junction, then cls, scenario, cfg, rotation or recording, and seat, traffic, rule, orbit
-            where there is one.
+        keys: what selects the cell: junction, then cls, scenario, cfg, rotation or recording, and seat, traffic, rule, orbit,
+            control where there is one.
         ways: number of arms of the junction.
         requirements: identifiers of what scenario and rule trace to.
     """

@@ -9,12 +9,12 @@ from functools import partial
 from itertools import combinations
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.executors import Progress, spread
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.simulator import named, simulate
 from pytest_rvads.studies.killing import killed_by
-from pytest_rvads.studies.pool import Progress, spread
 
 __all__ = ["Agreement", "Entries", "Mutant", "Trial", "agree", "differences", "same_order", "text_agreements"]
 

@@ -7,6 +7,7 @@ from functools import lru_cache, partial
 
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.executors import Progress, spread
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
@@ -18,7 +19,6 @@ from pytest_rvads.search.metamorphic import compare
 from pytest_rvads.search.relations import RELATIONS
 from pytest_rvads.simulators.simulator import named, simulate
 from pytest_rvads.studies.mutants import MUTANTS
-from pytest_rvads.studies.pool import Progress, spread
 
 __all__ = ["CELLS", "Killing", "kill_all", "killed_by"]
 

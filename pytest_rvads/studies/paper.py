@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from pytest_rvads.executors import Progress, spread
 from pytest_rvads.scenarios.classes import label, parse, rotate
 from pytest_rvads.studies.draws import draw_range
 from pytest_rvads.studies.experiment import ROWS, TABLES, Job, Key, Setup, Table, entries, judge
-from pytest_rvads.studies.pool import Progress, spread
 
 __all__ = ["Shares", "compute", "nested", "sweep"]
 

@@ -16,6 +16,7 @@ from statistics import median
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.traffic import traffic
+from pytest_rvads.executors import Progress, spread
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.scenarios.case import Case
@@ -23,7 +24,6 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.falsify import avoidable, broken
 from pytest_rvads.simulators.simulator import Simulator, named, simulate
 from pytest_rvads.studies.methods import METHODS
-from pytest_rvads.studies.pool import Progress, spread
 
 __all__ = ["DEFICIENCIES", "Power", "broken_rules", "interval", "measure"]
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.errors import RunError
+from pytest_rvads.executors import Progress, spread
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.recorded import read_recorded
@@ -25,7 +26,6 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import named, simulate
 from pytest_rvads.studies.agreement import Entries, same_order
 from pytest_rvads.studies.experiment import outcome
-from pytest_rvads.studies.pool import Progress, spread
 from pytest_rvads.studies.prediction import DEFAULT_WAIT, DURATION, RULES
 from pytest_rvads.studies.site import build_junction
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pytest_rvads.drivers.lgsvl import Constants
+from pytest_rvads.executors import Progress, spread
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.studies.draws import crossing_wait
 from pytest_rvads.studies.experiment import LIGHT, ROWS, STOP, TABLES, Entry, Key, Setup, Table, entries, judge, run_entry
-from pytest_rvads.studies.pool import Progress, spread
 from pytest_rvads.studies.published import FITTED, null_models, published
 
 __all__ = [

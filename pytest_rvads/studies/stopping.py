@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from pytest_rvads.drivers.traffic import traffic
+from pytest_rvads.executors import Progress, spread
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.physics.cache import cached
@@ -13,7 +14,6 @@ from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.simulators.closed_loop import closed_vmax
 from pytest_rvads.simulators.planar import Planar
 from pytest_rvads.simulators.simulator import named
-from pytest_rvads.studies.pool import Progress, spread
 
 __all__ = ["closed_by_movement", "closed_envelope"]
 

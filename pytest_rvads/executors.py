@@ -1,4 +1,4 @@
-"""Work on several processes: what a job depends on travels with it, so that any process gives the same result."""
+"""Work on any `concurrent.futures.Executor`: what a job depends on travels with it, so that any process gives the same result."""
 
 from __future__ import annotations
 

@@ -1,0 +1,86 @@
+"""What is known of a case that was simulated and judged: a line of a file of results, and a record per rule."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import msgspec
+
+from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.record import AgentRecord, Computing, Count, Indicators, Record, VerdictRecord, conclude, planned_record
+
+__all__ = ["Judged", "records"]
+
+_SKIPPED = (Outcome.NA, Outcome.UNSURE, Outcome.NOT_RUN)
+
+
+class Judged(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A case, its run, and what every rule says of it."""
+
+    case: str
+    """Hash of the case: who has it already need not run it again."""
+    name: str
+    """Id of the run as in ids of items, without a rule."""
+    junction: str
+    control: str
+    """What regulates the junction."""
+    ways: Count
+    """Number of arms of the junction."""
+    cls: Count
+    scenario: str
+    cfg: str
+    rotation: Count = 0
+    seat: Count | None = None
+    traffic: str | None = None
+    orbit: str = ""
+    driver: str
+    simulator: str
+    hash: str | None = None
+    """Of the run; None where there is none."""
+    place: str | None = None
+    """Digest of the junction."""
+    duration: float | None = None
+    """Of the run [s]."""
+    agents: tuple[AgentRecord, ...] = ()
+    kpis: Indicators | None = None
+    timing: dict[str, Computing] | None = None
+    verdicts: tuple[VerdictRecord, ...]
+    """One per rule, in the order of the rules; of a case without a run every one is an ERROR."""
+    requirements: tuple[tuple[str, ...], ...] = ()
+    """Per verdict what its rule traces to, where any does."""
+    shape: str = ""
+    """Junction of the same shape at which the run was simulated, where it was not this one."""
+
+
+def records(judged: Judged) -> Iterator[Record]:
+    """Yield a record per verdict, as sessions have one per item; its id is that of the run and the rule."""
+    keys = {
+        "junction": judged.junction,
+        "control": judged.control,
+        "cls": judged.cls,
+        "scenario": judged.scenario,
+        "cfg": judged.cfg,
+        "rotation": judged.rotation,
+        "seat": judged.seat,
+        "traffic": judged.traffic,
+        "orbit": judged.orbit,
+    }
+    for number, verdict in enumerate(judged.verdicts):
+        traced = judged.requirements[number] if judged.requirements else ()
+        start = planned_record(f"{judged.name}-{verdict.rule}", 0, "", {**keys, "rule": verdict.rule}, judged.ways, traced)
+        given = verdict.outcome
+        outcome = "failed" if given.bad else "skipped" if given in _SKIPPED else "passed"
+        error = Outcome.ERROR if given is Outcome.ERROR else None
+        done = conclude(start, [msgspec.to_builtins(verdict)], "call", outcome, text=verdict.message, error=error)
+        yield msgspec.structs.replace(
+            done,
+            driver=judged.driver,
+            simulator=judged.simulator,
+            run=judged.name,
+            hash=judged.hash,
+            place=judged.place,
+            duration=judged.duration,
+            agents=judged.agents,
+            kpis=judged.kpis,
+            timing=judged.timing,
+        )
