@@ -98,20 +98,9 @@ def cells_of(
         requirements: that the scenarios trace to.
         unfit: takes, for every scenario that is left out since a vehicle has no room where it would start, why.
     """
-    from pytest_rvads.scenarios.forks import forks
-
     axis = [(rule, (*requirements, rule.requirement) if rule and rule.requirement else requirements) for rule in rules]
     place = selection.place
-    longest = max(distance for configuration in selection.configurations for distance in configuration.distances)
-    reach = min(map(place.approach, range(len(place.entrances))))
-    fits = not any(selection.followers) and longest <= reach and not forks(place)
-    for scenario in selection:
-        if not fits:
-            try:
-                scenario.starts()
-            except ScenarioError as error:
-                unfit.append(error)
-                continue
+    for scenario in selection.fitting(unfit):
         name = scenario.name
         shared: dict[str, str | int] = {
             "junction": place.name,
