@@ -19,6 +19,8 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     case: str
     """Hash of the case: who has it already need not run it again."""
+    number: Count = 0
+    """Its place among the cases of the campaign."""
     name: str
     """Id of the run as in ids of items, without a rule."""
     junction: str

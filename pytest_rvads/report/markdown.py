@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Notes, Verdicts, outline
+from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Notes, RollUp, Verdicts, outline
+from pytest_rvads.report.rollup import WORST, Row, Sums
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.wording import printable
 
@@ -38,6 +39,13 @@ def _render(block: Block) -> Iterator[str]:
             yield from (f"| {c.count} | {_text(c.rule)} | {_text(c.line)} | {_code(c.example)} |" for c in causes)
         case Figures(lines):
             yield from (f"- {_text(line)}" for line in lines)
+        case RollUp(sums):
+            yield _heading(block.title)
+            for table in sums:
+                yield from ("", *_rows(table, table.rows[:WORST]))
+                if more := table.rows[WORST:]:
+                    yield from ("", f"<details><summary>{len(more)} more {table.corner}s</summary>", "", *_rows(table, more), "")
+                    yield "</details>"
         case Verdicts(matrix):
             yield from (f"## {_text(matrix.title)}", "")
             yield f"| {matrix.corner} | " + " | ".join(map(_text, matrix.headings)) + " |"
@@ -45,6 +53,12 @@ def _render(block: Block) -> Iterator[str]:
             yield from (
                 f"| {_text(label)} | " + " | ".join(_text(e.text) for e in entries) + " |" for label, entries in matrix.rows
             )
+
+
+def _rows(table: Sums, rows: Sequence[Row]) -> Iterator[str]:
+    yield f"| {' | '.join(map(_text, table.columns))} |"
+    yield "|" + "---|" * (1 + len(table.headings)) + "---:|" * len(table.kinds)
+    yield from (f"| {' | '.join(map(_text, table.cells(row)))} |" for row in rows)
 
 
 def _heading(title: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -105,10 +105,11 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A whole session, or several merged into one."""
+    """A whole session, several merged into one, or a campaign."""
 
-    records: tuple[Record, ...]
-    """One per selected item, in the order of the tests; what did not run has the status NOT RUN."""
+    records: Collection[Record]
+    """One per selected item, in the order of the tests; what did not run has the status NOT RUN. There may be more of them than
+    memory holds: who reads them goes through them once, from first to last, and keeps none."""
     totals: dict[int, tuple[int, int]] = field(default_factory=dict)
     """Per number of ways, how many classes and how many full scenarios exist."""
     planned: tuple[Cell, ...] = ()
@@ -131,6 +132,8 @@ class Report:
     """Test to how many scenarios were left out because a vehicle has no room where it would start."""
     extents: dict[str, Extent] = field(default_factory=dict)
     """Junction to how much there is to cover, where `totals` do not tell."""
+    again: str = "pytest"
+    """The command that runs an item once more, when its id follows in quotes."""
 
     @property
     def ended(self) -> int:

@@ -1,16 +1,27 @@
 """Coverage of cells and merging of shards, from records written by hand."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 import pytest
 from msgspec import structs
 
-from pytest_rvads.report.coverage import at_junctions, dropped, measure, shortfall
+from pytest_rvads.report.coverage import dropped, measure, shortfall
 from pytest_rvads.report.merge import merge
 from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.places import Places
 from pytest_rvads.report.record import AgentRecord, Record, conclude, planned_record
 from pytest_rvads.report.session_report import Extent, Report
+
+
+def at_junctions(
+    records: Iterable[Record], totals: dict[int, tuple[int, int]], extents: dict[str, Extent] | None = None
+) -> list[str]:
+    places = Places(totals, extents)
+    for one in records:
+        places.add(one)
+    return [place.line() for place in places.found]
 
 
 def record(cls: int, rule: str, status: str, *, row: int = 0, hash: str = "aa") -> Record:
