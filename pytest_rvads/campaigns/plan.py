@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from pytest_rvads.drivers.interface import Factory
-from pytest_rvads.drivers.traffic import Policy
+from pytest_rvads.drivers.traffic import DEFAULT, Policy
 from pytest_rvads.errors import RvadsError, ScenarioError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.rules.book import rules_for
@@ -20,10 +20,7 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.stratified import draw
 
-__all__ = ["DEFAULT", "Asked", "LeftOut", "Plan", "Planned"]
-
-DEFAULT = "reference"
-"""The traffic policy that ids leave out."""
+__all__ = ["Asked", "LeftOut", "Plan", "Planned"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,7 +57,6 @@ class _Drawn(NamedTuple):
 def draw_replays(  # noqa: PLR0913 - a campaign, and where it is to be simulated and drawn
     town: Town,
     tallies: Mapping[str, JunctionTally],
-    hashes: Mapping[str, str],
     folder: Path,
     again: str,
     executor: Executor | int | None = None,
@@ -69,7 +68,6 @@ def draw_replays(  # noqa: PLR0913 - a campaign, and where it is to be simulated
     Args:
         town: where it happened.
         tallies: what came of it, by junction.
-        hashes: of the runs, by name; one that comes out otherwise is not deterministic.
         folder: in which the folder ``replays`` is made.
         again: the command that runs some of it again; the pages name it.
         executor: where to simulate, see `spread`.
@@ -81,6 +79,7 @@ def draw_replays(  # noqa: PLR0913 - a campaign, and where it is to be simulated
     """
     examples = list(_examples(tallies))
     jobs = _jobs(town, examples[:MOST], again, simulator)
+    hashes = {cause.run: cause.hash for cause in examples}
     looks: dict[tuple[str, str], str] = {}
     flaky: dict[str, Difference] = {}
     troubles: list[str] = []
@@ -90,7 +89,7 @@ def draw_replays(  # noqa: PLR0913 - a campaign, and where it is to be simulated
         if isinstance(answer, Failed):
             troubles.append(f"{jobs[number].name}: {answer.error}")
             continue
-        if hashes.get(answer.name, answer.hash) != answer.hash:
+        if hashes[answer.name] not in (None, answer.hash):
             flaky[answer.name] = Difference("hash", None, _OTHERWISE)
         for rule, time, html in answer.pages:
             look = f"replays/{slug(f'{answer.name}-{rule}')}.html"

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 from pytest_rvads.campaigns.judged import Judged, records
 from pytest_rvads.report.outcome import Mark, Outcome
-from pytest_rvads.report.triage import causes, provoked, unavoidable, unsure
+from pytest_rvads.report.record import Record
+from pytest_rvads.report.triage import Cause, causes, provoked, unavoidable, unsure
 
 __all__ = ["CauseTally", "JunctionTally", "cell"]
 
@@ -36,6 +37,8 @@ class CauseTally:
     """Name of that run."""
     rule: str
     """The rule that tells it there."""
+    hash: str | None
+    """Of that run."""
     count: int = 0
     """How many verdicts it explains."""
 
@@ -62,21 +65,27 @@ class JunctionTally:
         self.table.update((verdict.rule, judged.cfg, verdict.outcome) for verdict in judged.verdicts)
         if all(verdict.outcome in (Outcome.PASS, Outcome.NA) for verdict in judged.verdicts):
             return
-        told = list(records(judged))
-        for title, group in _GROUPS:
-            for cause in group(told):
-                self._explain(title, cause.text, cause.rules, judged.name, cause.example, cause.count)
+        told = {record.nodeid: record for record in records(judged)}
+        for title, grouping in _GROUPS:
+            groups = grouping()
+            for record in told.values():
+                groups.add(record)
+            for cause in groups.causes():
+                self._explain(title, cause, judged, told[cause.example])
 
-    def _explain(self, title: str, text: str, rules: tuple[str, ...], run: str, example: str, count: int) -> None:
+    def _explain(self, title: str, cause: Cause, judged: Judged, teller: Record) -> None:
+        """Count in what lies behind some verdicts of a run; who did it is told by its replay."""
+        roles = next((f" ({verdict.roles})" for verdict in teller.verdicts if verdict.roles), "")
+        text = cause.text.removesuffix(roles)
         known = self.causes.get((title, text))
-        if known is None:
-            if len(self.causes) >= _MOST:
-                self.untold += count
-                return
-            known = self.causes[title, text] = CauseTally(title, text, rules, run, example.removeprefix(f"{run}-"))
-        elif run < known.run:
-            known.rules, known.run, known.rule = rules, run, example.removeprefix(f"{run}-")
-        known.count += count
+        if known is None and len(self.causes) >= _MOST:
+            self.untold += cause.count
+            return
+        count = cause.count + (known.count if known else 0)
+        if known is None or judged.name < known.run:
+            known = CauseTally(title, text, cause.rules, judged.name, teller.asks, judged.hash)
+            self.causes[title, text] = known
+        known.count = count
 
     @property
     def outcomes(self) -> Counter[Outcome]:

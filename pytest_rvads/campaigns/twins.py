@@ -12,7 +12,6 @@ import msgspec
 from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.campaigns.plan import Plan, Planned
 from pytest_rvads.campaigns.shapes import Member, Shape, twin
-from pytest_rvads.report.record import AgentRecord
 from pytest_rvads.scenarios.case import Case
 
 __all__ = ["Twins"]
@@ -82,15 +81,17 @@ def _moved(judged: Judged, at: _At) -> Judged:
     if member.rotation:
         entrances = {image: entrance for entrance, image in enumerate(member.entrances)}
 
+        def arm(number: int) -> int:
+            return (number - member.rotation) % place.ways
+
         def renamed(text: str) -> str:
-            text = _AGENT.sub(lambda found: f"a{(int(found[1]) - member.rotation) % place.ways}", text)
+            text = _AGENT.sub(lambda found: f"a{arm(int(found[1]))}", text)
             return _ENTRANCE.sub(lambda found: f"entrance {entrances.get(int(found[1]), found[1])}", text)
 
-        told |= {part: _deeply(told[part], renamed) for part in ("verdicts", "kpis", "timing") if told.get(part)}
-    agents = []
-    for agent in at.planned.case.agents():
-        start, end = place.entrances[agent.entrance], place.exits[agent.exit]
-        agents.append(AgentRecord(name=agent.name, kind=agent.kind, entrance=(start.arm, start.lane), exit=(end.arm, end.lane)))
+        told |= {part: _deeply(told[part], renamed) for part in ("verdicts", "kpis", "timing", "agents") if told.get(part)}
+        for agent in told.get("agents", ()):
+            for end in ("entrance", "exit"):
+                agent[end] = arm(agent[end][0]), agent[end][1]
     told |= {
         "name": at.planned.name,
         "junction": place.name,
@@ -100,8 +101,7 @@ def _moved(judged: Judged, at: _At) -> Judged:
         "rotation": scenario.rotation,
         "seat": scenario.subject,
         "orbit": scenario.orbit,
-        "place": place.digest,
-        "agents": msgspec.to_builtins(agents),
+        "place": place.digest[: len(judged.place or "")],
         "shape": judged.junction,
     }
     return msgspec.convert(told, Judged)
