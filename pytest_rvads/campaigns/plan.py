@@ -8,12 +8,14 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import NamedTuple
 
+from pytest_rvads.campaigns.extents import extended
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import DEFAULT, Policy
 from pytest_rvads.errors import RvadsError, ScenarioError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.session_report import Extent
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.scenario import Scenario
@@ -99,6 +101,13 @@ class Plan:
         """Return what of the scenarios asked for at a junction is left out; None where nothing is, or all is refused."""
         return None if place.name in self.refused else self._count(place)[1]
 
+    def extents(self) -> dict[str, Extent]:
+        """Return by junction how much there is to cover."""
+        found: dict[str, Extent] = {}
+        for place in self.places:
+            found = extended(found, self.selection(place))
+        return found
+
     def counts(self) -> dict[str, int]:
         """Return per junction, in order, how many cases there are; 0 where it is refused."""
         if self.sample is None and not self.only:
@@ -124,7 +133,7 @@ class Plan:
         traffic = None if asked.traffic is None or asked.subject is None else asked.traffic
         for place in self.places:
             rules = [rule.name for rule in self.rules(place)]
-            for scenario in self._selection(place).fitting([]):
+            for scenario in self.selection(place).fitting([]):
                 name = _named(scenario, traffic)
                 if not self.only or self._wanted(name, rules):
                     yield Planned(name, Case(scenario, asked.driver, traffic.factory if traffic else None))
@@ -133,7 +142,8 @@ class Plan:
         ids = (name, *(f"{name}-{rule}" for rule in rules))
         return any(fnmatchcase(id, pattern) for pattern in self.only for id in ids)
 
-    def _selection(self, place: Junction) -> Selection:
+    def selection(self, place: Junction) -> Selection:
+        """Return what is to run at a junction, with what does not fit there; raises ScenarioError where nothing can."""
         asked = self.asked
         return Selection(
             place,
@@ -147,7 +157,7 @@ class Plan:
     def _count(self, place: Junction) -> tuple[int, LeftOut | None]:
         """Return how many scenarios fit at a junction, and which don't; gone through only where some may not."""
         if place.name not in self._counted:
-            selection, unfit = self._selection(place), list[ScenarioError]()
+            selection, unfit = self.selection(place), list[ScenarioError]()
             total = selection.count() * selection.points
             count = total if selection.roomy else sum(1 for _ in selection.fitting(unfit))
             self._counted[place.name] = count, LeftOut(len(unfit), str(unfit[0])) if unfit else None

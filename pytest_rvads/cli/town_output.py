@@ -70,6 +70,7 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
         notes=tuple(notes),
         exitstatus=status,
         complete=not missing,
+        extents=town.plan.extents(),
         unfit={place.name: found.scenarios for place in town.plan.places if (found := town.plan.left_out(place))},
     )
     title = f"rvads town: {', '.join(map.stem for map in town.maps)}"

@@ -196,7 +196,7 @@ def _cells(ask: Ask, metafunc: pytest.Metafunc, options: Options, added: Extensi
         if count:
             dropped = stash.setdefault(key, {})
             dropped[test.nodeid] = dropped.get(test.nodeid, 0) + count
-    from pytest_rvads.collection.extents import extended
+    from pytest_rvads.campaigns.extents import extended
 
     known: dict[str, Extent] = stash.setdefault(EXTENTS, {})
     stash[EXTENTS] = extended(known, selection)
