@@ -13,13 +13,14 @@ from typing import Any
 
 import msgspec
 
+from pytest_rvads.campaigns.head import Head
 from pytest_rvads.campaigns.judging import Job, Question, judge, undecided
 from pytest_rvads.campaigns.keys import Keys, bodies
-from pytest_rvads.campaigns.resultsfile import Head, Results
+from pytest_rvads.campaigns.resultsfile import Results
 from pytest_rvads.decoding import encode
 from pytest_rvads.drivers.identity import identity
 from pytest_rvads.errors import FormulaError, RvadsError, ScenarioError, require
-from pytest_rvads.executors import Failed, Progress, gathered
+from pytest_rvads.executors import ExecutorGone, Failed, Progress, gathered
 from pytest_rvads.logic.rules.book import SHIPPED, get_rule, is_rulebook, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.scenarios.case import Case
@@ -79,6 +80,12 @@ def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
     found = Results(results, _head(question, keys, first))
     try:
         _Campaign(question, keys, found, progress, total).run(rest, executor)
+    except ExecutorGone as error:
+        kept = "nothing is kept, name a file as results= to go on where it was"
+        if found.path is not None:
+            kept = f"{len(found):,} results are kept in {found.path}, run the campaign again and it goes on where it was"
+        found.close()
+        raise RvadsError(f"{error}; {kept}") from error
     except BaseException:
         found.close()
         raise

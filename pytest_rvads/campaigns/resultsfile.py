@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from array import array
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from io import BufferedReader, FileIO
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -14,6 +14,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from pytest_rvads.campaigns.head import FORMAT, VERSION, Head
 from pytest_rvads.campaigns.judged import Judged, records
 from pytest_rvads.decoding import decode, encode
 from pytest_rvads.errors import RvadsError
@@ -26,9 +27,8 @@ try:
 except ImportError:  # not a POSIX system: nobody is kept out
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["Head", "Results"]
+__all__ = ["Results", "joined"]
 
-FORMAT, VERSION = "rvads-campaign", 1
 _HEAD = b'{"format"'
 """How a line begins that is no result."""
 _LONGEST = 2**26
@@ -37,30 +37,6 @@ _PATIENCE = 3.0
 """How long the processes of a campaign that was killed may take to notice, and to let go of its file [s]."""
 NOTHING_JUDGED = 5
 """Exit status of a campaign in which nothing was found out, as of a session that collected nothing."""
-
-
-class Head(msgspec.Struct, frozen=True, kw_only=True):
-    """What a line that is no result says of all results: the first line, and others where more came to be known."""
-
-    format: str = FORMAT
-    version: int = VERSION
-    made: dict[str, str]
-    """What decides results, by words: package, code, rules, simulator, driver, bodies."""
-    drivers: dict[str, str]
-    """What drives, by name: its identity."""
-    versions: dict[str, str]
-    """Of what the results depend on: name to version."""
-    cases: Count | None = None
-    """How many the campaign had; None until it came to its end."""
-    unfit: dict[str, int] = {}
-    """Junction to how many cases were left out because a vehicle has no room where it would start."""
-
-    def differs(self, other: Head) -> str:
-        """Return in words what another head says otherwise, or nothing; drivers that only one of them knows are no difference."""
-        pairs = [(word, self.made.get(word), other.made.get(word)) for word in {**self.made, **other.made}]
-        pairs += [(f"version of {name}", version, other.versions.get(name)) for name, version in self.versions.items()]
-        pairs += [(f"code of {name}", told, other.drivers.get(name, told)) for name, told in self.drivers.items()]
-        return ", ".join(word for word, one, two in pairs if one != two)
 
 
 class _Judgement(msgspec.Struct):
@@ -246,6 +222,30 @@ class Results:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def joined(paths: Sequence[str | os.PathLike[str]]) -> Results:
+    """Return the results of several files of one campaign, each case once, to read; of a single file itself.
+
+    Raises:
+        RvadsError: a file is none of a campaign, or one of another campaign than the first.
+        OSError: a file can't be read.
+    """
+    if len(paths) == 1:
+        return Results(paths[0])
+    whole: Results | None = None
+    for path in paths:
+        with Results(path) as part:
+            if whole is None:
+                whole = Results(None, part.head)
+            elif differs := whole.head.differs(part.head):
+                raise RvadsError(f"{path} holds results of another campaign than {paths[0]} ({differs}): make a report of each")
+            for line in part.lines():
+                whole.add(line)
+            whole.tell(whole.head.with_part(part.head))
+    if whole is None:
+        raise RvadsError("no file of results is named: name one or more")
+    return whole
 
 
 class _Records(Collection[Record]):

@@ -10,14 +10,14 @@ import os
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence, Sized
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import closing
-from itertools import islice
+from itertools import count, islice
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.executors.teams import Failed, Foreign, Own, Part, Team, tried
+from pytest_rvads.executors.teams import ExecutorGone, Failed, Foreign, Own, Part, Team, tried
 
-__all__ = ["Failed", "Progress", "gathered", "spread"]
+__all__ = ["ExecutorGone", "Failed", "Progress", "gathered", "spread"]
 
 Progress = Callable[[int, int], None]
 """Called with the number of jobs done and the number of all."""
@@ -31,8 +31,8 @@ def spread(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
     batch: int = 4,
-) -> Iterator[_Result]:
-    """Yield the result of every job, in order; what a job raises is raised in its place.
+) -> Generator[_Result, None, None]:
+    """Yield the result of every job, in order; what a job raises is raised in its place; close it to end early.
 
     Args:
         work: a function of a module, so that other processes find it.
@@ -102,8 +102,10 @@ def _flown(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[Any]]
     """Yield parts with their answers, as they come back; lost ones have gone out again."""
     flying: dict[Future[list[Any]], Part] = {}
     back: SimpleQueue[Future[list[Any]]] = SimpleQueue()
+    sent = count(1)
 
     def launch(part: Part) -> None:
+        part = part._replace(sent=next(sent))
         future = team.submit(part)
         flying[future] = part
         future.add_done_callback(back.put)

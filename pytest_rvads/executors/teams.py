@@ -13,12 +13,18 @@ from pytest_rvads.errors import RvadsError
 from pytest_rvads.executors.crew import AHEAD, Crew
 from pytest_rvads.wording import one_line
 
-__all__ = ["Failed", "Foreign", "Own", "Part", "Team", "tried"]
+__all__ = ["ExecutorGone", "Failed", "Foreign", "Own", "Part", "Team", "tried"]
 
 _UNKNOWN = 512
 """Parts that are handed out to an executor that does not tell how many workers it has."""
 _TRIES = 3
 """How often what an executor of others has lost is handed to it again."""
+_ANSWER = 60.0
+"""How long an executor that has lost something may take to do something else: Dask looks for its scheduler meanwhile [s]."""
+
+
+class ExecutorGone(RvadsError):
+    """Nobody is there any more to do what is left; what was done is not lost."""
 
 
 class Failed(NamedTuple):
@@ -38,6 +44,8 @@ class Part(NamedTuple):
     jobs: tuple[Any, ...]
     losses: int = 0
     """How often it was under way when a process died, or it was lost otherwise."""
+    sent: int = 0
+    """How many were handed out before it; another one each time, so that no executor takes what was lost for what it knows."""
 
 
 class Own:
@@ -77,17 +85,18 @@ class Foreign:
         workers = getattr(executor, "_max_workers", None)  # of those of the standard library
         self.ahead = AHEAD * workers if isinstance(workers, int) else _UNKNOWN
         self._work, self._executor = work, executor
-        self._sent = 0
+        self._sent = self._sound = 0
+        """What was handed out last, and what had been when something was lost and something else was done after all."""
 
     def submit(self, part: Part) -> Future[list[Any]]:
         """Hand out a part.
 
         Raises:
-            RvadsError: the executor is gone.
+            ExecutorGone: it takes nothing any more.
         """
-        self._sent += 1  # so that no executor takes what was lost for what it knows
+        self._sent = part.sent
         try:
-            return self._executor.submit(_all, self._work, part.jobs, self._sent)
+            return self._executor.submit(_all, self._work, part.jobs, part.sent)
         except Exception as error:  # each has its own
             raise self._gone(error) from error
 
@@ -96,6 +105,8 @@ class Foreign:
         if type(error).__name__ == "KilledWorker":  # Dask, after several workers; its class is there where Dask is
             return False
         if isinstance(error, CancelledError) and part.losses <= _TRIES:
+            if part.sent > self._sound:
+                self._probe(error)
             return True
         if isinstance(error, CancelledError | BrokenExecutor):
             raise self._gone(error) from error
@@ -106,7 +117,7 @@ class Foreign:
     def alone(self, job: Any) -> Any:
         """Return what `Own.alone` does."""
         for losses in range(1, _TRIES + 2):
-            part = Part(0, (job,), losses)
+            part = Part(0, (job,), losses, self._sent + 1)
             try:
                 return self.submit(part).result()[0]
             except (Exception, CancelledError) as error:
@@ -115,6 +126,14 @@ class Foreign:
                 if not self.again(part, error):
                     break
         return _dead()
+
+    def _probe(self, error: BaseException) -> None:
+        """See whether the executor does anything; what waits for a scheduler that is gone may wait for ever."""
+        try:
+            self._executor.submit(_all, self._work, (), self._sent).result(_ANSWER)
+        except (Exception, CancelledError):
+            raise self._gone(error) from error
+        self._sound = self._sent
 
     def close(self) -> None:
         """Leave it to those whose it is."""
@@ -125,8 +144,8 @@ class Foreign:
     def _name(self) -> str:
         return f"the executor {type(self._executor).__name__}"
 
-    def _gone(self, error: BaseException) -> RvadsError:
-        return RvadsError(f"{self._name} takes no more work, its workers or scheduler are gone: {_told(error)}")
+    def _gone(self, error: BaseException) -> ExecutorGone:
+        return ExecutorGone(f"{self._name} takes no more work, its workers or scheduler are gone: {_told(error)}")
 
 
 Team: TypeAlias = Own | Foreign
@@ -176,4 +195,4 @@ def _dead() -> Failed:
 
 
 def _told(error: BaseException) -> str:
-    return one_line(f"{type(error).__name__}: {error}", 300)
+    return one_line(": ".join(filter(None, (type(error).__name__, str(error)))), 300)
