@@ -11,11 +11,14 @@ from dataclasses import dataclass
 from pytest_rvads.report.coverage import at_junctions, dropped, measure, traced
 from pytest_rvads.report.figures import extremes, makers, slowest, timing
 from pytest_rvads.report.matrix import Matrix, matrices
+from pytest_rvads.report.refused import refused
 from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.triage import Cause, causes, idle, known, provoked, unavoidable, unsure
 
 __all__ = ["Block", "Causes", "Changes", "Figures", "Notes", "Verdicts", "outline"]
 
+_REASONS = 5
+"""Reasons told in short why junctions are left out."""
 _SLOWEST = 10
 """Runs named that took longest; in short three, and none where all were quicker than a second."""
 
@@ -123,5 +126,6 @@ def outline(report: Report, short: bool = False) -> list[Block]:
         *([f"versions: {versions}"] if versions and not short else []),
         f"coverage: {measure(report)}",
         *dropped(report),
+        *refused(report, _REASONS if short else None),
     )
     return [*blocks, Figures(lines)]

@@ -42,7 +42,7 @@ def refused(pytester: pytest.Pytester, code: str, line: int, says: str) -> None:
     [
         ("3", "write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got 3"),
         ('"stop4", map=3', "map must be the path of an OpenDRIVE file, got 3"),
-        ('"stop4", clases=3', "@rvads.scenario takes junction, map, classes, "),
+        ('"stop4", clases=3', "@rvads.scenario takes junction, map, junctions, limit, classes, "),
         ('"stop4", clases=3', "got 'clases'; did you mean 'classes'"),
         ('"stop4", cover="all"', "cover must be one of class, scenario, rotation, partial, pairs, conflicts, got 'all'"),
         ('"stop4", probe="no"', "probe must be True or False, got 'no'"),
