@@ -11,11 +11,11 @@ from typing import Any
 from pytest_rvads.collection.arguments import SEVERAL, Values, policies_of, refuse, values_of
 from pytest_rvads.collection.extensions import Extensions
 from pytest_rvads.collection.misuse import several
-from pytest_rvads.collection.resolved import Found, Resolved
+from pytest_rvads.collection.resolved import Found, NoRoom, Resolved
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.junctions.builtin import LAYOUTS
-from pytest_rvads.junctions.choosing import EVERY, choose_among
+from pytest_rvads.junctions.choosing import EVERY, choose_among, some
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.kinds import Kinds
 from pytest_rvads.logic.rules.book import claim, rules_for
@@ -112,21 +112,26 @@ class Ask:
             RvadsError: no such junction, or none that has what is asked for.
         """
         sources = [self._source(name, folder, options.map, added) for name in self.junction]
-        choice = choose_among(sources, kinds=self.kinds, limit=self.limit, seed=options.seed)
+        choice = choose_among(sources, kinds=self.kinds)
+        here: dict[Junction, Resolved] = {}
+        wrong: dict[Junction, ScenarioError] = {}
+        while True:  # what is left out does not count against the limit
+            rest = [place for place in choice.junctions if place not in wrong]
+            drawn = some(rest, self.limit, options.seed) if rest else ()
+            anew = [place for place in drawn if place not in here]
+            if not anew:
+                break
+            for place in anew:
+                try:
+                    here[place] = self._at(place, options, added.grids, watch, takes_rule)
+                except ScenarioError as error:
+                    wrong[place] = error
+        if not drawn:
+            first, many = next(iter(wrong.values())), len(choice.junctions)
+            raise first if many == 1 else ScenarioError(f"none of {many} junctions has what is asked for, the first: {first}")
         left_out = [(one.name, one.reason) for one in choice.refused]
-        here: list[Resolved] = []
-        trouble: ScenarioError | None = None
-        for place in choice.junctions:
-            try:
-                here.append(self._at(place, options, added.grids, watch, takes_rule))
-            except ScenarioError as error:
-                trouble = trouble or error
-                left_out.append((place.name, _without_name(str(error), place)))
-        if trouble and not here:
-            if len(choice.junctions) == 1:
-                raise trouble
-            raise ScenarioError(f"none of {len(choice.junctions)} junctions has what is asked for, the first of them: {trouble}")
-        return Found(tuple(here), tuple(left_out), choice.passed_over)
+        left_out += [(place.name, _reason(error, place)) for place, error in wrong.items()]
+        return Found(tuple(here[place] for place in drawn), tuple(left_out), len(rest) - len(drawn))
 
     def _at(
         self,
@@ -212,9 +217,11 @@ class Ask:
         return [point for point in watch(points) if not outside(point, lambda d: vmax(d, self.aggression))]
 
 
-def _without_name(reason: str, place: Junction) -> str:
+def _reason(error: ScenarioError, place: Junction) -> str:
     """Return why a junction is left out, in words that are the same for others."""
-    return reason.replace(f"junction {place.name!r}", "the junction").replace(f" like {place.name!r}", "")
+    if isinstance(error, NoRoom):
+        return "no scenario has room for its vehicles where they would start"
+    return str(error).replace(f"junction {place.name!r}", "the junction").replace(f" like {place.name!r}", "")
 
 
 def judged_at(names: Sequence[str | Rule], place: Junction) -> tuple[Rule, ...]:

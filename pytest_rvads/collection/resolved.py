@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from pytest_rvads.collection.cells import Cell, Traced, Unfit, cells_of, runs_of
 from pytest_rvads.collection.misuse import told_at
+from pytest_rvads.errors import ScenarioError
 from pytest_rvads.stratified import draw
 
 if TYPE_CHECKING:
@@ -17,7 +18,15 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.scenarios.selection import Selection
 
-__all__ = ["Found", "PlannedRun", "Resolved", "Runs"]
+__all__ = ["Found", "NoRoom", "PlannedRun", "Resolved", "Runs"]
+
+
+class NoRoom(ScenarioError):
+    """No scenario of a junction has room for its vehicles.
+
+    Cause: approaches that are shorter than the distances asked for.
+    Remedy: smaller distances, fewer followers, or other junctions.
+    """
 
 
 @dataclass(frozen=True)
@@ -48,14 +57,15 @@ class Resolved:
         """See that every scenario that is named exists, and that some scenario has room for its vehicles.
 
         Raises:
-            ScenarioError: one does not, or none has.
+            ScenarioError: one does not.
+            NoRoom: none has.
         """
         if self.selection.scenarios is not None:
             for _ in replace(self.selection, configurations=self.selection.configurations[:1]):
                 pass
         unfit = Unfit()
         if self.selection.count() and next(runs_of(self.selection, self.traffic, unfit), None) is None and unfit.first:
-            raise unfit.first
+            raise NoRoom(str(unfit.first))
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,12 +19,9 @@ def refused(report: Report, most: int | None = None) -> list[str]:
     """
     reasons = sorted(report.refused.items(), key=lambda entry: -len(entry[1]))
     lines = [f"{_counted(len(names))} left out: {reason}: {_first(names)}" for reason, names in reasons[:most]]
-    others = [] if most is None else reasons[most:]
+    others = {name for _, names in reasons[len(lines) :] for name in names}
     if others:
-        names = {name for _, refused in others for name in refused}
-        lines.append(
-            f"{_counted(len(names))} more left out, for {len(others)} other reasons: the reports of --rvads-report say which"
-        )
+        lines.append(f"{_counted(len(others))} left out for other reasons: the reports of --rvads-report say which")
     return lines + [f"{one.taken:,} of {one.total:,} {one.what} drawn, seed {one.seed}: {one.test}" for one in report.drawn]
 
 

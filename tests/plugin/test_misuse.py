@@ -41,6 +41,13 @@ def refused(pytester: pytest.Pytester, code: str, line: int, says: str) -> None:
     ("arguments", "says"),
     [
         ("3", "write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got 3"),
+        ("", "name a junction, several, or '*' for all of a map, or say by junctions= of which kinds"),
+        ('["stop4", 3]', "junction takes names, ids or types of junctions, one or several, got ['stop4', 3]"),
+        ("[]", "junction is empty: name names, ids or types of junctions, or leave it out"),
+        ('"*", limit=0', "limit must be a whole number of junctions, 1 or more, got 0"),
+        ('"*", limit="2"', "limit must be a whole number of junctions, 1 or more, got '2'"),
+        ('"*", junctions="stop"', "kinds of junctions are a dict such as {'control': 'stop', 'arms': (3, 4)}, got 'stop'"),
+        ('junctions={"control": "sign"}', "control of kinds of junctions must be one or several of stop, lights, none, yield, "),
         ('"stop4", map=3', "map must be the path of an OpenDRIVE file, got 3"),
         ('"stop4", clases=3', "@rvads.scenario takes junction, map, junctions, limit, classes, "),
         ('"stop4", clases=3', "got 'clases'; did you mean 'classes'"),
