@@ -108,6 +108,11 @@ class Plan:
             found = extended(found, self.selection(place))
         return found
 
+    @property
+    def total(self) -> int:
+        """How many cases there are without patterns and sample."""
+        return sum(self._count(place)[0] for place in self.places)
+
     def counts(self) -> dict[str, int]:
         """Return per junction, in order, how many cases there are; 0 where it is refused."""
         if self.sample is None and not self.only:
@@ -133,7 +138,7 @@ class Plan:
         traffic = None if asked.traffic is None or asked.subject is None else asked.traffic
         for place in self.places:
             rules = [rule.name for rule in self.rules(place)]
-            for scenario in self.selection(place).fitting([]):
+            for scenario in self.selection(place).fitting(_nobody):
                 name = _named(scenario, traffic)
                 if not self.only or self._wanted(name, rules):
                     yield Planned(name, Case(scenario, asked.driver, traffic.factory if traffic else None))
@@ -159,7 +164,7 @@ class Plan:
         if place.name not in self._counted:
             selection, unfit = self.selection(place), list[ScenarioError]()
             total = selection.count() * selection.points
-            count = total if selection.roomy else sum(1 for _ in selection.fitting(unfit))
+            count = total if selection.roomy else sum(1 for _ in selection.fitting(unfit.append))
             self._counted[place.name] = count, LeftOut(len(unfit), str(unfit[0])) if unfit else None
         return self._counted[place.name]
 
@@ -172,6 +177,10 @@ class _Again:
 
     def __iter__(self) -> Iterator[Planned]:
         return self._plan._every()
+
+
+def _nobody(_: ScenarioError) -> None:
+    """Who takes note of what is left out where that is known."""
 
 
 def _named(scenario: Scenario, traffic: Policy | None) -> str:

@@ -24,6 +24,7 @@ from pytest_rvads.junctions.finder import load, name_of
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Difference, Record
+from pytest_rvads.report.session_report import Drawn
 from pytest_rvads.scenarios.case import Case
 
 __all__ = ["Town", "TownRecords", "tallied"]
@@ -130,13 +131,24 @@ class Town:
                 found.append(Site(name, report.id, number, spot(report), kind, self.counts.get(name, 0), why, notes))
         return found
 
+    def refused(self) -> dict[str, tuple[str, ...]]:
+        """Return why junctions are left out, to their names."""
+        found: dict[str, tuple[str, ...]] = {}
+        for name, reason in [(one.name, one.reason) for one in self.choice.refused] + list(self.plan.refused.items()):
+            found[reason] = (*found.get(reason, ()), name)
+        return found
+
+    def drawn(self) -> tuple[Drawn, ...]:
+        """Return what was drawn from more."""
+        taken, over, seed = len(self.choice.junctions), self.choice.passed_over, self.plan.seed
+        found = [Drawn("rvads town", "junctions", taken, taken + over, seed)] if over else []
+        if self.plan.sample is not None:
+            found.append(Drawn("rvads town", "runs", sum(self.counts.values()), self.plan.total, seed))
+        return tuple(found)
+
     def notes(self) -> list[str]:
         """Return what is to be said of the town as a whole, a sentence each."""
         found = []
-        if self.choice.passed_over:
-            found.append(f"{self.choice.passed_over} more junctions would do, and were passed over by the limit")
-        if self.plan.sample is not None:
-            found.append(f"a sample of {sum(self.counts.values())} runs, drawn by seed {self.plan.seed}")
         if self.once_per_shape:
             several = [len(shape.members) for shape in self.shapes if len(shape.members) > 1]
             total = sum(self.counts.values())

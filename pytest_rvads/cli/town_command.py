@@ -194,7 +194,7 @@ def _again(options: argparse.Namespace) -> str:
 
 def _told_before(town: Town) -> None:
     """Say on standard error what is to run, and what is refused."""
-    refused = [(one.name, one.reason) for one in town.choice.refused] + list(town.plan.refused.items())
+    refused = [(name, reason) for reason, names in town.refused().items() for name in names]
     total, simulated = sum(town.counts.values()), town.simulated
     warn(f"{len(town.plan.places)} junctions, {total} runs" + (f", {simulated} to simulate" if simulated < total else ""))
     if refused:
@@ -204,6 +204,8 @@ def _told_before(town: Town) -> None:
         warn(
             f"{sum(left_out)} scenarios at {len(left_out)} junctions are left out, because a vehicle has no room where it starts"
         )
+    for one in town.drawn():
+        warn(f"{one.taken:,} of {one.total:,} {one.what} are drawn, seed {one.seed}")
     for note in town.notes():
         warn(note)
 

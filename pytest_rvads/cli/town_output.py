@@ -71,10 +71,13 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
         exitstatus=status,
         complete=not missing,
         extents=town.plan.extents(),
+        refused=town.refused(),
+        drawn=town.drawn(),
         unfit={place.name: found.scenarios for place in town.plan.places if (found := town.plan.left_out(place))},
     )
     title = f"rvads town: {', '.join(map.stem for map in town.maps)}"
-    page = town_page(title, notes, town.pictures(), town.sites(), tallies, replays.looks, order.again)
+    told = [*notes, *(f"{one.taken:,} of {one.total:,} {one.what} drawn, seed {one.seed}" for one in report.drawn)]
+    page = town_page(title, told, town.pictures(), town.sites(), tallies, replays.looks, order.again)
     write_file(folder / "town.html", page.encode())
     save(folder / "town.json", report)
     _summary(report, notes, folder)

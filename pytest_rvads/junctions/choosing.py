@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from pytest_rvads.errors import MapError, require
 from pytest_rvads.junctions.analysis import JunctionReport
@@ -15,7 +14,7 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.kinds import Kinds
 from pytest_rvads.stratified import draw
 
-__all__ = ["EVERY", "Choice", "Kinds", "Refused", "choose", "choose_among"]
+__all__ = ["EVERY", "Choice", "Kinds", "Refused", "choose", "choose_among", "some"]
 
 EVERY = "*"
 """All junctions of a map."""
@@ -100,10 +99,8 @@ def choose_among(
             found.setdefault((one.map, one.id), one)
     if not found:
         raise MapError(f"none of {', '.join(repr(text) for text, _ in asked)} is of the kinds asked for ({kinds}): name others")
-    fitting = list(found.values())
-    drawn = fitting if limit is None else draw(fitting, limit, seed, _kind, _label)
     junctions = []
-    for one in drawn:
+    for one in found.values():
         try:
             junctions.append(find(one.id, one.map))
         except MapError as error:  # its roads can't be joined, which is not known before
@@ -112,7 +109,15 @@ def choose_among(
             refused[one.map, one.id] = _refused(one, str(error))
     if not junctions:
         raise MapError(f"no junction asked for can be used, the first of them: {next(iter(refused.values())).reason}")
-    return Choice(tuple(junctions), tuple(refused.values()), len(fitting) - len(drawn))
+    drawn = some(junctions, limit, seed)
+    return Choice(drawn, tuple(refused.values()), len(junctions) - len(drawn))
+
+
+def some(junctions: Sequence[Junction], limit: int | None, seed: int = 0) -> tuple[Junction, ...]:
+    """Return at most so many junctions, in their order, as evenly as possible from every kind: control and number of arms."""
+    if limit is None:
+        return tuple(junctions)
+    return tuple(draw(junctions, limit, seed, _kind, lambda junction: junction.name))
 
 
 def _texts(wanted: str | Iterable[str]) -> tuple[str, ...]:
@@ -122,17 +127,13 @@ def _texts(wanted: str | Iterable[str]) -> tuple[str, ...]:
     return texts
 
 
-def _label(one: _Candidate) -> str:
-    return one.id if one.map is None else f"{Path(one.map).name} {one.id}"
-
-
 def _refused(one: _Candidate, reason: str) -> Refused:
     control = one.report.control.value if one.report.entrances else ""
     return Refused(one.id, None if one.map is None else os.fspath(one.map), one.report.ways, control, reason)
 
 
-def _kind(one: _Candidate) -> tuple[str, ...]:
-    return (f"{one.report.ways}-way {one.report.control.value}",)
+def _kind(junction: Junction) -> tuple[str, ...]:
+    return (f"{junction.ways}-way {junction.control.value}",)
 
 
 def _named(text: str, map: Map, kinds: Kinds | None, refused: dict[tuple[Map, str], Refused]) -> Iterator[_Candidate]:

@@ -14,12 +14,15 @@ from pytest_rvads.report.figures import Extremes, Makers, Timing, slowest
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.places import FEW, Places
 from pytest_rvads.report.record import Record
+from pytest_rvads.report.refused import refused
 from pytest_rvads.report.rollup import Sums, ranked, sums
 from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.triage import ByText, Cause, causes, idle, known, provoked, unavoidable, unsure
 
 __all__ = ["Block", "Causes", "Changes", "Figures", "Notes", "RollUp", "Verdicts", "outline"]
 
+_REASONS = 5
+"""Reasons told in short why junctions are left out."""
 _SLOWEST = 10
 """Runs named that took longest; in short three, and none where all were quicker than a second."""
 
@@ -166,6 +169,7 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
         *([f"versions: {versions}"] if versions and not short else []),
         f"coverage: {cells.coverage()}",
         *dropped(report),
+        *refused(report, _REASONS if short else None),
     )
     return [*blocks, Figures(lines)]
 

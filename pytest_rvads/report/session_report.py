@@ -11,7 +11,7 @@ from msgspec import Meta, Struct
 
 from pytest_rvads.report.record import Record
 
-__all__ = ["UNFINISHED", "Cell", "Change", "Comparison", "Extent", "Move", "Report", "begun", "cell_of", "in_order"]
+__all__ = ["UNFINISHED", "Cell", "Change", "Comparison", "Drawn", "Extent", "Move", "Report", "begun", "cell_of", "in_order"]
 
 UNFINISHED = 2
 """Exit status of a session that did not come to its end, as of one that was interrupted."""
@@ -37,6 +37,17 @@ class Extent(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Pairs of movements from different entrances, where they count."""
     conflicts: tuple[tuple[Move, Move], ...] = ()
     """Those of them that cross or merge."""
+
+
+class Drawn(Struct, frozen=True, array_like=True):
+    """That a test runs some of what it asks for."""
+
+    test: str
+    what: str
+    """Runs or junctions."""
+    taken: Annotated[int, Meta(ge=0)]
+    total: Annotated[int, Meta(ge=0)]
+    seed: int
 
 
 _KINDS = {
@@ -134,6 +145,10 @@ class Report:
     """Junction to how much there is to cover, where `totals` do not tell."""
     again: str = "pytest"
     """The command that runs an item once more, when its id follows in quotes."""
+    refused: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Why junctions that tests asked for among others are left out, to their names."""
+    drawn: tuple[Drawn, ...] = ()
+    """Where tests ran only some of what they ask for; the rest is not planned."""
 
     @property
     def ended(self) -> int:

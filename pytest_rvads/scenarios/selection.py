@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -126,18 +126,18 @@ class Selection:
         reach = min(map(place.approach, range(len(place.entrances))))
         return not any(self.followers) and longest <= reach and not forks(place)
 
-    def fitting(self, unfit: list[ScenarioError]) -> Iterator[Scenario]:
+    def fitting(self, unfit: Callable[[ScenarioError], object]) -> Iterator[Scenario]:
         """Yield the scenarios in which every vehicle has room where it would start.
 
         Args:
-            unfit: takes, for every scenario that is left out, why.
+            unfit: called with the reason for every scenario that is left out.
         """
         for scenario in self:
             if not self.roomy:
                 try:
                     scenario.starts()
                 except ScenarioError as error:
-                    unfit.append(error)
+                    unfit(error)
                     continue
             yield scenario
 

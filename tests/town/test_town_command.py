@@ -90,8 +90,10 @@ def test_a_town_is_judged_once_and_not_again(
     assert "look: rvads-town/town.html" in out
     first = load(folder / "rvads-town/town.json")
     assert {record.junction.split(".")[0] for record in first.records} == {"stop3", "stop4"}
-    assert {record.status for record in first.records} <= {Outcome.PASS, Outcome.NA}
-    assert {one["state"] for one in shown(folder / "rvads-town").values()} == {"good"}
+    assert not any(record.failed for record in first.records)
+    assert {one["state"] for one in shown(folder / "rvads-town").values()} <= {"good", "doubt"}
+    (drawn,) = first.drawn
+    assert (drawn.what, drawn.taken, drawn.seed) == ("runs", 2, 0)
 
     def never(*_: object) -> None:
         raise AssertionError("it was judged before")
@@ -104,9 +106,9 @@ def test_a_town_is_judged_once_and_not_again(
 
 
 def test_the_printed_line_runs_exactly_that_case_again(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
-    status, out, _ = ran(capsys, "stop4.xodr", "--autopilot", "lgsvl", *SHORT)
+    status, out, _ = ran(capsys, "stop4.xodr", "--autopilot", "lgsvl", *SHORT, "--sample", "3")
     assert status == 1
-    line = next(line.partition("first: ")[2] for line in out.splitlines() if "first: " in line)
+    line = next(line.partition("first: ")[2] for line in out.splitlines() if "first: rvads" in line)
     command, name, *words = shlex.split(line)
     assert (command, name) == ("rvads", "town")
     whole = judged(load(folder / "rvads-town/town.json"))
@@ -174,14 +176,15 @@ def test_junctions_of_one_shape_are_simulated_once(capsys: pytest.CaptureFixture
 
 
 def test_a_junction_that_is_refused_is_shown_with_its_reason(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
-    status, _, err = ran(
-        capsys, "stop3.xodr", "stop4.xodr", "--autopilot", "reference", *SHORT, "--subject", "3", "--sample", "1"
-    )
+    words = ("stop3.xodr", "stop4.xodr", "--autopilot", "reference", *SHORT, "--subject", "3", "--sample", "1")
+    status, _, err = ran(capsys, *words)
     assert status == 0
     assert "1 junctions are refused, the first: stop3" in err
     (refused,) = (one for name, one in shown(folder / "rvads-town").items() if name.startswith("stop3"))
     assert refused["state"] == "none"
     assert refused["told"] == "refused"
+    (reason,) = load(folder / "rvads-town/town.json").refused
+    assert reason.startswith("subject must be an entrance")
     assert "refused: subject must be an entrance, 0 to 2, or 'all', got 3" in refused["notes"]
 
 
