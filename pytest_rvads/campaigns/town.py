@@ -12,9 +12,9 @@ from typing import Any
 import msgspec
 
 from pytest_rvads.campaigns.judged import Judged, records
-from pytest_rvads.campaigns.plan import Asked, Plan
 from pytest_rvads.campaigns.shapes import REACH, Shape, shapes
 from pytest_rvads.campaigns.town_page import Site, TownMap
+from pytest_rvads.campaigns.town_plan import Asked, Plan
 from pytest_rvads.campaigns.town_tally import JunctionTally
 from pytest_rvads.campaigns.twins import Twins
 from pytest_rvads.draw.town_picture import spot, town_picture

@@ -66,7 +66,9 @@ def worst_first(sites: Sequence[Site], tallies: Mapping[str, JunctionTally]) -> 
         tally = tallies.get(site.name, JunctionTally())
         marks = [mark for mark, _ in LEGEND]
         found = tally.outcomes
-        return marks.index(state(site, tally)), *(-found[outcome] for outcome in Outcome.worst_first() if outcome.mark != "good")
+        return marks.index(state(site, tally)), *(
+            -found[outcome] for outcome in Outcome.worst_first() if outcome.mark in ("bad", "doubt")
+        )
 
     return sorted(sites, key=wrong)
 

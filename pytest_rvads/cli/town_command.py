@@ -129,8 +129,8 @@ def _driver(options: argparse.Namespace) -> Iterator[Any]:
 
 def _understood(options: argparse.Namespace, driver: Any) -> Order:
     """Return what the options ask for; what is wrong with them is told before anything runs."""
-    from pytest_rvads.campaigns.plan import Asked
     from pytest_rvads.campaigns.town import Town
+    from pytest_rvads.campaigns.town_plan import Asked
     from pytest_rvads.drivers.traffic import DEFAULT, Policy
     from pytest_rvads.logic.rules.book import rules_for
     from pytest_rvads.logic.rules.rulefile import load_rules

@@ -9,7 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pytest_rvads.campaigns.campaign import campaign
 from pytest_rvads.campaigns.shapes import Member, Shape, shapes, twin
+from pytest_rvads.campaigns.town_plan import Asked, Plan
+from pytest_rvads.campaigns.twins import Twins
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.builtin import LAYOUTS, path_of
@@ -242,3 +245,34 @@ def test_verdicts_of_twins_are_equal(name: str, by: int) -> None:
 def test_every_built_in_junction_is_a_shape_of_its_own_but_those_that_differ_in_nothing() -> None:
     places = [find(name) for name in LAYOUTS if name != "roundabout4"]
     assert all(len(names) == 1 for names in together(*places))
+
+
+@pytest.mark.parametrize(("name", "by"), [("stop3", 0), ("stop3", 1), ("lanes4", 0)])
+def test_results_told_of_a_twin_are_those_that_it_has_itself(name: str, by: int) -> None:
+    place = find(name)
+    other = place if name == "lanes4" else renumbered(place, by)
+    # Creation begins with the first arm, so that runs at arms with other numbers are shared by those that have the same ones.
+    places = place, moved(other, 1.1, 300.0, -20.0, "one"), moved(other, -2.0, 0.0, 900.0, "two")
+    plan = Plan(places, Asked(LgsvlLike, grid=("B",), rules=("no_collision", "full_stop", "progress")), sample=9)
+    twins = Twins(plan, shapes(plan.junctions))
+    assert len(twins) < len([*plan]), "some are simulated once for several"
+    with campaign(twins.cases(), plan.asked.rules, executor=1) as simulated:
+        told = {judged.name: judged for judged in twins.spread(simulated)}
+    with campaign([planned.case for planned in plan], plan.asked.rules, executor=1) as each:
+        own = {judged.name: judged for judged in each}
+    assert told.keys() == own.keys()
+    for name, judged in own.items():
+        found = told[name]
+        assert [verdict.status for verdict in found.verdicts] == [verdict.status for verdict in judged.verdicts]
+        assert [verdict.responsible for verdict in found.verdicts] == [verdict.responsible for verdict in judged.verdicts]
+        assert {agent.name: (agent.entrance, agent.exit) for agent in found.agents} == {
+            agent.name: (agent.entrance, agent.exit) for agent in judged.agents
+        }
+        assert (found.junction, found.scenario, found.cls, found.cfg, found.place) == (
+            judged.junction,
+            judged.scenario,
+            judged.cls,
+            judged.cfg,
+            judged.place,
+        )
+        assert found.shape == ("" if found.junction == place.name else place.name)

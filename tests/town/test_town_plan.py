@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.campaigns.plan import Asked, Plan
+from pytest_rvads.campaigns.town_plan import Asked, Plan
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.junctions.finder import find
