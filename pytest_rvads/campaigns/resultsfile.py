@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+import weakref
 from array import array
 from collections.abc import Collection, Iterator, Sequence
 from io import BufferedReader, FileIO
@@ -72,6 +73,7 @@ class Results:
         self.verdicts = 0
         """How many there are of all cases."""
         self._file = _opened(self.path, head is not None)
+        weakref.finalize(self, self._file.close)
         self._known: set[bytes] = set()
         self._index = array("q"), array("q"), array("q"), array("q")
         """Per result the number of its case, the beginning of the hash of that, where its line begins, how long it is."""

@@ -18,7 +18,7 @@ __all__ = ["declare"]
 def declare(commands: Subparsers) -> None:
     """Add the commands of this module."""
     report = commands.add_parser(
-        "report", help="merge the reports of several sessions, tell whether they are whole, or make those of a campaign"
+        "report", help="merge the reports of several sessions, or tell whether they are whole; make those of a campaign"
     )
     actions = report.add_subparsers(required=True, metavar="ACTION")
     merge = actions.add_parser(
@@ -45,8 +45,8 @@ def declare(commands: Subparsers) -> None:
         "make",
         help="make the reports of a campaign from its results, and print its summary",
         description="Takes the results of one campaign, or of parts of it that ran apart; a case that is in several counts once. "
-        "Exit status: as of a session, 0 if all is well, 1 if something is wrong, 2 if the campaign has not come to its end, 5 if "
-        "nothing was judged.",
+        "Exit status: 0 if all is well, 1 if something is wrong, 2 if the campaign did not come to its end, 5 if nothing was "
+        "judged.",
     )
     make.add_argument("files", nargs="+", metavar="RESULTS.jsonl", help="written by rvads.campaign or rvads town")
     make.add_argument(
