@@ -94,6 +94,7 @@ class _Screen:
                     self._line(f"  {line}", _CHANGES.get(line.partition(" ")[0], ""))
                 self._line("")
             case RollUp(sums):
+                self._line(block.title, "bold")
                 for table in sums:
                     self._rolled_up(table)
             case Verdicts(matrix):
