@@ -7,7 +7,7 @@ from array import array
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from pytest_rvads.report.record import Computing, PairIndicators, Record, VehicleIndicators
+from pytest_rvads.report.record import Computing, Indicators, PairIndicators, Record, VehicleIndicators
 
 __all__ = ["Extremes", "Makers", "Timing", "slowest"]
 
@@ -44,11 +44,14 @@ class Extremes:
 
     def __init__(self) -> None:
         self._found: dict[str, tuple[float, PairIndicators | VehicleIndicators, Record]] = {}
+        self._last: Indicators | None = None
 
     def add(self, record: Record) -> None:
         """Take a record in."""
         entries: tuple[PairIndicators | VehicleIndicators, ...]
-        entries = (*record.kpis.pairs, *record.kpis.vehicles) if record.kpis else ()
+        # The records of a run share its indicators where they come from a campaign.
+        entries = (*record.kpis.pairs, *record.kpis.vehicles) if record.kpis and record.kpis is not self._last else ()
+        self._last = record.kpis
         for key, pick in _PICKS:
             for entry in entries:
                 value = getattr(entry, key, None)

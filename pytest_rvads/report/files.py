@@ -101,11 +101,11 @@ def _json(report: Report) -> Iterator[str]:
     yield f"\n ],{msgspec.json.format(encode(rest), indent=1).decode().removeprefix('{')}"
 
 
-FORMATS: dict[str, Callable[[Report, Path], str | Iterable[str]]] = {
+FORMATS: dict[str, Callable[[Report, Path], Iterable[str]]] = {
     ".json": lambda report, _: _json(report),
     ".html": page,
     ".md": lambda report, _: markdown(report),
     ".csv": lambda report, _: table(report),
 }
-"""How a report is written, by the ending of its file, in pieces where it may be long; what it links to is linked from the folder
-that it is written to."""
+"""How a report is written, by the ending of its file, as a text or in pieces; what it links to is linked from the folder it will
+lie in."""

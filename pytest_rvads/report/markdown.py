@@ -34,8 +34,8 @@ def _render(block: Block) -> Iterator[str]:
         case Changes(comparison):
             yield from (_heading(block.title), "", _text(comparison.headline), "")
             yield from (f"- {_text(line)}" for line in comparison.lines())
-        case Causes(title, causes):
-            yield from (_heading(title), "", "| items | rule | cause | first |", "|---:|---|---|---|")
+        case Causes(title, causes, again):
+            yield from (_heading(title), "", f"| items | rule | cause | {_text(f'first: {again}')} |", "|---:|---|---|---|")
             yield from (f"| {c.count} | {_text(c.rule)} | {_text(c.line)} | {_code(c.example)} |" for c in causes)
         case Figures(lines):
             yield from (f"- {_text(line)}" for line in lines)
@@ -57,7 +57,7 @@ def _render(block: Block) -> Iterator[str]:
 
 def _rows(table: Sums, rows: Sequence[Row]) -> Iterator[str]:
     yield f"| {' | '.join(map(_text, table.columns))} |"
-    yield "|" + "---|" * (1 + len(table.headings)) + "---:|" * len(table.kinds)
+    yield "|" + "".join("---|" if side == "left" else "---:|" for side in table.sides)
     yield from (f"| {' | '.join(map(_text, table.cells(row)))} |" for row in rows)
 
 

@@ -67,19 +67,23 @@ function unfold(row, name) {
   const place = document.createElement("tr");
   place.className = "unfolded";
   row.after(place);
-  const cell = place.insertCell();
+  const cell = place.insertCell(), folded = make("div", cell);
   cell.colSpan = row.cells.length;
-  session.matrices.filter(matrix => matrix.junction === name).forEach(matrix => draw(matrix, cell));
-  make("button", cell, "its items").onclick = () => pick(item => item.junction === name);
+  session.matrices.filter(matrix => matrix.junction === name).forEach(matrix => draw(matrix, folded));
+  make("button", folded, "its items").onclick = () => pick(item => item.junction === name);
 }
 session.sums.forEach(sum => {
   const table = make("table", make("div", get("sums"), "", "scroll"), "", "sums");
   const head = table.createTHead().insertRow(), body = table.createTBody();
-  sum.columns.forEach(heading => make("th", head, heading));
+  sum.columns.forEach((heading, k) => make("th", head, heading, sum.sides[k]));
   function add([name, ...cells]) {
     const row = body.insertRow();
-    make("button", make("th", row), name).onclick = () => sum.corner === "junction" ? unfold(row, name) : pick(item => item[sum.corner] === name);
-    cells.forEach((text, k) => { const cell = row.insertCell(); if (text) make("span", cell, text, sum.marks[k + 1] && "s " + sum.marks[k + 1]); });
+    const choose = () => pick(item => item[sum.corner] === name);
+    make("button", make("th", row), name).onclick = sum.corner === "junction" ? () => unfold(row, name) : choose;
+    cells.forEach((text, k) => {
+      const cell = make("td", row, "", sum.sides[k + 1]);
+      if (text) make("span", cell, text, sum.marks[k + 1] && "s " + sum.marks[k + 1]);
+    });
   }
   sum.rows.slice(0, worst).forEach(add);
   const rest = sum.rows.slice(worst);

@@ -88,7 +88,8 @@ def _causes(block: Causes) -> dict[str, Any]:
 
 def _sums(table: Sums) -> dict[str, Any]:
     marks = [""] * (1 + len(table.headings)) + ["" if kind is None else kind.mark for kind in table.kinds]
-    return {"corner": table.corner, "columns": table.columns, "marks": marks, "rows": list(map(table.cells, table.rows))}
+    rows = [table.cells(row) for row in table.rows]
+    return {"corner": table.corner, "columns": table.columns, "sides": table.sides, "marks": marks, "rows": rows}
 
 
 def _matrix(block: Verdicts) -> dict[str, Any]:

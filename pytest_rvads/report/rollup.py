@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from pytest_rvads.report.outcome import Tallied, counted, told_in
 from pytest_rvads.report.places import Place
@@ -50,6 +51,11 @@ class Sums:
         plain = [""] * (1 + len(self.headings))
         return (*plain, *("" if kind is None else kind.style.removeprefix("bold ") for kind in self.kinds))
 
+    @property
+    def sides(self) -> tuple[Literal["left", "right"], ...]:
+        """On which side the texts of each column begin: numbers end below each other."""
+        return tuple("left" if heading in (self.corner, "kind") else "right" for heading in self.columns)
+
     def cells(self, row: Row) -> tuple[str, ...]:
         """Return a text per column; none where there are no such verdicts."""
         return (row.name, *row.told, *(str(count) if count else "" for count in row.counts))
@@ -87,7 +93,7 @@ def sums(places: Sequence[Place]) -> tuple[Sums, ...]:
     return (
         table(
             "kind",
-            ("junctions", "runs", "wrong runs"),
+            ("junctions", "runs", "wrong"),
             ((kind, (len({p.junction for p in found}), *runs(found)), _total(p.tally for p in found)) for kind, found in by_kind),
         ),
         table(
@@ -97,7 +103,7 @@ def sums(places: Sequence[Place]) -> tuple[Sums, ...]:
         ),
         table(
             "junction",
-            ("kind", "runs", "wrong runs"),
+            ("kind", "runs", "wrong"),
             ((name, (found[0].kind, *runs(found)), _total(p.tally for p in found)) for name, found in junctions.items()),
         ),
     )

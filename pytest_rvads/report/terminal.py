@@ -94,6 +94,7 @@ class _Screen:
                     self._line(f"  {line}", _CHANGES.get(line.partition(" ")[0], ""))
                 self._line("")
             case RollUp(sums):
+                self._line(block.title, "bold")
                 for table in sums:
                     self._rolled_up(table)
             case Verdicts(matrix):
@@ -128,7 +129,7 @@ class _Screen:
             table = self._new_table()
             table.add_column(_text(sums.columns[0]), max_width=name, overflow="fold")
             for i in page:
-                table.add_column(_text(sums.columns[i]), no_wrap=True, overflow="fold", justify="left" if i == 1 else "right")
+                table.add_column(_text(sums.columns[i]), no_wrap=True, overflow="fold", justify=sums.sides[i])
             for cells in rows:
                 table.add_row(_text(cells[0]), *(_text(cells[i], sums.styles[i]) for i in page))
             self._console.print(table)

@@ -7,7 +7,7 @@ import io
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
-from functools import partial
+from functools import lru_cache, partial
 from tempfile import SpooledTemporaryFile
 from typing import IO
 
@@ -85,7 +85,10 @@ def _row(cells: Iterable[object]) -> str:
 
 def _cell(value: object) -> object:
     """Return a value such that a spreadsheet shows it: after an apostrophe nothing is computed."""
-    if not isinstance(value, str):
-        return value
-    text = printable(value, len(value))
-    return f"'{text}" if _FORMULA.match(value) and not _NUMBER.fullmatch(value) else text
+    return _shown(value) if isinstance(value, str) else value
+
+
+@lru_cache(256)  # the rows of a run have most cells in common
+def _shown(text: str) -> str:
+    shown = printable(text, len(text))
+    return f"'{shown}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else shown
