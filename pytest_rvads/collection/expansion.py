@@ -15,7 +15,7 @@ from pytest_rvads.collection.cells import Cell, Known, RecordedCell
 from pytest_rvads.collection.extensions import extensions
 from pytest_rvads.collection.meter import watched
 from pytest_rvads.collection.misuse import told_at
-from pytest_rvads.collection.planned import planned_runs, resolve
+from pytest_rvads.collection.planned import DRAWN, planned_runs, resolve
 from pytest_rvads.errors import OpenObligation, RuleViolation, ScenarioError
 
 if TYPE_CHECKING:
@@ -209,10 +209,14 @@ def _add(cell: C, cells: dict[str, C]) -> None:
 def _note(
     known: Sequence[tuple[Any, Known]], metafunc: pytest.Metafunc, cells: Collection[Cell] | Collection[RecordedCell]
 ) -> None:
-    """Note which known deficiencies a test has; one that stands at the test itself must match, else that is refused."""
+    """Note which known deficiencies a test has; one that stands at the test itself must match, else that is refused.
+
+    What a sample leaves out may have been what it is about.
+    """
     noted = metafunc.config.stash.setdefault(_KNOWN, {})
+    some = any(drawn.test == metafunc.definition.nodeid for drawn in metafunc.config.stash.get(DRAWN, {}))
     for node, deficiency in known:
-        used = any(map(deficiency.matches, cells))
+        used = some or any(map(deficiency.matches, cells))
         if not used and node is metafunc.definition:
             with told_at(f"{deficiency.place}: {node.nodeid}"):
                 raise ScenarioError(f"{deficiency} matches none of the {len(cells)} cells of this test")

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["DRAWN", "EXTENTS", "LEFT_OUT", "REFUSED", "UNFIT", "planned_runs", "resolve"]
 
-_POINTS = 10
-"""From how many points on a terminal shows how far the collection is."""
+_POINTS, _RUNS = 10, 5000
+"""From how many points, or runs that some are drawn from, on a terminal shows how far the collection is."""
 LEFT_OUT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
 """Node id of a test to how many points of its grid are beyond v(d)max and were left out."""
 UNFIT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
@@ -75,7 +75,9 @@ def planned_runs(resolved: Sequence[Resolved], test: pytest.Function, options: O
         Misuse: more items than a test may have.
     """
     stash = test.config.stash
-    runs = Runs(resolved, test.nodeid)
+    most = sum(one.runs for one in resolved) if options.sample else 0
+    watch = partial(watched, test.config, f"runs of {test.originalname} to draw from", least=_RUNS, most=most)
+    runs = Runs(resolved, test.nodeid, watch)
     if options.sample is None:
         yield from runs
     else:

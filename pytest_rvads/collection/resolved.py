@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -106,11 +106,15 @@ class Runs:
     Args:
         resolved: what the marks come to, in their order.
         test: node id.
+        watch: yields what it is given and tells how much of it is done, whenever they are gone through.
     """
 
-    def __init__(self, resolved: Sequence[Resolved], test: str) -> None:
+    def __init__(
+        self, resolved: Sequence[Resolved], test: str, watch: Callable[[Iterator[PlannedRun]], Iterator[PlannedRun]] = iter
+    ) -> None:
         self._resolved = resolved
         self._test = test
+        self._watch = watch
         self._twice = len({one.selection.place.name for one in resolved}) < len(resolved)
         """Whether marks may ask for the same run."""
         self.total = 0
@@ -120,6 +124,9 @@ class Runs:
 
     def __iter__(self) -> Iterator[PlannedRun]:
         """Yield the runs, each once; one that marks mean differently as often as they do."""
+        return self._watch(self._made())
+
+    def _made(self) -> Iterator[PlannedRun]:
         self.total, self.unfit = 0, 0
         known: dict[str, PlannedRun] = {}
         for resolved in self._resolved:

@@ -142,10 +142,10 @@ class Planner:
     def gone(self, nodeid: str) -> bool:
         """Tell whether an item that was not selected does not exist any more, as far as this session can tell.
 
-        That is so when its file is not there, or was collected as a whole without giving the item.
+        That is so when its file is not there, or was collected as a whole without giving the item, and none of its test is drawn.
         """
         plan = self.plan()
-        if nodeid in plan.deselected:
+        if nodeid in plan.deselected or nodeid.partition("[")[0] in {drawn.test for drawn in plan.drawn}:
             return False
         if not (self._config.rootpath / _file(nodeid)).exists():
             return True

@@ -209,6 +209,29 @@ def test_what_did_not_run_is_told_and_counted(pytester: pytest.Pytester, workers
     assert {cell[0] for cell in report["planned"]} == {report["records"][0]["junction"]}, "what was not drawn is not planned"
 
 
+def test_what_is_not_drawn_is_not_lost_and_may_be_what_is_known(pytester: pytest.Pytester) -> None:
+    known = """
+    import pytest_rvads as rvads
+
+    @rvads.known("slow", scenario="222")
+    @rvads.scenario("7", map="town.xodr", scenarios=("{}", "222"), grid="E")
+    def test_run(run): ...
+    """
+    pytester.makepyfile(known.format("111").replace("@rvads.known", "# "))
+    run = ("--rvads-autopilot=reference",)
+    assert pytester.runpytest(*run, "--rvads-report=old.json").parseoutcomes() == {"passed": 2}
+    drawn = {}
+    for seed in range(9):
+        result = pytester.runpytest(*run, "--collect-only", "-q", "--rvads-sample=1", f"--rvads-seed={seed}")
+        drawn[next(name for name in ("as111", "as222") if name in result.stdout.str())] = seed
+    only = ("--rvads-sample=1", f"--rvads-seed={drawn['as111']}")
+    less = pytester.runpytest(*run, *only, "--rvads-baseline=old.json", "--rvads-fail-on=new")
+    less.stdout.fnmatch_lines(["against old.json: 1 UNCHANGED, 1 OUTSIDE"])
+    assert less.ret == 0
+    pytester.makepyfile(known.format("111"))
+    assert pytester.runpytest(*run, *only).ret == 0, "the known failure stands at a scenario that was not drawn"
+
+
 def test_workers_send_what_did_not_run() -> None:
     """See `Plan.pack`."""
     sent, received = Plan(), Plan()
