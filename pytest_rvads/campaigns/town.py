@@ -135,7 +135,8 @@ class Town:
         """Return why junctions are left out, to their names."""
         found: dict[str, tuple[str, ...]] = {}
         for name, reason in [(one.name, one.reason) for one in self.choice.refused] + list(self.plan.refused.items()):
-            found[reason] = (*found.get(reason, ()), name)
+            same = reason.replace(f"junction {name!r}", "the junction")
+            found[same] = (*found.get(same, ()), name)
         return found
 
     def drawn(self) -> tuple[Drawn, ...]:

@@ -188,6 +188,13 @@ def test_a_junction_that_is_refused_is_shown_with_its_reason(capsys: pytest.Capt
     assert "refused: subject must be an entrance, 0 to 2, or 'all', got 3" in refused["notes"]
 
 
+def test_what_is_refused_for_one_reason_is_told_together(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    shutil.copy(folder / "stop3.xodr", folder / "other.xodr")
+    words = ("stop3.xodr", "other.xodr", "stop4.xodr", "--autopilot", "reference", *SHORT, "--subject", "3", "--sample", "1")
+    _, out, _ = ran(capsys, *words)
+    assert "2 junctions left out: subject must be an entrance, 0 to 2, or 'all', got 3: stop3." in out
+
+
 def test_where_everything_is_refused_nothing_is_judged(capsys: pytest.CaptureFixture[str]) -> None:
     status, _, err = ran(capsys, "stop3.xodr", "--autopilot", "reference", "--subject", "3")
     assert status == 5

@@ -3,6 +3,7 @@
 from itertools import permutations
 
 import pytest
+from msgspec import structs
 
 from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.campaigns.town_tally import JunctionTally, cell
@@ -70,6 +71,14 @@ def test_what_broke_first_explains_the_rest_of_its_run() -> None:
     ((title, (cause,)),) = tally.grouped()
     assert title == "causes of failures"
     assert (cause.text, cause.rule, cause.count, cause.rules) == ("a left too early (r1)", "r1", 2, ("r1", "r2"))
+
+
+def test_a_fault_is_one_cause_whatever_rules_would_have_judged() -> None:
+    verdicts = tuple(
+        VerdictRecord(rule=rule, status=Outcome.ERROR, message=f"{rule} ERROR: it broke", reason="it broke") for rule in "pq"
+    )
+    ((_, (cause,)),) = of(structs.replace(result("run"), verdicts=verdicts)).grouped()
+    assert (cause.text, cause.count, cause.rules) == ("it broke", 2, ("p", "q"))
 
 
 def test_the_order_of_results_does_not_matter() -> None:
