@@ -149,17 +149,16 @@ class Town:
 
     def notes(self) -> list[str]:
         """Return what is to be said of the town as a whole, a sentence each."""
-        found = []
-        if self.once_per_shape:
-            several = [len(shape.members) for shape in self.shapes if len(shape.members) > 1]
-            total = sum(self.counts.values())
-            found.append(
-                f"{sum(several)} junctions have {len(several)} shapes in common: {total - self.simulated} of {total} runs were "
-                "not simulated but taken from a junction of the same shape"
-                if several
-                else "no two junctions have the same shape, so every run was simulated"
-            )
-        return found
+        several = [len(shape.members) for shape in self.shapes if len(shape.members) > 1]
+        total = sum(self.counts.values())
+        if not several:
+            return ["no two junctions have the same shape, so every run was simulated"] if self.once_per_shape else []
+        told = f"{sum(several)} junctions have {len(several)} shape{'s' if len(several) > 1 else ''} in common"
+        if not self.once_per_shape:
+            return [f"{told}: with --once-per-shape each is simulated once"]
+        return [
+            f"{told}: {total - self.simulated} of {total} runs were not simulated but taken from a junction of the same shape"
+        ]
 
     def _notes(self, place: Junction) -> tuple[str, ...]:
         left_out = self.plan.left_out(place)

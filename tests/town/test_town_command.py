@@ -163,11 +163,12 @@ def test_a_driver_that_drives_otherwise_every_time_is_flaky(
 def test_junctions_of_one_shape_are_simulated_once(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     shutil.copy(folder / "stop3.xodr", folder / "twin.xodr")
     words = ("stop3.xodr", "twin.xodr", "--autopilot", "lgsvl", *SHORT)
-    ran(capsys, *words, "-o", "each")
+    _, out, _ = ran(capsys, *words, "-o", "each")
+    assert "2 junctions have 1 shape in common: with --once-per-shape each is simulated once" in out
     status, out, err = ran(capsys, *words, "-o", "once", "--once-per-shape")
     assert status == 1
     assert "2 junctions, 6 runs, 3 to simulate" in err
-    assert "2 junctions have 1 shapes in common: 3 of 6 runs were not simulated" in out
+    assert "2 junctions have 1 shape in common: 3 of 6 runs were not simulated" in out
     each, once = (judged(load(folder / name / "town.json")) for name in ("each", "once"))
     assert once == each
     names = sorted(shown(folder / "once"))
