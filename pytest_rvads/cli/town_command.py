@@ -247,6 +247,8 @@ def _judged(order: Order, options: argparse.Namespace, folder: Path, executor: E
             raise stopped from None
         cut = "interrupted" if isinstance(stopped, KeyboardInterrupt) else str(stopped)
         with results:
+            if not len(results):
+                raise stopped
             warn(f"rvads: {cut}")
             return written(order, results, folder, executor, cut)
     with results:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.campaigns import judging
+from pytest_rvads.campaigns import judging, replays
 from pytest_rvads.cli import main
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.report.files import load
@@ -158,6 +158,27 @@ def test_a_driver_that_drives_otherwise_every_time_is_flaky(
     assert "came out differently" in out
     records = load(folder / "rvads-town/town.json").records
     assert {record.status for record in records if record.failed} == {Outcome.FLAKY}
+
+
+def test_of_many_causes_the_first_of_every_junction_are_drawn(
+    capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(replays, "MOST", 1)
+    _, out, _ = ran(capsys, "stop3.xodr", "stop4.xodr", "--autopilot", "lgsvl", *SHORT, "--sample", "4")
+    assert "causes have no replay: the first 1 were drawn" in out
+    assert len([*(folder / "rvads-town/replays").iterdir()]) == 1
+
+
+def test_an_error_before_anything_was_judged_leaves_no_page(
+    capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(folder)
+    (folder / "nested.py").write_text("def make():\n    return lambda: None\n\n\ndriver = make()\n", encoding="utf-8")
+    status, out, err = ran(capsys, "stop3.xodr", "stop4.xodr", "--autopilot", "nested:driver", "-j", "2", "--grid", "B")
+    assert status == 2
+    assert out == ""
+    assert err.count("rvads: ") == 1
+    assert not (folder / "rvads-town/town.html").exists()
 
 
 def test_junctions_of_one_shape_are_simulated_once(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
