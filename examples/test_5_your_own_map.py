@@ -1,7 +1,7 @@
 """Your own map: its file is named by the ini option ``rvads_map``, the variable RVADS_MAP, or ``--rvads-map``.
 
 Without one, the junctions come from the built-in maps.
-A junction is asked for by its type, so that the same test runs on every map that has one::
+Junctions are asked for by their type, so that the same test runs on every map that has some, and at all of these::
 
     RVADS_MAP=town.xodr pytest examples/test_5_your_own_map.py
 

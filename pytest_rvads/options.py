@@ -67,6 +67,12 @@ _DECLARED = {
     ),
     "grid": _Option("configurations where a test does not say: 'paper', letters such as CD, or a grid of yours"),
     "max-items": _Option("refuse a test that would expand to more items than this", "10000"),
+    "sample": _Option(
+        "run only N runs of every test over scenarios, drawn as evenly as possible over its junctions, their classes and their "
+        "configurations",
+        metavar="N",
+    ),
+    "seed": _Option("what --rvads-sample and limit= of marks draw by; other seeds draw others", "0", metavar="S"),
     "rules": _Option("file with rules of your own, see `rvads rules --file`"),
     "keep": _Option("folder to keep every run in, as .npz for `rvads check`"),
     "export": _Option(
@@ -139,6 +145,10 @@ class Options:
     cover: str
     grid: str
     max_items: int
+    sample: int | None
+    """Most runs of a test."""
+    seed: int
+    """Of samples."""
     rules: Path | None
     keep: Path | None
     export: Path | None
@@ -202,6 +212,8 @@ class Options:
             cover=values["cover"] or "class",
             grid=values["grid"] or "paper",
             max_items=_count("max-items", values["max-items"]),
+            sample=_count("sample", values["sample"]) if values["sample"] else None,
+            seed=_count("seed", values["seed"], least=0),
             rules=config.rootpath / values["rules"] if values["rules"] else None,
             keep=here / values["keep"] if values["keep"] else None,
             export=here / values["export"] if values["export"] else None,
@@ -252,14 +264,18 @@ def _value(config: pytest.Config, name: str) -> str:
 
 
 def _deciding(config: pytest.Config) -> tuple[str, ...]:
-    """Return the flags that say what drives, in which simulator, on which map, by which rules; the ini file says it again."""
-    given = ((name, config.getoption(_dest(name))) for name in ("sut", "sut-rate", "autopilot", "simulator", "map", "rules"))
+    """Return the flags that say what drives, in which simulator, on which map, by which rules, and which items there are.
+
+    The ini file says it again.
+    """
+    names = ("sut", "sut-rate", "autopilot", "simulator", "map", "rules", "sample", "seed")
+    given = ((name, config.getoption(_dest(name))) for name in names)
     return tuple(f"--rvads-{name}={value}" for name, value in given if value)
 
 
-def _count(name: str, value: str) -> int:
-    if not (value.isdecimal() and len(value) < 10 and int(value) > 0):
-        raise RvadsError(f"{_dest(name)} must be a whole number from 1 to 999999999, got {value!r:.60}")
+def _count(name: str, value: str, least: int = 1) -> int:
+    if not (value.isdecimal() and len(value) < 10 and int(value) >= least):
+        raise RvadsError(f"{_dest(name)} must be a whole number from {least} to 999999999, got {value!r:.60}")
     return int(value)
 
 

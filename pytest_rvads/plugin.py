@@ -14,13 +14,13 @@ import pytest
 
 from pytest_rvads import hooks
 from pytest_rvads.collection.books import open_book, open_session, outliving
+from pytest_rvads.drivers.chosen import chosen
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_recorded, rvads_run, rvads_runs
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
 from pytest_rvads.options import Options, declare
 from pytest_rvads.session.bundled import offer
-from pytest_rvads.session.chosen_driver import chosen
 from pytest_rvads.session.comparing import explain
 from pytest_rvads.session.exports import check_library
 from pytest_rvads.session.interrupts import end_with_parent, heed

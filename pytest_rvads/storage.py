@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import stat
+from collections.abc import Iterable
 from hashlib import sha256
 from pathlib import Path
 from typing import BinaryIO
@@ -55,27 +56,33 @@ def read_file(path: Path, most: int) -> bytes:
     return content
 
 
-def write_file(path: Path, content: bytes) -> None:
+def write_file(path: Path, content: bytes | Iterable[bytes]) -> None:
     """Write a file in one piece: whoever reads it meanwhile, or is cut off, finds what was there before or all of the new.
 
     Processes may write the same file at once: each writes one of its own aside and moves it into place. What is there and is
     no regular file, such as ``/dev/stdout``, is written to directly. Folders are made.
 
+    Args:
+        path: of the file.
+        content: of the file; in pieces where memory may not hold it.
+
     Raises:
         OSError: it can't be written; an earlier file stays.
     """
     path = Path(os.path.realpath(path))
+    pieces = [content] if isinstance(content, bytes) else content
     if path.exists() and not path.is_file():
         number = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0))  # a pipe that nobody reads is refused
         os.set_blocking(number, True)
         with open(number, "wb") as file:
-            file.write(content)
+            file.writelines(pieces)
         return
     path.parent.mkdir(parents=True, exist_ok=True)
     # The name is as long as any: that of the file may leave no room for more.
     part = path.with_name(f".{uuid4().hex}.part")
     try:
-        part.write_bytes(content)
+        with part.open("wb") as file:
+            file.writelines(pieces)
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import platform
+from functools import lru_cache
+from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 from pytest_rvads import __version__
 
-__all__ = ["ENGINES", "versions"]
+__all__ = ["ENGINES", "code", "versions"]
 
 ENGINES = ("pybullet", "mujoco", "libsumo")
 """Packages that simulators are built on, where they are installed."""
@@ -26,3 +29,13 @@ def versions(*libraries: str) -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found | {"numpy": version("numpy"), "python": platform.python_version()}
+
+
+@lru_cache(maxsize=1)
+def code() -> str:
+    """Return a checksum of all modules of this package."""
+    digest = sha256()
+    root = Path(__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(f"{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
+    return digest.hexdigest()

@@ -6,6 +6,7 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, fromstring, tostring
 
 import numpy as np
 import pytest
@@ -17,11 +18,14 @@ from pytest_rvads.logic import check as checking
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.current import own_desk
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
 Make = Callable[..., Run]
+_OWN = {"road": "id", "signal": "id", "object": "id", "controller": "id", "control": "signalId", "connection": "incomingRoad"}
+"""Attributes that hold an id, by element, in maps that become part of a town."""
 
 pytest_plugins = ["pytester"]
 
@@ -91,6 +95,34 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip("the folder ../shared with maps and recordings by other people is absent")
     return folder
+
+
+@pytest.fixture(scope="session")
+def write_town() -> Callable[..., Path]:
+    """Return a function that writes a map of several junctions, 400 m apart from west to east, and returns its path.
+
+    It takes a path, a `Layout` per id of a junction, and the ids of those of a type that can't be used.
+    """
+
+    def write(path: Path, layouts: Mapping[str, Layout], virtual: Sequence[str] = ()) -> Path:
+        town = Element("OpenDRIVE")
+        for number, (id, layout) in enumerate(layouts.items()):
+            part = fromstring(opendrive(layout).encode())
+            for element in part.iter():
+                for key in {_OWN.get(element.tag), "connectingRoad", "elementId"} & set(element.attrib):
+                    own = "" if element.get("elementType") == "junction" else f"_{element.get(str(key))}"
+                    element.set(str(key), id + own)
+                if element.tag == "geometry":
+                    element.set("x", str(float(element.attrib["x"]) + 400.0 * number))
+                if element.get("junction", "-1") != "-1":
+                    element.set("junction", id)
+            for junction in part.iter("junction"):
+                junction.attrib |= {"id": id, "type": "virtual" if id in virtual else "default"}
+            town.extend(part)
+        path.write_bytes(tostring(town))
+        return path
+
+    return write
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,7 @@
 
 import os
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,20 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     write_file(path, b"two")
     assert read_file(path, 3) == b"two"
     assert [p.name for p in path.parent.iterdir()] == ["file"]
+
+
+def test_pieces_are_written_as_one_and_not_at_all_where_one_can_not_be_made(tmp_path: Path) -> None:
+    def pieces(last: int) -> Iterator[bytes]:
+        yield b"one, "
+        yield str(10 // last).encode()
+
+    path = tmp_path / "file"
+    write_file(path, pieces(5))
+    assert path.read_bytes() == b"one, 2"
+    with pytest.raises(ZeroDivisionError):
+        write_file(path, pieces(0))
+    assert path.read_bytes() == b"one, 2"
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
 
 
 def test_too_large(tmp_path: Path) -> None:

@@ -19,6 +19,8 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     case: str
     """Hash of the case: who has it already need not run it again."""
+    number: Count = 0
+    """Its place among the cases of the campaign."""
     name: str
     """Id of the run as in ids of items, without a rule."""
     junction: str
@@ -71,7 +73,9 @@ def records(judged: Judged) -> Iterator[Record]:
         given = verdict.outcome
         outcome = "failed" if given.bad else "skipped" if given in _SKIPPED else "passed"
         error = Outcome.ERROR if given is Outcome.ERROR else None
-        done = conclude(start, [msgspec.to_builtins(verdict)], "call", outcome, text=verdict.message, error=error)
+        # Why there is no verdict is the same by every rule, so that it is one cause.
+        text = verdict.reason or verdict.message if error else verdict.message
+        done = conclude(start, [msgspec.to_builtins(verdict)], "call", outcome, text=text, error=error)
         yield msgspec.structs.replace(
             done,
             driver=judged.driver,

@@ -21,6 +21,7 @@ from pytest_rvads.cli import (
     power_command,
     report_commands,
     simulate_commands,
+    town_command,
 )
 from pytest_rvads.cli.common import warn
 from pytest_rvads.errors import RvadsError
@@ -61,6 +62,7 @@ def _parser() -> argparse.ArgumentParser:
         import_command,
         export_command,
         check_commands,
+        town_command,
         simulate_commands,
         compare_command,
         report_commands,

@@ -6,6 +6,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from pytest_rvads.cli import executor_options
 from pytest_rvads.cli.common import Subparsers, progress, say
 from pytest_rvads.errors import ScenarioError, suggest
 
@@ -29,7 +30,7 @@ def declare(commands: Subparsers) -> None:
     )
     compare.add_argument("--recorded", metavar="FILE", nargs="+", default=[], help="also the runs of recorded files, predicted")
     compare.add_argument("--strict", action="store_true", help="exit 1 when an outcome differs")
-    compare.add_argument("--workers", type=int, help="processes (default: one per processor)")
+    executor_options.declare(compare)
     compare.set_defaults(command=_compare)
 
 
@@ -38,8 +39,6 @@ def _compare(options: argparse.Namespace) -> int:
     from pytest_rvads.studies.agreement import agree, text_agreements
     from pytest_rvads.studies.case_sets import SETS, recorded_trials
 
-    if options.workers is not None and options.workers < 1:
-        raise ScenarioError(f"--workers must be at least 1, got {options.workers}")
     wanted = options.set or ([] if options.recorded else ["paper", "contacts"])
     for name in wanted:
         if name not in SETS:
@@ -48,9 +47,10 @@ def _compare(options: argparse.Namespace) -> int:
     for name in (one, two):
         named(name, Path.cwd())  # an unknown one is refused before anything runs
     trials = {name: list(SETS[name]()) for name in wanted} | {file: list(recorded_trials(file)) for file in options.recorded}
-    found = {
-        name: list(agree((one, two), cases, workers=options.workers, progress=partial(progress, what=f"cases of {name}")))
-        for name, cases in trials.items()
-    }
+    with executor_options.opened(options) as executor:
+        found = {
+            name: list(agree((one, two), cases, executor=executor, progress=partial(progress, what=f"cases of {name}")))
+            for name, cases in trials.items()
+        }
     say(text_agreements(found, (one, two)))
     return int(options.strict and not all(case.same for cases in found.values() for case in cases))

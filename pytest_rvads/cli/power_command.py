@@ -6,6 +6,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from pytest_rvads.cli import executor_options
 from pytest_rvads.cli.common import Subparsers, progress
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.storage import write_file
@@ -31,7 +32,7 @@ def declare(commands: Subparsers) -> None:
     )
     power.add_argument("--seeds", type=int, default=100, help="repetitions (default: 100)")
     power.add_argument("--budget", type=int, default=40, help="simulations after which a search gives up (default: 40)")
-    power.add_argument("--workers", type=int, help="processes (default: one per processor)")
+    executor_options.declare(power)
     power.add_argument("--svg", metavar="FILE", help="draw the plot")
     power.set_defaults(command=_power)
 
@@ -43,25 +44,27 @@ def _power(options: argparse.Namespace) -> int:
     from pytest_rvads.studies.power import DEFICIENCIES, measure
     from pytest_rvads.studies.power_tables import plot, table_of_mutants, table_of_power
 
-    for name in ("seeds", "budget", "workers"):
+    for name in ("seeds", "budget"):
         value = getattr(options, name)
-        if value is not None and value < 1:
+        if value < 1:
             raise ScenarioError(f"--{name} must be at least 1, got {value}")
     named(options.simulator, Path.cwd())  # an unknown one is refused before anything runs
     if options.mutants:
-        print(table_of_mutants(kill_all(options.workers, partial(progress, what="mutants"), options.simulator)))
+        with executor_options.opened(options) as executor:
+            print(table_of_mutants(kill_all(executor, partial(progress, what="mutants"), options.simulator)))
         return 0
     wanted = options.deficiency or tuple(DEFICIENCIES)
     if options.among is not None:
         traffic(options.among)  # likewise
-    measured = measure(
-        options.seeds,
-        options.budget,
-        deficiencies=wanted,
-        among=options.among,
-        simulator=options.simulator,
-        workers=options.workers,
-    )
+    with executor_options.opened(options) as executor:
+        measured = measure(
+            options.seeds,
+            options.budget,
+            deficiencies=wanted,
+            among=options.among,
+            simulator=options.simulator,
+            executor=executor,
+        )
     print(table_of_power(measured))
     if options.svg:
         write_file(Path(options.svg), plot(measured).encode())

@@ -17,7 +17,9 @@ __all__ = ["declare"]
 
 def declare(commands: Subparsers) -> None:
     """Add the commands of this module."""
-    report = commands.add_parser("report", help="merge the reports of several sessions, or tell whether they are whole")
+    report = commands.add_parser(
+        "report", help="merge the reports of several sessions, or tell whether they are whole; make those of a campaign"
+    )
     actions = report.add_subparsers(required=True, metavar="ACTION")
     merge = actions.add_parser(
         "merge",
@@ -39,6 +41,23 @@ def declare(commands: Subparsers) -> None:
     )
     check.add_argument("files", nargs="+", metavar="FILE.json", help="written by --rvads-report")
     check.set_defaults(command=_check)
+    make = actions.add_parser(
+        "make",
+        help="make the reports of a campaign from its results, and print its summary",
+        description="Takes the results of one campaign, or of parts of it that ran apart; a case that is in several counts once. "
+        "Exit status: 0 if all is well, 1 if something is wrong, 2 if the campaign did not come to its end, 5 if nothing was "
+        "judged.",
+    )
+    make.add_argument("files", nargs="+", metavar="RESULTS.jsonl", help="written by rvads.campaign or rvads town")
+    make.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT",
+        action="append",
+        default=[],
+        help="write a report, in the format of its ending; repeatable",
+    )
+    make.set_defaults(command=_make)
 
 
 def _percent(text: str) -> float:
@@ -81,6 +100,25 @@ def _merge(options: argparse.Namespace) -> int:
     for note in (*report.notes, *([short] if short else [])):
         warn(f"rvads: {note}")
     return report.ended or (1 if short else 0)
+
+
+def _make(options: argparse.Namespace) -> int:
+    from pytest_rvads.campaigns.resultsfile import joined
+    from pytest_rvads.report.files import FORMATS, save
+    from pytest_rvads.report.terminal import summary
+
+    for name in options.output:
+        if Path(name).suffix not in FORMATS:  # before minutes are spent on reading
+            raise RvadsError(f"a report is a {', '.join(FORMATS)} file, got {name!r}")
+    with joined(options.files) as results:
+        report = results.report()
+        for name in options.output:
+            save(Path(name), report)
+        unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+        print(summary(report, colour=sys.stdout.isatty(), width=shutil.get_terminal_size().columns, unicode=unicode), end="")
+        for note in report.notes:
+            warn(f"rvads: {note}")
+        return report.ended
 
 
 def _check(options: argparse.Namespace) -> int:

@@ -9,11 +9,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pytest_rvads.cli import executor_options
 from pytest_rvads.cli.common import Subparsers, lines, progress, say
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.storage import write_file
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from pytest_rvads.executors import Progress
     from pytest_rvads.studies.experiment import Setup
 
@@ -51,6 +54,7 @@ def declare(commands: Subparsers) -> None:
     instead.add_argument("--ablation", action="store_true", help="tell which cells flip when a deficiency is switched off")
     instead.add_argument("--null-models", action="store_true", help="tell how many cells a table without vehicles would get")
     instead.add_argument("--snapshots", metavar="DIR", help="draw a violation of each of p1 to p6 into this folder")
+    executor_options.declare(paper)
     paper.set_defaults(command=_paper)
 
     simulate = commands.add_parser("simulate", help="simulate scenarios at junctions that are given by the lengths of their ways")
@@ -122,16 +126,21 @@ def _by_movement(options: argparse.Namespace) -> int:
 
 
 def _paper(options: argparse.Namespace) -> int:
+    with executor_options.opened(options) as executor:
+        return _tables(options, executor)
+
+
+def _tables(options: argparse.Namespace, executor: Executor | int | None) -> int:
     from pytest_rvads.studies import paper
     from pytest_rvads.studies import paper_tables as report
 
     if options.sweep:
-        shares = paper.sweep(_setup(options), progress=_bar(options))
+        shares = paper.sweep(_setup(options), executor=executor, progress=_bar(options))
         print(json.dumps(paper.nested(shares)) if options.json else report.text_sweep(shares))
         return 0
     if options.margins or options.ablation or options.null_models or options.snapshots:
-        return _evidence(options)
-    verdicts = paper.compute(_setup(options), progress=_bar(options))
+        return _evidence(options, executor)
+    verdicts = paper.compute(_setup(options), executor=executor, progress=_bar(options))
     # Printed first: a picture that can't be written must not cost the answer.
     print(json.dumps(paper.nested(verdicts)) if options.json else report.text_tables(verdicts), flush=True)
     if options.svg:
@@ -153,7 +162,7 @@ def _bar(options: argparse.Namespace) -> Progress | None:
     return None if options.json and not sys.stderr.isatty() else progress
 
 
-def _evidence(options: argparse.Namespace) -> int:
+def _evidence(options: argparse.Namespace, executor: Executor | int | None) -> int:
     """Print or draw what stands beside the tables; text only."""
     from pytest_rvads.studies import paper, replication, snapshots
 
@@ -167,12 +176,12 @@ def _evidence(options: argparse.Namespace) -> int:
         for path in snapshots.write(options.snapshots):
             print(path)
     elif options.ablation:
-        base = paper.compute(progress=progress)
-        print(replication.text_ablation(replication.ablation(base, progress=progress)))
+        base = paper.compute(executor=executor, progress=progress)
+        print(replication.text_ablation(replication.ablation(base, executor=executor, progress=progress)))
     else:
-        print(replication.text_margins(replication.p1_margins(progress=progress)), flush=True)
-        base = paper.compute(progress=progress)
-        print(f"\n{replication.text_rooms(replication.rooms(base, progress=progress))}")
+        print(replication.text_margins(replication.p1_margins(executor=executor, progress=progress)), flush=True)
+        base = paper.compute(executor=executor, progress=progress)
+        print(f"\n{replication.text_rooms(replication.rooms(base, executor=executor, progress=progress))}")
     return 0
 
 

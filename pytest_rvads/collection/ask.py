@@ -5,32 +5,29 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Integral
 from pathlib import Path
 from typing import Any
 
-from pytest_rvads.collection.cells import DEFAULT
+from pytest_rvads.collection.arguments import SEVERAL, Values, policies_of, refuse, values_of
 from pytest_rvads.collection.extensions import Extensions
 from pytest_rvads.collection.misuse import several
+from pytest_rvads.collection.resolved import Found, NoRoom, Resolved
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.junctions.builtin import LAYOUTS
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.choosing import EVERY, choose_among, some
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.kinds import Kinds
 from pytest_rvads.logic.rules.book import claim, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.options import Options
 from pytest_rvads.scenarios.classes import parse
-from pytest_rvads.scenarios.configurations import Configuration, explicit, grid, outside, per_entrance, plain
-from pytest_rvads.scenarios.orbits import OCCUPANCIES
+from pytest_rvads.scenarios.configurations import Configuration, explicit, grid, outside
 from pytest_rvads.scenarios.scenario import check_followers, check_numbers
-from pytest_rvads.scenarios.selection import CHOOSING, COVERS, Selection
+from pytest_rvads.scenarios.selection import CHOOSING, Selection
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
 __all__ = ["Ask", "judged_at"]
-
-Values = tuple[float | tuple[float, ...], ...]
-"""One after the other, each for all entrances or per entrance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +36,11 @@ class Ask:
 
     place: str
     """File and line of the mark."""
-    junction: str
+    junction: tuple[str, ...]
+    """Names, ids, types or places, one after the other."""
+    kinds: Kinds | None
+    """Which of these, None for all."""
+    limit: int | None
     map: str | os.PathLike[str] | None
     classes: tuple[int, ...] | None
     scenarios: tuple[str, ...] | None
@@ -70,15 +71,18 @@ class Ask:
         checked = dict(asked)
         for wrong in checked.pop("misspelt"):
             raise ScenarioError(f"@rvads.scenario takes {', '.join(checked)}, got {wrong!r}{suggest(wrong, checked)}")
-        _refuse(asked)
+        refuse(asked)
         check_numbers(asked["duration"], asked["aggression"], asked["wait"])
-        for name, (kind, what) in _SEVERAL.items():
+        for name, (kind, what) in SEVERAL.items():
             if not (name == "senses" and isinstance(asked[name], Mapping)):
                 checked[name] = several(name, asked[name], kind, what)
+        kinds = checked.pop("junctions")
         checked |= {
-            "distances": _values("distances", asked["distances"]),
-            "speeds": _values("speeds", asked["speeds"]),
-            "traffic": (None,) if asked["subject"] is None else _policies(asked["traffic"]),
+            "junction": checked["junction"] or (EVERY,),
+            "kinds": None if kinds is None else Kinds.of(kinds),
+            "distances": values_of("distances", asked["distances"]),
+            "speeds": values_of("speeds", asked["speeds"]),
+            "traffic": (None,) if asked["subject"] is None else policies_of(asked["traffic"]),
             "senses": Senses.grid(asked["senses"]) if isinstance(asked["senses"], Mapping) else checked["senses"] or (IDEAL,),
             "requirement": checked["requirement"] or (),
             "followers": checked["followers"] or (0,),
@@ -88,15 +92,61 @@ class Ask:
         return cls(place=place, **checked)
 
     def resolve(
-        self, folder: Path, options: Options, added: Extensions, watch: Callable[..., Iterable[Configuration]]
-    ) -> Selection:
-        """Return the scenarios to run, of a test in `folder`; `watch` yields configurations and tells how many are done.
+        self,
+        folder: Path,
+        options: Options,
+        added: Extensions,
+        watch: Callable[..., Iterable[Configuration]],
+        takes_rule: bool,
+    ) -> Found:
+        """Return what to run, of a test in `folder`.
+
+        Args:
+            folder: of the file of the test.
+            options: of the session.
+            added: what users add by hooks.
+            watch: yields configurations and tells how many are done.
+            takes_rule: whether the test runs over rules.
 
         Raises:
-            RvadsError: no such junction, or one that does not have what is asked for.
+            RvadsError: no such junction, or none that has what is asked for.
         """
-        place = find(*self._source(folder, options.map, added))
-        configurations, left_out = self._configurations(place, options, added.grids, watch)
+        sources = [self._source(name, folder, options.map, added) for name in self.junction]
+        choice = choose_among(sources, kinds=self.kinds)
+        here: dict[Junction, Resolved] = {}
+        wrong: dict[Junction, ScenarioError] = {}
+        while True:  # what is left out does not count against the limit
+            rest = [place for place in choice.junctions if place not in wrong]
+            drawn = some(rest, self.limit, options.seed) if rest else ()
+            anew = [place for place in drawn if place not in here]
+            if not anew:
+                break
+            for place in anew:
+                try:
+                    here[place] = self._at(place, options, added.grids, watch, takes_rule)
+                except ScenarioError as error:
+                    wrong[place] = error
+        if not drawn:
+            first, many = next(iter(wrong.values())), len(choice.junctions)
+            raise first if many == 1 else ScenarioError(f"none of {many} junctions has what is asked for, the first: {first}")
+        left_out = [(one.name, one.reason) for one in choice.refused]
+        left_out += [(place.name, _reason(error, place)) for place, error in wrong.items()]
+        return Found(tuple(here[place] for place in drawn), tuple(left_out), len(rest) - len(drawn))
+
+    def _at(
+        self,
+        place: Junction,
+        options: Options,
+        grids: Mapping[str, tuple[Any, Any]],
+        watch: Callable[..., Iterable[Configuration]],
+        takes_rule: bool,
+    ) -> Resolved:
+        """Return what to run at a junction.
+
+        Raises:
+            ScenarioError: it does not have what is asked for, or no scenario of it has room for its vehicles.
+        """
+        configurations, left_out = self._configurations(place, options, grids, watch)
         entrances, codes = len(place.entrances), []
         for text in self.scenarios or ():
             codes.append(code := parse(text))
@@ -105,7 +155,7 @@ class Ask:
         cover = self.cover or options.cover
         if cover in CHOOSING and (self.classes or self.scenarios):  # that of the session is for tests that name none
             cover = "class"
-        return Selection(
+        selection = Selection(
             place,
             configurations,
             cover,
@@ -113,6 +163,10 @@ class Ask:
             left_out=left_out,
             **{name: getattr(self, name) for name in _SAME},
         )
+        rules = self.judged_by(place) if takes_rule else (None,)
+        resolved = Resolved(self.place, selection, self.traffic, rules, self.requirement)
+        resolved.check()
+        return resolved
 
     def judged_by(self, place: Junction) -> tuple[Rule, ...]:
         """Return the rules to judge runs at a junction by.
@@ -122,15 +176,15 @@ class Ask:
         """
         return judged_at(self.rules or ("paper" if self.subject is None else "road",), place)
 
-    def _source(self, folder: Path, default: str | None, added: Extensions) -> tuple[str, str | None]:
-        """Return junction and map as the finder takes them."""
+    def _source(self, junction: str, folder: Path, default: str | None, added: Extensions) -> tuple[str, str | None]:
+        """Return a junction, or what it is called, and its map as the finder takes them."""
         if self.map is not None:
             beside = folder / self.map
-            return self.junction, str((beside if beside.exists() else Path(self.map)).resolve())
-        if self.junction in added.junctions:
-            file, name = added.junctions[self.junction]
+            return junction, str((beside if beside.exists() else Path(self.map)).resolve())
+        if junction in added.junctions:
+            file, name = added.junctions[junction]
             return name, file
-        return self.junction, None if self.junction in LAYOUTS else default
+        return junction, None if junction in LAYOUTS else default
 
     def _configurations(
         self,
@@ -163,6 +217,13 @@ class Ask:
         return [point for point in watch(points) if not outside(point, lambda d: vmax(d, self.aggression))]
 
 
+def _reason(error: ScenarioError, place: Junction) -> str:
+    """Return why a junction is left out, in words that are the same for others."""
+    if isinstance(error, NoRoom):
+        return "no scenario has room for its vehicles where they would start"
+    return str(error).replace(f"junction {place.name!r}", "the junction").replace(f" like {place.name!r}", "")
+
+
 def judged_at(names: Sequence[str | Rule], place: Junction) -> tuple[Rule, ...]:
     """Return those of the rules and rulebooks named that runs at a junction are judged by.
 
@@ -182,60 +243,3 @@ def judged_at(names: Sequence[str | Rule], place: Junction) -> tuple[Rule, ...]:
 
 _SAME = ("occupancy", "classes", "subject", "followers", "senses", "duration", "aggression", "wait")
 """The arguments that a selection takes as they are."""
-_SEVERAL: dict[str, tuple[Any, str]] = {
-    "classes": (Integral, "class numbers"),
-    "scenarios": (str, "direction strings such as '1133'"),
-    "grid": (str, "letters of configurations or names of grids"),
-    "rules": ((str, Rule), "rules or names of rules or rulebooks"),
-    "followers": (Integral, "numbers of vehicles that queue behind each"),
-    "senses": (Senses, "rvads.Senses(...) or a dict of their fields"),
-    "requirement": (str, "identifiers of requirements"),
-}
-"""The arguments that take one value or several: of which type, and how to say it."""
-_SINGLE: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "map": (lambda file: file is None or isinstance(file, str | os.PathLike), "the path of an OpenDRIVE file"),
-    "cover": (lambda cover: cover in (None, *COVERS), f"one of {', '.join(COVERS)}"),
-    "occupancy": (lambda occupancy: occupancy in OCCUPANCIES, f"one of {', '.join(OCCUPANCIES)}"),
-    "probe": (lambda probe: isinstance(probe, bool), "True or False"),
-    "subject": (lambda subject: subject in (None, "all") or type(subject) is int, "an entrance, counted from 0, or 'all'"),
-}
-"""The arguments that take one value: whether it is right, and how to say it."""
-
-
-def _refuse(asked: Mapping[str, Any]) -> None:
-    """Refuse wrong values of arguments that take one, and arguments that exclude each other."""
-    if not isinstance(asked["junction"], str):
-        got = asked["junction"]
-        raise ScenarioError(f"write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got {got!r}")
-    for name, (right, expected) in _SINGLE.items():
-        if not right(asked[name]):
-            raise ScenarioError(f"{name} must be {expected}, got {asked[name]!r}")
-    given = {name for name, value in asked.items() if value is not None}
-    if given >= {"classes", "scenarios"}:
-        raise ScenarioError("give classes= or scenarios=, not both: a scenario names its class")
-    if given & {"classes", "scenarios"} and asked["cover"] in CHOOSING:
-        raise ScenarioError(f"cover={asked['cover']!r} chooses scenarios itself: leave classes= and scenarios= out, or the cover")
-    if given >= {"grid", "distances"} or given & {"speeds", "distances"} == {"speeds"}:
-        raise ScenarioError("give either grid=, or distances= with speeds=")
-    if given & {"traffic", "subject"} == {"traffic"}:
-        raise ScenarioError("traffic= drives the vehicles beside a subject: say subject=0 or 'all', or leave traffic= out")
-
-
-def _values(name: str, axis: Any) -> Values | None:
-    """Return distances or speeds, one after the other; how many entrances there are is not known yet."""
-    axis = plain(axis)
-    entries = list(map(plain, axis)) if isinstance(axis, list) else [] if axis is None else [axis]
-    if axis == []:
-        raise ScenarioError(f"{name} is an empty list: give at least one value")
-    for entry in entries:
-        per_entrance(name, entry, len(entry) or 1 if isinstance(entry, Sequence) else 1)
-    return tuple(tuple(entry) if isinstance(entry, Sequence) else entry for entry in entries) or None
-
-
-def _policies(traffic: Any) -> tuple[Policy, ...]:
-    """Return the traffic policies to run among, one after the other."""
-    several = isinstance(traffic, Iterable) and not isinstance(traffic, str) and not callable(traffic)
-    named = tuple(traffic) if several else (DEFAULT if traffic is None else traffic,)
-    if not named:
-        raise ScenarioError("traffic is empty: name a policy or an autopilot, or leave it out")
-    return tuple(map(Policy.of, named))

@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.scenarios.selection import Selection
 
-__all__ = ["DEFAULT", "KEYS", "Cell", "Known", "RecordedCell", "cells_of"]
+__all__ = ["DEFAULT", "KEYS", "Cell", "Known", "RecordedCell", "Unfit", "cells_of", "runs_of"]
 
 KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "traffic", "recording", "rule")
 """Keywords that select cells, in ``-m "rvads(cls=7)"`` and in ``@rvads.known(cls=7)``."""
 
+Traced = tuple[str, ...]
+"""Identifiers of requirements."""
 DEFAULT = "reference"
 """The traffic policy where a mark names none; ids leave it out."""
 
@@ -51,7 +53,7 @@ class Cell:
     @property
     def start(self) -> dict[str, str | int]:
         """What its record begins with."""
-        return {**self.keys, "orbit": self.scenario.orbit}
+        return {**self.keys, "orbit": self.scenario.orbit, "control": self.scenario.place.control.value}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +69,8 @@ class RecordedCell:
     """Why the file can't be read, or nothing."""
     ways: int = field(compare=False)
     """Number of arms of the junction."""
+    control: str = field(compare=False)
+    """What regulates the junction, empty where the file can't be read."""
     id: str = field(compare=False)
     """The part in brackets of the item's id."""
     run: str = field(compare=False)
@@ -79,57 +83,57 @@ class RecordedCell:
     @property
     def start(self) -> dict[str, str | int]:
         """What its record begins with."""
-        return self.keys
+        return {**self.keys, "control": self.control}
 
 
-def cells_of(
-    selection: Selection,
-    policies: Sequence[Policy | None],
-    rules: Sequence[Rule | None],
-    requirements: tuple[str, ...],
-    unfit: list[ScenarioError],
-) -> Iterator[Cell]:
-    """Yield the cells of a selection, the rule innermost; there are thousands, so what they share is worked out once.
+@dataclass(slots=True)
+class Unfit:
+    """Scenarios that are left out since a vehicle has no room where it would start."""
+
+    count: int = 0
+    first: ScenarioError | None = None
+    """Why the first of them is."""
+
+    def add(self, error: ScenarioError) -> None:
+        """Count one more."""
+        self.count += 1
+        self.first = self.first or error
+
+
+def runs_of(
+    selection: Selection, policies: Sequence[Policy | None], unfit: Unfit
+) -> Iterator[tuple[str, Scenario, Policy | None]]:
+    """Yield the runs of a selection: id, scenario, and what drives the traffic; there are thousands, so nothing is done twice.
 
     Args:
         selection: the scenarios.
         policies: what drives the traffic, one after the other.
-        rules: to judge by.
-        requirements: that the scenarios trace to.
-        unfit: takes, for every scenario that is left out since a vehicle has no room where it would start, why.
+        unfit: takes the scenarios that are left out.
     """
-    from pytest_rvads.scenarios.forks import forks
-
-    axis = [(rule, (*requirements, rule.requirement) if rule and rule.requirement else requirements) for rule in rules]
-    place = selection.place
-    longest = max(distance for configuration in selection.configurations for distance in configuration.distances)
-    reach = min(map(place.approach, range(len(place.entrances))))
-    fits = not any(selection.followers) and longest <= reach and not forks(place)
-    for scenario in selection:
-        if not fits:
-            try:
-                scenario.starts()
-            except ScenarioError as error:
-                unfit.append(error)
-                continue
+    for scenario in selection.fitting(unfit.add):
         name = scenario.name
-        shared: dict[str, str | int] = {
-            "junction": place.name,
-            "cls": scenario.number,
-            "scenario": scenario.label,
-            "cfg": scenario.point,
-            "rotation": scenario.rotation,
-        }
-        if scenario.subject is not None:
-            shared["seat"] = scenario.subject
         for policy in policies:
-            run = name if policy is None or policy.name == DEFAULT else f"{name}-{policy.name}"
-            keys = shared | {"traffic": policy.name} if policy else shared
-            for rule, traced in axis:
-                if rule is None:
-                    yield Cell(scenario, rule, policy, run, run, keys, traced)
-                else:
-                    yield Cell(scenario, rule, policy, f"{run}-{rule.name}", run, {**keys, "rule": rule.name}, traced)
+            yield name if policy is None or policy.name == DEFAULT else f"{name}-{policy.name}", scenario, policy
+
+
+def cells_of(run: str, scenario: Scenario, policy: Policy | None, axis: Sequence[tuple[Rule | None, Traced]]) -> Iterator[Cell]:
+    """Yield the cells of a run, one per rule of the axis; each rule comes with what it traces to there."""
+    keys: dict[str, str | int] = {
+        "junction": scenario.place.name,
+        "cls": scenario.number,
+        "scenario": scenario.label,
+        "cfg": scenario.point,
+        "rotation": scenario.rotation,
+    }
+    if scenario.subject is not None:
+        keys["seat"] = scenario.subject
+    if policy:
+        keys["traffic"] = policy.name
+    for rule, traced in axis:
+        if rule is None:
+            yield Cell(scenario, rule, policy, run, run, keys, traced)
+        else:
+            yield Cell(scenario, rule, policy, f"{run}-{rule.name}", run, {**keys, "rule": rule.name}, traced)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

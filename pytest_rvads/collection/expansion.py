@@ -7,36 +7,29 @@ run follow each other.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import pytest
 
-from pytest_rvads.collection.cells import Cell, Known, RecordedCell, cells_of
+from pytest_rvads.collection.cells import Cell, Known, RecordedCell
 from pytest_rvads.collection.extensions import extensions
 from pytest_rvads.collection.meter import watched
 from pytest_rvads.collection.misuse import told_at
+from pytest_rvads.collection.planned import DRAWN, planned_runs, resolve
 from pytest_rvads.errors import OpenObligation, RuleViolation, ScenarioError
 
 if TYPE_CHECKING:
     from pytest_rvads.collection.ask import Ask
-    from pytest_rvads.collection.extensions import Extensions
     from pytest_rvads.collection.recordings import OpenFiles, Recordings
+    from pytest_rvads.collection.resolved import Resolved
     from pytest_rvads.options import Options
-    from pytest_rvads.report.session_report import Extent
 
-__all__ = ["EXTENTS", "FILES", "LEFT_OUT", "UNFIT", "expand", "expand_recorded", "idle", "is_recorded", "unused"]
+__all__ = ["FILES", "expand", "expand_recorded", "idle", "is_recorded", "unused"]
 
 T = TypeVar("T")
 C = TypeVar("C", Cell, RecordedCell)
-_POINTS, _CELLS, _FILES = 10, 5000, 100
-"""From how many points, cells or files on a terminal shows how far the collection is."""
-LEFT_OUT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
-"""Node id of a test to how many points of its grid are beyond v(d)max and were left out."""
-UNFIT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
-"""Likewise to how many scenarios were left out because a vehicle has no room where it would start."""
-EXTENTS: pytest.StashKey[dict[str, Extent]] = pytest.StashKey()
-"""Junction to how much there is to cover, where its number of ways does not tell."""
+_CELLS, _FILES = 5000, 100
+"""From how many cells or files on a terminal shows how far the collection is."""
 FILES: pytest.StashKey[OpenFiles] = pytest.StashKey()
 """The files of recorded runs that were read last."""
 _DRIVING = ("rvads_sut", "rvads_autopilot", "rvads_vehicle", "rvads_simulator")
@@ -59,10 +52,14 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
     asks, known = _nearest(test, "scenario", Ask), _marks(test, "known", Known)
     with told_at(_takes(metafunc, asks)):
         added = extensions(metafunc.config, options.rules)
-    cells: dict[str, Cell] = {}
+    resolved: list[Resolved] = []
     for ask in asks:
         with told_at(f"{ask.place}: {test.nodeid}"):
-            for cell in _cells(ask, metafunc, options, added):
+            resolved += resolve(ask, test, options, added, _takes_rule(metafunc, ask.rules))
+    cells: dict[str, Cell] = {}
+    for run in planned_runs(resolved, test, options):
+        with told_at(f"{run.resolved.mark}: {test.nodeid}"):
+            for cell in run.cells():
                 _add(cell, cells)
     _note(known, metafunc, cells.values())
     items = watched(metafunc.config, f"items of {metafunc.function.__name__}", list(cells.values()), _CELLS)
@@ -172,36 +169,6 @@ def _line(test: pytest.Function) -> str:
     return f"{file}:{(line or 0) + 1}"
 
 
-def _cells(ask: Ask, metafunc: pytest.Metafunc, options: Options, added: Extensions) -> Iterator[Cell]:
-    """Yield the cells of one mark."""
-    test = metafunc.definition
-    takes_rule = _takes_rule(metafunc, ask.rules)
-    watch = partial(watched, metafunc.config, "v(d)max of point", least=_POINTS)
-    selection = ask.resolve(test.path.parent, options, added, watch)
-    rules = ask.judged_by(selection.place) if takes_rule else (None,)
-    rows, points = selection.count(), selection.points
-    total = rows * points * len(ask.traffic) * len(rules)
-    if total > options.max_items:
-        among = f" × {len(ask.traffic)} kinds of traffic" if len(ask.traffic) > 1 else ""
-        raise ScenarioError(
-            f"would expand to {total:,} items ({rows:,} scenarios × {points} points{among} × {len(rules)} rules): "
-            "narrow the grid, use --rvads-cover=class, or raise --rvads-max-items"
-        )
-    unfit: list[ScenarioError] = []
-    yield from cells_of(selection, ask.traffic, rules, ask.requirement, unfit)
-    if len(unfit) == rows * points and unfit:
-        raise unfit[0]
-    stash = metafunc.config.stash
-    for key, count in ((LEFT_OUT, selection.left_out), (UNFIT, len(unfit))):
-        if count:
-            dropped = stash.setdefault(key, {})
-            dropped[test.nodeid] = dropped.get(test.nodeid, 0) + count
-    from pytest_rvads.collection.extents import extended
-
-    known: dict[str, Extent] = stash.setdefault(EXTENTS, {})
-    stash[EXTENTS] = extended(known, selection)
-
-
 def _recorded_cells(ask: Recordings, metafunc: pytest.Metafunc, options: Options, opened: OpenFiles) -> Iterator[RecordedCell]:
     """Yield the cells of one mark."""
     takes_rule = _takes_rule(metafunc, ask.rules)
@@ -242,10 +209,14 @@ def _add(cell: C, cells: dict[str, C]) -> None:
 def _note(
     known: Sequence[tuple[Any, Known]], metafunc: pytest.Metafunc, cells: Collection[Cell] | Collection[RecordedCell]
 ) -> None:
-    """Note which known deficiencies a test has; one that stands at the test itself must match, else that is refused."""
+    """Note which known deficiencies a test has; one that stands at the test itself must match, else that is refused.
+
+    What a sample leaves out may have been what it is about.
+    """
     noted = metafunc.config.stash.setdefault(_KNOWN, {})
+    some = any(drawn.test == metafunc.definition.nodeid for drawn in metafunc.config.stash.get(DRAWN, {}))
     for node, deficiency in known:
-        used = any(map(deficiency.matches, cells))
+        used = some or any(map(deficiency.matches, cells))
         if not used and node is metafunc.definition:
             with told_at(f"{deficiency.place}: {node.nodeid}"):
                 raise ScenarioError(f"{deficiency} matches none of the {len(cells)} cells of this test")

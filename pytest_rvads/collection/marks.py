@@ -22,9 +22,11 @@ __all__ = ["known", "recorded", "register_marks", "scenario"]
 
 
 def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
-    junction: str,
+    junction: str | Iterable[str] | None = None,
     *,
     map: str | None = None,
+    junctions: Mapping[str, Any] | None = None,
+    limit: int | None = None,
     classes: int | Iterable[int] | None = None,
     scenarios: str | Iterable[str] | None = None,
     cover: str | None = None,
@@ -44,13 +46,21 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
     requirement: str | Iterable[str] | None = None,
     **misspelt: Never,
 ) -> pytest.MarkDecorator:
-    """Run a test over the scenarios of a junction.
+    """Run a test over the scenarios of a junction, or of many.
+
+    Where several junctions are asked for, those that can't be used, or don't have what else is asked for, are left out, and the
+    summary and the reports say how many and why. A junction that is named, and nothing left at all, are refused.
 
     Args:
-        junction: built-in name (``stop4``), id of a junction in `map`, a type such as ``"4-way stop"``, or a place in `map`
-            such as ``"nearest to 52, 149"``.
+        junction: built-in name (``stop4``), id of a junction in `map`, a type such as ``"4-way stop"`` for all of `map` that fit,
+            ``"*"`` for all of `map`, a place in `map` such as ``"nearest to 52, 149"``, or several of these. Without a map a
+            type is the first built-in junction that fits, and ``"*"`` all of these.
         map: OpenDRIVE file, looked for beside the test file, then in the working directory; by default the
             one of ``rvads_map``, if any.
+        junctions: take only those of some kinds, ``{"control": ["stop", "lights"], "arms": (3, 4), "approach": 40}``: what
+            regulates them, how many arms they have, how long every approach is at least [m]; of all where `junction` names none.
+        limit: most junctions; more are drawn, as evenly as possible from every kind (control and number of arms), by
+            ``rvads_seed``.
         classes: numbers of structural equivalence classes; all by default.
         scenarios: direction strings such as ``"1133"``, or ``"13_2_0_31"`` where arms have several lanes, that stand at row 0 of
             their class, instead of `classes`.

@@ -123,11 +123,11 @@ class Recordings:
     ) -> RecordedCell:
         keys: dict[str, str | int] = {"junction": place.name if place else _UNKNOWN, "recording": run}
         traced = (*self.requirement, rule.requirement) if rule and rule.requirement else self.requirement
-        ways = place.ways if place else 0
+        ways, control = (place.ways, place.control.value) if place else (0, "")
         if rule is None:
-            return RecordedCell(str(path), index, rule, trouble, ways, run, run, keys, traced)
+            return RecordedCell(str(path), index, rule, trouble, ways, control, run, run, keys, traced)
         keys["rule"] = rule.name
-        return RecordedCell(str(path), index, rule, trouble, ways, f"{run}-{rule.name}", run, keys, traced)
+        return RecordedCell(str(path), index, rule, trouble, ways, control, f"{run}-{rule.name}", run, keys, traced)
 
 
 def _look(path: Path, opened: OpenFiles) -> tuple[Junction, Sequence[str]]:

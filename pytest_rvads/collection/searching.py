@@ -13,7 +13,8 @@ from pytest_rvads.errors import RvadsError, ScenarioError
 from pytest_rvads.logic.rules.book import claim, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.scenarios.case import Fleet
-from pytest_rvads.search.falsify import Search, violation
+from pytest_rvads.search.counterexample import violation
+from pytest_rvads.search.falsify import Search
 from pytest_rvads.simulators.simulator import usable
 
 if TYPE_CHECKING:

@@ -14,8 +14,10 @@ from pytest_rvads.drivers.rolling import RollingStop
 from pytest_rvads.drivers.sumo_driver import SumoDriver
 from pytest_rvads.errors import ScenarioError, suggest
 
-__all__ = ["EVERYWHERE", "POLICIES", "TIE", "Policy", "traffic"]
+__all__ = ["DEFAULT", "EVERYWHERE", "POLICIES", "TIE", "Policy", "policy_name", "traffic"]
 
+DEFAULT = "reference"
+"""The policy where none is named; ids leave it out."""
 TIE = 0.5
 """What road users take for arriving at once, as the road rulebook does [s]."""
 POLICIES: dict[str, Factory] = {
@@ -54,6 +56,11 @@ class Policy:
         if not callable(what):
             raise ScenarioError(f"traffic takes names of policies or classes of autopilots, got {what!r}")
         return cls(in_ids(what), what)
+
+
+def policy_name(factory: Factory) -> str:
+    """Return the name of a policy for ids: that by which it is asked for, else that of somebody's own."""
+    return next((name for name, known in POLICIES.items() if known is factory), "") or in_ids(factory)
 
 
 def traffic(name: str, what: str = "traffic") -> Factory:

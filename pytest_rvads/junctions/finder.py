@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -14,35 +14,14 @@ from pytest_rvads.errors import MapError, require, suggest
 from pytest_rvads.junctions.analysis import JunctionReport
 from pytest_rvads.junctions.builtin import LAYOUTS, path_of
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.kinds import Kinds
 from pytest_rvads.junctions.road_map import RoadMap, read_map
-from pytest_rvads.maps.control import JunctionControl
 
-__all__ = ["called", "find", "load", "names", "nearest"]
+__all__ = ["called", "find", "load", "name_of", "names", "nearest", "offer"]
 
-_TYPE = re.compile(
-    r"(?P<ways>\d+)-way\s+(?P<control>(all-way\s+)?stops?|(traffic\s+)?lights?|none|uncontrolled|yields?|partial)"
-    r"(\s+with\s+(at\s+least\s+)?(?P<approach>\d+(\.\d+)?)\s*m(\s+of\s+approach)?)?",
-    re.IGNORECASE,
-)
 _PLACE = re.compile(r"nearest(?:\s+to)?\s*\(?\s*(?P<x>[-+.\deE]+)\s*[,\s]\s*(?P<y>[-+.\deE]+)\s*\)?", re.IGNORECASE)
 _maps: dict[tuple[str, int, int], RoadMap] = {}
 _junctions: dict[tuple[tuple[str, int, int], str, str], Junction] = {}
-
-
-@dataclass(frozen=True, slots=True)
-class _Wanted:
-    """A junction by type: "4-way all-way stop with 40 m of approach"."""
-
-    ways: int
-    control: JunctionControl
-    approach: float
-    """Shortest approach, from the previous junction to the stopping line [m]."""
-
-    def fits(self, report: JunctionReport) -> bool:
-        """Tell whether a junction is usable, of this type, and its approaches are long enough."""
-        if not report.usable or report.ways != self.ways or report.control is not self.control:
-            return False
-        return report.usable_from >= self.approach
 
 
 def names() -> tuple[str, ...]:
@@ -63,7 +42,7 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
         MapError: an unknown or unusable junction, an unreadable map, or nothing of this type.
     """
     require(junction, str, "find takes the name, id or type of a junction as a text, such as 'stop4'", MapError)
-    wanted = _parse(junction)
+    wanted = Kinds.parse(junction)
     if map is None:
         return _builtin(junction, wanted)
     road_map, key = _load(map)
@@ -73,7 +52,7 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
     id = junction
     if wanted and not known:
         id = _first(road_map, junction, wanted)
-    return _junction(road_map, key, id, _name(map, id))
+    return _junction(road_map, key, id, name_of(map, id))
 
 
 def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
@@ -87,14 +66,14 @@ def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
     road_map, key = _load(map)
     usable = [report for report in road_map.junctions if report.usable]
     if not usable:
-        raise MapError(f"map file {map} has no usable junction; {_offer(road_map)}")
+        raise MapError(f"map file {map} has no usable junction; {offer(road_map)}")
 
     def distance(report: JunctionReport) -> float:
         arms = report.arms
         return math.dist((x, y), (math.fsum(a.x for a in arms) / len(arms), math.fsum(a.y for a in arms) / len(arms)))
 
     id = min(usable, key=distance).id
-    return _junction(road_map, key, id, _name(map, id))
+    return _junction(road_map, key, id, name_of(map, id))
 
 
 def called(name: str, map: str | os.PathLike[str]) -> Junction:
@@ -103,7 +82,7 @@ def called(name: str, map: str | os.PathLike[str]) -> Junction:
     Raises:
         MapError: an unreadable map, or no such junction.
     """
-    ids = {_name(map, report.id): report.id for report in load(map).junctions}
+    ids = {name_of(map, report.id): report.id for report in load(map).junctions}
     return find(ids.get(name, name), map)
 
 
@@ -116,8 +95,28 @@ def load(map: str | os.PathLike[str]) -> RoadMap:
     return _load(map)[0]
 
 
+def name_of(map: str | os.PathLike[str], id: str) -> str:
+    """Return what ids call junction `id` of a map: ``stem.id``, other characters as ``_``."""
+    return ".".join(re.sub(r"[^A-Za-z0-9_]", "_", part) for part in (Path(map).stem, id))
+
+
+def offer(road_map: RoadMap) -> str:
+    """Return what a map has to offer, by type, as the end of a sentence."""
+    table: dict[str, list[JunctionReport]] = {}
+    for report in road_map.junctions:
+        if report.usable:
+            table.setdefault(f"{report.ways}-way {report.control.value}", []).append(report)
+    if not table:
+        return f"none of its {len(road_map.junctions)} junctions is usable, `rvads map {road_map.path}` says why"
+    parts = []
+    for type, reports in table.items():
+        longest = max(report.usable_from for report in reports)
+        parts.append(f"{len(reports)} {type} with up to {longest:.0f} m of approach")
+    return f"it offers {'; '.join(parts)}"
+
+
 @lru_cache
-def _builtin(junction: str, wanted: _Wanted | None) -> Junction:
+def _builtin(junction: str, wanted: Kinds | None) -> Junction:
     """Return a built-in junction; unlike a user's file, its file is not looked at again."""
     if wanted is None:
         if junction not in LAYOUTS:
@@ -131,7 +130,7 @@ def _builtin(junction: str, wanted: _Wanted | None) -> Junction:
     for name in candidates:
         road_map, key = _load(path_of(name))
         report = road_map.junctions[0]
-        if wanted is None or wanted.fits(report):
+        if wanted is None or wanted.fit(report):
             return replace(_junction(road_map, key, report.id, name), map=None)
     raise MapError(
         f"no built-in junction fits {junction!r}: they are {', '.join(LAYOUTS)}, with 120 m of approach; give a map file"
@@ -157,19 +156,6 @@ def _junction(road_map: RoadMap, key: tuple[str, int, int], id: str, name: str) 
     return _junctions[entry]
 
 
-def _name(map: str | os.PathLike[str], id: str) -> str:
-    return ".".join(re.sub(r"[^A-Za-z0-9_]", "_", part) for part in (Path(map).stem, id))
-
-
-def _parse(text: str) -> _Wanted | None:
-    match = _TYPE.fullmatch(text.strip())
-    if match is None:
-        return None
-    said = match["control"].lower()
-    control = next((kind for kind in JunctionControl if kind.value.removesuffix("s") in said), JunctionControl.NONE)
-    return _Wanted(int(match["ways"]), control, float(match["approach"] or 0.0))
-
-
 def _coordinate(text: str) -> float:
     try:
         return float(text)
@@ -177,23 +163,8 @@ def _coordinate(text: str) -> float:
         raise MapError(f"{text!r} is no coordinate, expected two numbers such as in 'nearest to 52, 149'") from None
 
 
-def _first(road_map: RoadMap, text: str, wanted: _Wanted) -> str:
+def _first(road_map: RoadMap, text: str, wanted: Kinds) -> str:
     for report in road_map.junctions:
-        if wanted.fits(report):
+        if wanted.fit(report):
             return report.id
-    raise MapError(f"map file {road_map.path} has no usable junction that fits {text!r}; {_offer(road_map)}")
-
-
-def _offer(road_map: RoadMap) -> str:
-    """Say what a map has to offer, by type."""
-    table: dict[str, list[JunctionReport]] = {}
-    for report in road_map.junctions:
-        if report.usable:
-            table.setdefault(f"{report.ways}-way {report.control.value}", []).append(report)
-    if not table:
-        return f"none of its {len(road_map.junctions)} junctions is usable, `rvads map {road_map.path}` says why"
-    parts = []
-    for type, reports in table.items():
-        longest = max(report.usable_from for report in reports)
-        parts.append(f"{len(reports)} {type} with up to {longest:.0f} m of approach")
-    return f"it offers {'; '.join(parts)}"
+    raise MapError(f"map file {road_map.path} has no usable junction that fits {text!r}; {offer(road_map)}")

@@ -13,13 +13,12 @@ import math
 import os
 import platform
 from collections.abc import Callable, Mapping
-from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from pytest_rvads.storage import read_file, write_file
-from pytest_rvads.versions import versions
+from pytest_rvads.versions import code, versions
 
 __all__ = ["VARIABLE", "cached", "folder"]
 
@@ -40,7 +39,7 @@ def cached(key: Mapping[str, Any], compute: Callable[[], float | None], *librari
     where = folder()
     if where is None:
         return compute()
-    name = json.dumps([dict(key), _code(), versions(*libraries), platform.platform()], sort_keys=True)
+    name = json.dumps([dict(key), code(), versions(*libraries), platform.platform()], sort_keys=True)
     path = where / f"{sha256(name.encode()).hexdigest()}.json"
     kept = _read(path, name)
     if kept is not None:
@@ -87,13 +86,3 @@ def _write(path: Path, text: str) -> None:
         if path.is_symlink() or not path.is_file():
             path.unlink(missing_ok=True)  # a link or pipe would be written through
         write_file(path, text.encode())
-
-
-@lru_cache(maxsize=1)
-def _code() -> str:
-    """Return a checksum of all modules of this package."""
-    digest = sha256()
-    root = Path(__file__).parents[1]
-    for path in sorted(root.rglob("*.py")):
-        digest.update(f"{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
-    return digest.hexdigest()

@@ -9,15 +9,14 @@ an item that did not run.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import combinations
 
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.outcome import Outcome, Tallied, counted
 from pytest_rvads.report.record import Record
-from pytest_rvads.report.session_report import Cell, Extent, Report, cell_of
+from pytest_rvads.report.session_report import Cell, Report, cell_of
 
-__all__ = ["Coverage", "at_junctions", "dropped", "measure", "shortfall", "traced"]
+__all__ = ["Cells", "Coverage", "Requirements", "dropped", "measure", "shortfall"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,21 +41,54 @@ class Coverage:
         return f"{self.exercised}/{self.planned} cells exercised ({share:.1f} %)" + (f": {idle}" if idle else "")
 
 
+class Cells:
+    """Counts cells by what became of them; takes records in.
+
+    Args:
+        planned: the cells that are there without a record, too.
+    """
+
+    def __init__(self, planned: Iterable[Cell] = ()) -> None:
+        self._rules: dict[str, int] = {}
+        self._rows: dict[tuple[object, ...], bytearray] = {}
+        """Cells but for the rule, and for each rule a byte: there may be a million of them."""
+        for cell in planned:
+            self._note(cell, _PLANNED)
+
+    def add(self, record: Record) -> None:
+        """Take a record in."""
+        self._note(cell_of(record), _EXERCISED if record.asked else _EXERCISED + 1 + record.status.severity)
+
+    def _note(self, cell: Cell, found: int) -> None:
+        """Note what was found in a cell; of several findings the least counts."""
+        junction, cls, configuration, rule, seat, traffic = cell
+        row = self._rows.setdefault((junction, cls, configuration, seat, traffic), bytearray())
+        number = self._rules.setdefault(rule, len(self._rules))
+        row.extend([_NO_CELL] * (number + 1 - len(row)))
+        row[number] = min(row[number], found)
+
+    def coverage(self) -> Coverage:
+        """Return how many there are, and how many were exercised."""
+        found: Counter[int] = Counter()
+        for row in self._rows.values():
+            found.update(row)
+        del found[_NO_CELL]
+        # The first reason that applies to one of its items.
+        whys = [(outcome.small, found[_EXERCISED + 1 + outcome.severity]) for outcome in Outcome.worst_first()]
+        idle = {why: count for why, count in (*whys, (_UNSELECTED, found[_PLANNED])) if count}
+        return Coverage(found.total(), found[_EXERCISED], idle)
+
+
 def measure(report: Report) -> Coverage:
     """Return the coverage of a session over its cells."""
-    cells: dict[Cell, list[Record]] = {cell: [] for cell in report.planned}
+    cells = Cells(report.planned)
     for record in report.records:
-        cells.setdefault(cell_of(record), []).append(record)
-    idle: Counter[str] = Counter()
-    for records in cells.values():
-        if not any(record.asked for record in records):
-            # The first reason that applies to one of its items.
-            whys = sorted((record.status for record in records if not record.status.judges), key=lambda why: why.severity)
-            idle[whys[0].small if whys else _UNSELECTED] += 1
-    order = (*(outcome.small for outcome in Outcome.worst_first()), _UNSELECTED)
-    return Coverage(len(cells), len(cells) - idle.total(), {why: idle[why] for why in order if idle[why]})
+        cells.add(record)
+    return cells.coverage()
 
 
+_EXERCISED, _PLANNED, _NO_CELL = 0, 254, 255
+"""What a byte says of a cell; between the first two why nothing was asked there, the worst first."""
 _UNSELECTED = "not selected"
 
 
@@ -86,111 +118,17 @@ def dropped(report: Report) -> list[str]:
     ]
 
 
-def traced(records: Sequence[Record]) -> list[str]:
-    """Return a line per requirement: the verdicts that trace to it, by status."""
-    found: dict[str, list[Record]] = {}
-    for record in records:
+class Requirements:
+    """Counts the verdicts that trace to each requirement; takes records in."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, Counter[Tallied]] = {}
+
+    def add(self, record: Record) -> None:
+        """Take a record in."""
         for requirement in record.requirements:
-            found.setdefault(requirement, []).append(record)
-    return [f"requirement {name}: {_counted(found[name])}" for name in sorted(found)]
+            self._found.setdefault(requirement, Counter())[record.counts_as] += 1
 
-
-def at_junctions(
-    records: Sequence[Record], totals: Mapping[int, tuple[int, int]], extents: Mapping[str, Extent] | None = None
-) -> list[str]:
-    """Return a line per junction: what was exercised of it, and the verdicts by status; one of its own for what was recorded.
-
-    Args:
-        records: of a session.
-        totals: per number of ways, how many classes and how many full scenarios exist, where that is known.
-        extents: how much there is to cover at junctions of which that does not tell.
-    """
-    here: dict[tuple[str, bool], list[Record]] = {}
-    for record in records:
-        here.setdefault((record.junction, bool(record.recording)), []).append(record)
-    lines = []
-    for (junction, recorded), found in here.items():
-        extent = (extents or {}).get(junction)
-        ran = [record for record in found if record.hash and record.status is not Outcome.ERROR]
-        covered: list[str] = []
-        if recorded:
-            junction = f"{junction} as recorded"
-        elif extent is None:
-            classes, scenarios = totals.get(found[0].ways, ("?", "?"))
-            covered = [*_classes(ran, (classes, scenarios, scenarios), found[0].ways)]
-        else:
-            covered = [*_extent(ran, extent)]
-        lines.append(_at(junction, found, ran, covered))
-    return lines
-
-
-def _at(junction: str, records: Sequence[Record], ran: Sequence[Record], covered: Sequence[str]) -> str:
-    runs = {record.hash for record in ran}
-    idle = sorted({record.asks for record in records} - {r.asks for r in records if r.status is not Outcome.NA})
-    told = ", ".join([*covered, f"{len(runs)} runs", f"{len(records)} verdicts"])
-    return f"{junction}: {told}: {_counted(records)}" + (f"  (never applicable: {', '.join(idle)})" if idle else "")
-
-
-def _classes(ran: Sequence[Record], totals: tuple[int | str, int | str, int | str], turns: int, where: str = "") -> Iterator[str]:
-    """Yield what was exercised of full scenarios.
-
-    Args:
-        ran: records of runs; partial scenarios don't count.
-        totals: how many classes, full scenarios and classes with a subject there are.
-        turns: how many rotations the junction has.
-        where: which entrances are occupied.
-    """
-    full = [record for record in ran if record.cls]
-    classes, scenarios, seats = totals
-    yield f"{len({record.cls for record in full})}/{classes} classes{where}"
-    # As seen from its seat, equal scenarios are rotations of each other.
-    seated = {_seated(record.scenario, record.seat, turns) for record in full if record.seat is not None}
-    if seated:
-        yield f"{len(seated)}/{seats} classes with a subject{where}"
-    yield f"{len({record.scenario for record in full})}/{scenarios} scenarios{where}"
-
-
-def _seated(scenario: str, seat: int, turns: int) -> tuple[str, int]:
-    """Return the least of the rotations of a scenario and its seat."""
-    code = scenario.replace("_", "")
-    rows = range(0, len(code), len(code) // turns)
-    return min((code[len(code) - row :] + code[: len(code) - row], (seat + row) % len(code)) for row in rows)
-
-
-def _extent(ran: Sequence[Record], extent: Extent) -> Iterator[str]:
-    """Yield what was exercised, by occupancy, and of partial scenarios and pairs of movements where tests asked for them."""
-    for occupancy, totals in extent.classes.items():
-        # Numbers alone are those of occupied arms.
-        here = [record for record in ran if bool(record.orbit) == (occupancy == "lanes")]
-        where = {"arms": " with a vehicle per arm", "lanes": " with one per lane"}[occupancy] if len(extent.classes) > 1 else ""
-        yield from _classes(here, totals, extent.turns, where)
-    for occupancy, total in extent.partial.items():
-        alone = [record for record in ran if occupancy == "lanes" or _alone(record.scenario)]
-        yield f"{len({record.orbit or record.cls for record in alone})}/{total} classes with partial ones"
-    moves = [[(agent.entrance, agent.exit) for agent in record.agents] for record in ran]
-    made = {pair for found in moves for pair in combinations(sorted(set(found)), 2)}
-    apart = "lanes" not in extent.classes
-    for what, pairs in (("pairs of movements", extent.pairs), ("conflicting pairs", extent.conflicts)):
-        possible = [pair for pair in pairs if not (apart and pair[0][0][0] == pair[1][0][0])]
-        ruled_out = len(pairs) - len(possible)
-        if possible:
-            more = f" (and {ruled_out} of one arm, only with occupancy='lanes')" if ruled_out else ""
-            yield f"{len(made.intersection(possible))}/{len(possible)} {what}{more}"
-
-
-def _alone(scenario: str) -> bool:
-    """Return whether no two vehicles of a scenario stand on one arm."""
-    return "_" not in scenario or all(len(arm.replace("0", "")) <= 1 for arm in scenario.split("_"))
-
-
-def _counted(records: Sequence[Record]) -> str:
-    """Return the verdicts by status: ``3 pass, 1 known failures, 2 NA``."""
-    counts = Counter(record.status for record in records if not record.known)
-    told = [(outcome, f"{counts[outcome]} {outcome.word}") for outcome in Outcome if counts[outcome]]
-    known = sum(bool(record.known) for record in records)
-    parts = [text for _, text in told]
-    if known:
-        # After all that was found out of somebody, before what was not.
-        place = sum(outcome.judges or outcome.meaning == "passed" for outcome, _ in told)
-        parts.insert(place, f"{known} known failures")
-    return ", ".join(parts)
+    def lines(self) -> list[str]:
+        """Return a line per requirement: its verdicts by status."""
+        return [f"requirement {name}: {counted(self._found[name])}" for name in sorted(self._found)]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from operator import itemgetter
+from array import array
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from pytest_rvads.report.record import Computing, Record
+from pytest_rvads.report.record import Computing, Indicators, PairIndicators, Record, VehicleIndicators
 
-__all__ = ["extremes", "makers", "slowest", "timing"]
+__all__ = ["Extremes", "Makers", "Timing", "slowest"]
 
 _Pick = Callable[..., Any]
 _LINES: tuple[tuple[str, tuple[tuple[str, str, _Pick, str], ...]], ...] = (
@@ -17,67 +17,99 @@ _LINES: tuple[tuple[str, tuple[tuple[str, str, _Pick, str], ...]], ...] = (
     ("most", (("braking", "deceleration", max, "m/s^2"), ("waiting", "waiting", max, "s"), ("delay", "delay", max, "s"))),
 )
 """Per line its first word, and per indicator what it is called, its name in the record, which one counts, its unit."""
+_PICKS = tuple((key, pick) for _, indicators in _LINES for _, key, pick, _ in indicators)
 
 
-def makers(records: Sequence[Record]) -> list[str]:
-    """Return a line per system under test, and one per simulator: what it is called, and how many runs it made."""
-    runs: dict[str, set[str]] = {}
-    for what, names in (("driven", [r.driver for r in records]), ("simulated", [r.simulator for r in records])):
-        for name, record in zip(names, records, strict=True):
-            if name:
-                runs.setdefault(f"{what} by {name}", set()).add(record.hash or record.nodeid)
-    return [f"{made}: {len(found)} run{'' if len(found) == 1 else 's'}" for made, found in runs.items()]
+class Makers:
+    """Takes records in and tells who drove and what simulated."""
+
+    def __init__(self) -> None:
+        self._runs: dict[tuple[str, str], set[str]] = {}
+
+    def add(self, record: Record) -> None:
+        """Take a record in."""
+        for made in (("driven", record.driver), ("simulated", record.simulator)):
+            if made[1]:
+                runs = self._runs.get(made) or self._runs.setdefault(made, set())
+                runs.add(record.hash or record.nodeid)
+
+    def lines(self) -> list[str]:
+        """Return a line per system under test, and one per simulator: what it is called, and how many runs it made."""
+        found = sorted(self._runs.items(), key=lambda entry: entry[0][0])
+        return [f"{what} by {name}: {len(runs)} run{'' if len(runs) == 1 else 's'}" for (what, name), runs in found]
 
 
-def extremes(records: Sequence[Record]) -> list[str]:
-    """Return at most two lines: the nearest encounters, and the hardest braking, longest wait and longest delay.
+class Extremes:
+    """Takes records in and tells how near, how hard and how long it got at most; of equal values the first counts."""
 
-    What no run records is left out. Of equal values the first one is named.
-    """
-    lines = []
-    for word, indicators in _LINES:
-        shown = [text for indicator in indicators if (text := _extreme(records, *indicator))]
-        if shown:
-            lines.append(f"{word}: {', '.join(shown)}")
-    return lines
+    def __init__(self) -> None:
+        self._found: dict[str, tuple[float, PairIndicators | VehicleIndicators, Record]] = {}
+        self._last: Indicators | None = None
 
+    def add(self, record: Record) -> None:
+        """Take a record in."""
+        entries: tuple[PairIndicators | VehicleIndicators, ...]
+        # The records of a run share its indicators where they come from a campaign.
+        entries = (*record.kpis.pairs, *record.kpis.vehicles) if record.kpis and record.kpis is not self._last else ()
+        self._last = record.kpis
+        for key, pick in _PICKS:
+            for entry in entries:
+                value = getattr(entry, key, None)
+                if value is not None and (key not in self._found or pick(value, self._found[key][0]) != self._found[key][0]):
+                    self._found[key] = value, entry, record
 
-def _extreme(records: Sequence[Record], name: str, key: str, pick: _Pick, unit: str) -> str:
-    found = [entry for record in records for entry in _measured(record, key)]
-    if not found:
-        return ""
-    most, who = pick(found, key=itemgetter(0))
-    return f"{name} {most:.2f} {unit} ({who})"
+    def lines(self) -> list[str]:
+        """Return at most two lines: the nearest encounters, and the hardest braking, longest wait and longest delay.
 
+        What no run records is left out.
+        """
+        lines = []
+        for word, indicators in _LINES:
+            told = [f"{name} {self._told(key, unit)}" for name, key, _, unit in indicators if key in self._found]
+            lines += [f"{word}: {', '.join(told)}"] if told else []
+        return lines
 
-def _measured(record: Record, key: str) -> Iterator[tuple[float, str]]:
-    """Yield the values of an indicator in a run, and whose they are."""
-    entries = [(pair, " and ".join(pair.agents)) for pair in record.kpis.pairs] if record.kpis else []
-    vehicles = [(vehicle, vehicle.agent) for vehicle in record.kpis.vehicles] if record.kpis else []
-    for entry, who in (*entries, *vehicles):
-        value = getattr(entry, key, None)
-        if value is not None:
-            yield value, f"{who} in {record.test}[{record.run}]"
-
-
-def timing(records: Sequence[Record]) -> list[str]:
-    """Return a line per stack in another process: in how many runs it made how many decisions, and how long they took.
-
-    That is real time, which no verdict depends on.
-    """
-    runs = {(record.run, record.traffic, record.hash): record.timing for record in records if record.timing}
-    stacks: dict[str, list[Computing]] = {}
-    for vehicles in runs.values():
-        for one in vehicles.values():
-            stacks.setdefault(one.stack, []).append(one)
-    return [_line(stack, found) for stack, found in stacks.items()]
+    def _told(self, key: str, unit: str) -> str:
+        value, entry, record = self._found[key]
+        who = " and ".join(entry.agents) if isinstance(entry, PairIndicators) else entry.agent
+        return f"{value:.2f} {unit} ({who} in {record.where})"
 
 
-def _line(stack: str, found: Sequence[Computing]) -> str:
-    count = sum(one.decisions for one in found)
-    mean = math.fsum(one.compute for one in found) / max(count, 1)
-    longest = max(one.longest for one in found)
-    return f"{stack}: {count} decisions in {len(found)} runs, {1000 * mean:.2g} ms each, {1000 * longest:.2g} ms the longest"
+class Timing:
+    """Takes records in and tells how long stacks in other processes computed: real time, which no verdict depends on."""
+
+    def __init__(self) -> None:
+        self._runs: set[tuple[str | None, str | None, str | None]] = set()
+        self._stacks: dict[str, _Computed] = {}
+
+    def add(self, record: Record) -> None:
+        """Take a record in."""
+        run = record.run, record.traffic, record.hash
+        if record.timing and run not in self._runs:
+            self._runs.add(run)
+            for one in record.timing.values():
+                self._stacks.setdefault(one.stack, _Computed()).add(one)
+
+    def lines(self) -> list[str]:
+        """Return a line per stack: in how many runs it made how many decisions, and how long they took."""
+        return [found.line(stack) for stack, found in self._stacks.items()]
+
+
+class _Computed:
+    """How much one stack computed."""
+
+    def __init__(self) -> None:
+        self._decisions, self._longest, self._seconds = 0, 0.0, array("d")
+
+    def add(self, one: Computing) -> None:
+        self._decisions += one.decisions
+        self._longest = max(self._longest, one.longest)
+        self._seconds.append(one.compute)
+
+    def line(self, stack: str) -> str:
+        mean = math.fsum(self._seconds) / max(self._decisions, 1)
+        told = f"{self._decisions} decisions in {len(self._seconds)} runs"
+        return f"{stack}: {told}, {1000 * mean:.2g} ms each, {1000 * self._longest:.2g} ms the longest"
 
 
 def slowest(seconds: Mapping[str, float], most: int, least: float = 0.0) -> list[str]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import fields
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import fields, replace
 from pathlib import Path
 
 import msgspec
@@ -42,7 +42,9 @@ def save(path: Path, report: Report) -> None:
     """
     if path.suffix not in FORMATS:
         raise RvadsError(f"a report is a {', '.join(FORMATS)} file, got {str(path)!r}")
-    write_file(path, FORMATS[path.suffix](report, path.parent).encode("utf-8", "backslashreplace"))
+    text = FORMATS[path.suffix](report, path.parent)
+    pieces = [text] if isinstance(text, str) else text
+    write_file(path, (piece.encode("utf-8", "backslashreplace") for piece in pieces))
 
 
 def append_summary(path: Path, report: Report) -> None:
@@ -83,24 +85,27 @@ def read(path: Path) -> Report:
         raise RvadsError(f"{path} can't be read as a report of --rvads-report: {error}") from error
     if (head.format, head.version) != ("rvads-report", VERSION):
         raise RvadsError(f"{path} is not a report of version {VERSION} written by --rvads-report=FILE.json")
-    return decode(content, Report, f"{path} is a damaged report, write it again", RvadsError)
+    report = decode(content, Report, f"{path} is a damaged report, write it again", RvadsError)
+    return replace(report, records=tuple(report.records))
 
 
-def _json(report: Report) -> str:
-    """Return a report as JSON: what it is made of, to be read back, and under ``outline`` what it says."""
-    content = {
-        "format": "rvads-report",
-        "version": VERSION,
-        **{field.name: getattr(report, field.name) for field in fields(report)},
+def _json(report: Report) -> Iterator[str]:
+    """Yield a report as JSON: what it is made of, to be read back, a record per line, and under ``outline`` what it says."""
+    yield f'{{\n "format": "rvads-report",\n "version": {VERSION},\n "records": ['
+    for number, record in enumerate(report.records):
+        yield f"{',' if number else ''}\n  {encode(record).decode()}"
+    rest = {
+        **{field.name: getattr(report, field.name) for field in fields(report) if field.name != "records"},
         "outline": [{"title": block.title, "lines": list(block.plain())} for block in outline(report)],
     }
-    return msgspec.json.format(encode(content), indent=1).decode()
+    yield f"\n ],{msgspec.json.format(encode(rest), indent=1).decode().removeprefix('{')}"
 
 
-FORMATS: dict[str, Callable[[Report, Path], str]] = {
+FORMATS: dict[str, Callable[[Report, Path], Iterable[str]]] = {
     ".json": lambda report, _: _json(report),
     ".html": page,
     ".md": lambda report, _: markdown(report),
     ".csv": lambda report, _: table(report),
 }
-"""How a report is written, by the ending of its file; what it links to is linked from the folder it is written to."""
+"""How a report is written, by the ending of its file, as a text or in pieces; what it links to is linked from the folder it will
+lie in."""

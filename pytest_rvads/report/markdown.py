@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Notes, Verdicts, outline
+from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Notes, RollUp, Verdicts, outline
+from pytest_rvads.report.rollup import WORST, Row, Sums
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.wording import printable
 
@@ -33,11 +34,18 @@ def _render(block: Block) -> Iterator[str]:
         case Changes(comparison):
             yield from (_heading(block.title), "", _text(comparison.headline), "")
             yield from (f"- {_text(line)}" for line in comparison.lines())
-        case Causes(title, causes):
-            yield from (_heading(title), "", "| items | rule | cause | first |", "|---:|---|---|---|")
+        case Causes(title, causes, again):
+            yield from (_heading(title), "", f"| items | rule | cause | {_text(f'first: {again}')} |", "|---:|---|---|---|")
             yield from (f"| {c.count} | {_text(c.rule)} | {_text(c.line)} | {_code(c.example)} |" for c in causes)
         case Figures(lines):
             yield from (f"- {_text(line)}" for line in lines)
+        case RollUp(sums):
+            yield _heading(block.title)
+            for table in sums:
+                yield from ("", *_rows(table, table.rows[:WORST]))
+                if more := table.rows[WORST:]:
+                    yield from ("", f"<details><summary>{len(more)} more {table.corner}s</summary>", "", *_rows(table, more), "")
+                    yield "</details>"
         case Verdicts(matrix):
             yield from (f"## {_text(matrix.title)}", "")
             yield f"| {matrix.corner} | " + " | ".join(map(_text, matrix.headings)) + " |"
@@ -45,6 +53,12 @@ def _render(block: Block) -> Iterator[str]:
             yield from (
                 f"| {_text(label)} | " + " | ".join(_text(e.text) for e in entries) + " |" for label, entries in matrix.rows
             )
+
+
+def _rows(table: Sums, rows: Sequence[Row]) -> Iterator[str]:
+    yield f"| {' | '.join(map(_text, table.columns))} |"
+    yield "|" + "".join("---|" if side == "left" else "---:|" for side in table.sides)
+    yield from (f"| {' | '.join(map(_text, table.cells(row)))} |" for row in rows)
 
 
 def _heading(title: str) -> str:

@@ -11,14 +11,16 @@ from typing import Any, NamedTuple
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record
 
-__all__ = ["Entry", "Matrix", "group_of", "matrices", "member_of"]
+__all__ = ["Entry", "Matrices", "Matrix", "group_of", "member_of"]
 
 
 _CLASS = re.compile(r"-class(\d{2,9})-")
 _NAMED = 3
 """Recordings of a row that are named."""
 _MOST = 200_000
-"""Most entries of a matrix: nobody reads a larger one, and most of it would be empty."""
+"""Most entries of a matrix, and most cells of all of them: nobody reads more, and most of a larger matrix would be empty."""
+_Counts = dict[tuple[str, Outcome], int]
+"""How many verdicts have a status, known failures apart by what a cell calls them."""
 
 
 class Entry(NamedTuple):
@@ -56,6 +58,7 @@ class Matrix:
     """Per row its classes by number, or its recordings by name."""
     corner: str = "class"
     """What a row is: class, or recording."""
+    junction: str = ""
 
     @property
     def headings(self) -> list[str]:
@@ -69,36 +72,73 @@ class Matrix:
         return replace(self, rows=tuple(self.rows[i] for i in kept), members=tuple(self.members[i] for i in kept))
 
 
-def matrices(records: Sequence[Record]) -> list[Matrix]:
-    """Return a matrix per test file, test function, junction and kind of traffic, in the order of the items."""
-    groups: dict[str, list[Record]] = {}
-    for record in records:
-        groups.setdefault(group_of(record), []).append(record)
-    return [_matrix(title, group) for title, group in groups.items()]
+class Matrices:
+    """Takes records in and gives a matrix per test file, test function, junction and kind of traffic, in the order of items."""
+
+    def __init__(self) -> None:
+        self._groups: dict[str, _Group] = {}
+        self._room = _MOST
+        """How many more cells are kept; below 0 nobody could read them, and none are."""
+
+    @property
+    def too_many(self) -> bool:
+        """Whether the verdicts are too many for tables."""
+        return self._room < 0
+
+    def add(self, record: Record) -> None:
+        """Take a record in."""
+        if self._room < 0:
+            return
+        title = group_of(record)
+        group = self._groups.get(title) or self._groups.setdefault(title, _Group(record))
+        self._room -= group.add(record)
+        if self._room < 0:
+            self._groups.clear()
+
+    def matrices(self) -> list[Matrix]:
+        """Return the matrices; none where the verdicts are too many."""
+        return [group.matrix(title) for title, group in self._groups.items()]
 
 
 def group_of(record: Record) -> str:
-    """Return the title of the matrix that a record belongs to."""
+    """Return the title of the matrix that a record belongs to: junction, traffic, and test, where there is one."""
     among = " as recorded" if record.recording else f" among {record.traffic} traffic" if record.traffic else ""
-    return f"{record.junction}{among}   {record.nodeid.partition('[')[0]}"
+    return f"{record.junction}{among}   {record.nodeid.partition('[')[0] if record.test else ''}".rstrip()
 
 
-def _matrix(title: str, records: Sequence[Record]) -> Matrix:
-    columns = tuple(sorted({(record.cfg, record.asks) for record in records}))
-    recorded = bool(records[0].recording)
-    cells: dict[Any, dict[tuple[str, str], list[Record]]] = {}
-    for record in records:
-        cells.setdefault(member_of(record), {}).setdefault((record.cfg, record.asks), []).append(record)
-    if len(cells) * len(columns) > _MOST:
-        what = "recordings" if recorded else "classes"
-        return Matrix(f"{title}: {len(cells):,} {what} in {len(columns):,} columns are too many for a table", (), ())
-    alike: dict[tuple[Entry, ...], list[Any]] = {}
-    for member in sorted(cells):
-        row = tuple(_entry(cells[member].get(column, [])) for column in columns)
-        alike.setdefault(row, []).append(member)
-    width = max(map(_width, records))
-    rows = tuple((_names(found) if recorded else _spans(found, width), row) for row, found in alike.items())
-    return Matrix(title, columns, rows, tuple(map(tuple, alike.values())), "recording" if recorded else "class")
+class _Group:
+    """What was counted for a matrix: per member and column the verdicts, by reason where they are known failures."""
+
+    def __init__(self, first: Record) -> None:
+        self._junction, self._recorded = first.junction, bool(first.recording)
+        self._width = 0
+        self._cells: dict[Any, dict[tuple[str, str], _Counts]] = {}
+
+    def add(self, record: Record) -> bool:
+        """Take a record in, and return whether it is the first of its cell."""
+        self._width = max(self._width, _width(record))
+        row = self._cells.setdefault(member_of(record), {})
+        column = (record.cfg, record.asks)
+        new = column not in row
+        counts = row.setdefault(column, {})
+        kind = f"xfail {record.known.partition(':')[0]}" if record.known else "", record.status
+        counts[kind] = counts.get(kind, 0) + 1
+        return new
+
+    def matrix(self, title: str) -> Matrix:
+        """Return the matrix; one without rows where nobody could read it."""
+        columns = tuple(sorted({column for row in self._cells.values() for column in row}))
+        if len(self._cells) * len(columns) > _MOST:
+            what = "recordings" if self._recorded else "classes"
+            said = f"{len(self._cells):,} {what} in {len(columns):,} columns are too many for a table"
+            return Matrix(f"{title}: {said}", (), (), junction=self._junction)
+        alike: dict[tuple[Entry, ...], list[Any]] = {}
+        for member in sorted(self._cells):
+            row = tuple(_entry(self._cells[member].get(column, {})) for column in columns)
+            alike.setdefault(row, []).append(member)
+        rows = tuple((_names(found) if self._recorded else _spans(found, self._width), row) for row, found in alike.items())
+        corner = "recording" if self._recorded else "class"
+        return Matrix(title, columns, rows, tuple(map(tuple, alike.values())), corner, self._junction)
 
 
 def member_of(record: Record) -> int | str:
@@ -118,13 +158,18 @@ def _width(record: Record) -> int:
     return len(found[1]) if found else 2
 
 
-def _entry(records: Sequence[Record]) -> Entry:
+def _entry(found: _Counts) -> Entry:
     """Return an outcome, or where the rows differ the bad ones with their share; known failures apart."""
-    if not records:
+    if not found:
         return Entry()
-    counts = Counter(record.status for record in records if not record.known)
-    known = Counter(f"xfail {record.known.partition(':')[0]}" for record in records if record.known)
-    worst = min((record.status for record in records), key=lambda outcome: outcome.severity)
+    counts: Counter[Outcome] = Counter()
+    known: Counter[str] = Counter()
+    for (reason, outcome), count in found.items():
+        if reason:
+            known[reason] += count
+        else:
+            counts[outcome] += count
+    worst = min((outcome for _, outcome in found), key=lambda outcome: outcome.severity)
     bad = [outcome for outcome in Outcome.worst_first() if counts[outcome] and outcome.bad]
     only_known = bool(known) and not bad
     if len(counts) + len(known) == 1:
@@ -134,7 +179,8 @@ def _entry(records: Sequence[Record]) -> Entry:
         # What did not run comes first: it may be anything.
         rest = sorted(counts, key=lambda outcome: (outcome is not Outcome.NOT_RUN, outcome.severity))
         shown = [(counts[outcome], outcome.cell) for outcome in rest]
-    return Entry(", ".join(f"{count}/{len(records)} {name}" for count, name in shown), worst, only_known)
+    rows = counts.total() + known.total()
+    return Entry(", ".join(f"{count}/{rows} {name}" for count, name in shown), worst, only_known)
 
 
 def _spans(numbers: Sequence[int], width: int) -> str:

@@ -53,6 +53,8 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
         unfit={test: count for _, report in reports for test, count in report.unfit.items()},
         extents=_extents([report for _, report in reports]),
         complete=all(report.complete for _, report in reports),
+        refused=_refused([report for _, report in reports]),
+        drawn=tuple(dict.fromkeys(drawn for _, report in reports for drawn in report.drawn)),
     )
 
 
@@ -95,6 +97,14 @@ def _extents(reports: Sequence[Report]) -> dict[str, Extent]:
             conflicts=known.conflicts or extent.conflicts,
         )
     return found
+
+
+def _refused(reports: Sequence[Report]) -> dict[str, tuple[str, ...]]:
+    """Return why junctions are left out, by any of the sessions."""
+    found: dict[str, dict[str, None]] = {}
+    for reason, names in (entry for report in reports for entry in report.refused.items()):
+        found.setdefault(reason, {}).update(dict.fromkeys(names))
+    return {reason: tuple(names) for reason, names in found.items()}
 
 
 def _seconds(reports: Sequence[Report]) -> dict[str, float]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from typing import Literal
 
-__all__ = ["BAD", "Outcome"]
+__all__ = ["BAD", "Outcome", "Tallied", "counted", "told_in"]
 
 Meaning = Literal["violated", "error", "flaky", "passed", "idle"]
 Mark = Literal["good", "bad", "doubt", "none"]
@@ -84,3 +85,19 @@ class Outcome(StrEnum):
     def worst_first(cls) -> list[Outcome]:
         """Return all of them, the worst first."""
         return sorted(cls, key=lambda outcome: outcome.severity)
+
+
+Tallied = Outcome | None
+"""What verdicts are counted as; None: known failures."""
+
+
+def told_in(counts: Mapping[Tallied, int]) -> list[Tallied]:
+    """Return what there is any of, in the order of sentences: known failures after what was found out, before what was not."""
+    found = [outcome for outcome in Outcome if outcome.judges or outcome.meaning == "passed"]
+    order = (*found, None, *(outcome for outcome in Outcome if outcome not in found))
+    return [one for one in order if counts.get(one)]
+
+
+def counted(counts: Mapping[Tallied, int]) -> str:
+    """Return verdicts by status: ``3 pass, 1 known failures, 2 NA``."""
+    return ", ".join(f"{counts[one]} {'known failures' if one is None else one.word}" for one in told_in(counts))

@@ -5,17 +5,24 @@ Formats differ in how they show a block, never in which: what one of them says, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
-from pytest_rvads.report.coverage import at_junctions, dropped, measure, traced
-from pytest_rvads.report.figures import extremes, makers, slowest, timing
-from pytest_rvads.report.matrix import Matrix, matrices
+from pytest_rvads.report.coverage import Cells, Requirements, dropped
+from pytest_rvads.report.figures import Extremes, Makers, Timing, slowest
+from pytest_rvads.report.matrix import Matrices, Matrix
+from pytest_rvads.report.places import FEW, Places
+from pytest_rvads.report.record import Record
+from pytest_rvads.report.refused import refused
+from pytest_rvads.report.rollup import Sums, ranked, sums
 from pytest_rvads.report.session_report import Comparison, Report
-from pytest_rvads.report.triage import Cause, causes, idle, known, provoked, unavoidable, unsure
+from pytest_rvads.report.triage import ByText, Cause, causes, idle, known, provoked, unavoidable, unsure
 
-__all__ = ["Block", "Causes", "Changes", "Figures", "Notes", "Verdicts", "outline"]
+__all__ = ["Block", "Causes", "Changes", "Figures", "Notes", "RollUp", "Verdicts", "outline"]
 
+_REASONS = 5
+"""Reasons told in short why junctions are left out."""
 _SLOWEST = 10
 """Runs named that took longest; in short three, and none where all were quicker than a second."""
 
@@ -68,16 +75,35 @@ class Verdicts:
 
 
 @dataclass(frozen=True, slots=True)
+class RollUp:
+    """The verdicts at many junctions in sums, in place of a table for each."""
+
+    sums: tuple[Sums, ...]
+    title: str = "verdicts in sums"
+
+    def plain(self) -> Iterator[str]:
+        """Yield what the block says, a line each."""
+        for table in self.sums:
+            yield from table.plain()
+
+
+@dataclass(frozen=True, slots=True)
 class Causes:
     """What is behind failures, or behind what was no failure, the most frequent first."""
 
     title: str
     causes: tuple[Cause, ...]
+    again: str = "pytest"
+    """The command that runs an item once more."""
 
     def plain(self) -> Iterator[str]:
         """Yield what the block says, a line each."""
         for cause in self.causes:
-            yield f"{cause.count} x {cause.rule}: {cause.line} (first: {cause.example})"
+            yield f"{cause.count} x {cause.rule}: {cause.line} (first: {self.first(cause)})"
+
+    def first(self, cause: Cause) -> str:
+        """Return the command that runs the first item of a cause once more."""
+        return f'{self.again} "{cause.example}"'.lstrip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,41 +113,81 @@ class Figures(_Lines):
     title: str = "coverage"
 
 
-Block = Notes | Changes | Verdicts | Causes | Figures
+Block = Notes | Changes | RollUp | Verdicts | Causes | Figures
 
 
-def outline(report: Report, short: bool = False) -> list[Block]:
-    """Return what a report says; blocks that would be empty are left out.
+class _Tally(Protocol):
+    def add(self, record: Record) -> None: ...
+
+
+_GROUPED: tuple[tuple[str, Callable[[], ByText]], ...] = (
+    ("causes of failures", causes),
+    ("provoked by traffic", provoked),
+    ("unavoidable: nobody could have kept the rule", unavoidable),
+    ("unsure: another reading of what was recorded changes the verdict", unsure),
+    ("known failures", known),
+    ("not applicable, skipped or not run", idle),
+)
+"""Titles of blocks of causes, and what finds them; the last two are left out in short."""
+
+
+def outline(report: Report, short: bool = False, tables: bool = False) -> list[Block]:
+    """Return what a report says, in one pass over its records; blocks that would be empty are left out.
 
     Args:
-        report: of a session, or merged.
+        report: of a session, merged, or of a campaign.
         short: name three slow runs at most, none where all were quick, and leave out what a glance does not need: why items are
             known failures or were not judged, requirements, versions.
+        tables: give the table of every junction also where there are more of them than a few, beside the sums that stand for
+            them otherwise; none where nobody could read them.
     """
-    records = report.records
+    matrices, places, cells, requirements = (
+        Matrices(),
+        Places(report.totals, report.extents),
+        Cells(report.planned),
+        Requirements(),
+    )
+    makers, extremes, timing = Makers(), Extremes(), Timing()
+    groups = [(title, make()) for title, make in (_GROUPED[:-2] if short else _GROUPED)]
+    _fill(report.records, matrices, places, cells, requirements, makers, extremes, timing, *(group for _, group in groups))
+    many = places.many or matrices.too_many
     blocks: list[Block] = [Notes(report.notes)] if report.notes else []
     if report.comparison:
         blocks.append(Changes(report.comparison))
-    blocks += map(Verdicts, matrices(records))
-    grouped = [
-        ("causes of failures", causes),
-        ("provoked by traffic", provoked),
-        ("unavoidable: nobody could have kept the rule", unavoidable),
-        ("unsure: another reading of what was recorded changes the verdict", unsure),
-    ]
-    grouped += [] if short else [("known failures", known), ("not applicable, skipped or not run", idle)]
-    for title, group in grouped:
-        blocks += [Causes(title, tuple(found))] if (found := group(records)) else []
+    blocks += [RollUp(sums(places.found))] if many else []
+    blocks += map(Verdicts, matrices.matrices()) if tables or not many else []
+    for title, group in groups:
+        blocks += [Causes(title, tuple(found), report.again)] if (found := group.causes(many)) else []
     versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
     lines = (
-        *makers(records),
-        *extremes(records),
-        *at_junctions(records, report.totals, report.extents),
-        *timing(records),
+        *makers.lines(),
+        *extremes.lines(),
+        *_at_junctions(places, many),
+        *timing.lines(),
         *(slowest(report.seconds, 3, 1.0) if short else slowest(report.seconds, _SLOWEST)),
-        *([] if short else traced(records)),
+        *([] if short else requirements.lines()),
         *([f"versions: {versions}"] if versions and not short else []),
-        f"coverage: {measure(report)}",
+        f"coverage: {cells.coverage()}",
         *dropped(report),
+        *refused(report, _REASONS if short else None),
     )
     return [*blocks, Figures(lines)]
+
+
+def _fill(records: Iterable[Record], *tallies: _Tally) -> None:
+    """Let all tallies take all records in, in one pass."""
+    adds = [tally.add for tally in tallies]
+    for record in records:
+        for add in adds:
+            add(record)
+
+
+def _at_junctions(places: Places, many: bool) -> Iterator[str]:
+    """Yield a line per junction, of many for the worst alone."""
+    if not many:
+        yield from (place.line() for place in places.found)
+        return
+    worst = ranked(places.found)
+    yield from (place.line() for place in worst[:FEW])
+    if len(worst) > FEW:
+        yield f"... and {len(worst) - FEW} more places, none worse"

@@ -1,5 +1,5 @@
 const session = JSON.parse(document.getElementById("data").textContent);
-const get = id => document.getElementById(id), page = 300;
+const get = id => document.getElementById(id), page = 300, worst = 20;
 let only = null, shown = page;
 function make(tag, parent, text = "", kind = "") {
   const one = document.createElement(tag);
@@ -27,7 +27,8 @@ function list() {
     const cell = row.insertCell();
     if (item.look) make("a", cell, "replay").href = item.look;
   });
-  get("count").textContent = `${found.length} of ${session.items.length} items`;
+  const rest = session.all - session.items.length, more = rest ? `, without ${rest} that this page leaves out` : "";
+  get("count").textContent = `${found.length} of ${session.items.length} items${more}`;
   get("more").hidden = found.length <= shown;
 }
 session.causes.forEach(block => {
@@ -39,13 +40,13 @@ session.causes.forEach(block => {
     row.insertCell().textContent = cause.rule;
     make("button", row.insertCell(), cause.text).onclick = () => pick(item => ids.has(item.id));
     const cell = row.insertCell();
-    cell.textContent = "first: " + cause.first + " ";
+    cell.textContent = `first: ${block.again} "${cause.first}" `;
     if (told.length) make("a", cell, "replay").href = (told.find(item => item.id === cause.first) || told[0]).look;
   });
 });
-session.matrices.forEach(matrix => {
-  make("h3", get("matrices"), matrix.title);
-  const table = make("table", make("div", get("matrices"), "", "scroll"), "", "matrix");
+function draw(matrix, place) {
+  make("h3", place, matrix.title);
+  const table = make("table", make("div", place, "", "scroll"), "", "matrix");
   const head = table.createTHead().insertRow();
   make("th", head, matrix.corner);
   matrix.columns.forEach(([cfg, rule]) => make("th", head, (cfg + " " + rule).trim()));
@@ -59,7 +60,40 @@ session.matrices.forEach(matrix => {
         pick(item => item.group === matrix.title && item.cfg === cfg && item.rule === rule && here.has(item.member));
     });
   });
+}
+function unfold(row, name) {
+  const next = row.nextElementSibling;
+  if (next && next.className === "unfolded") { next.remove(); return; }
+  const place = document.createElement("tr");
+  place.className = "unfolded";
+  row.after(place);
+  const cell = place.insertCell(), folded = make("div", cell);
+  cell.colSpan = row.cells.length;
+  session.matrices.filter(matrix => matrix.junction === name).forEach(matrix => draw(matrix, folded));
+  make("button", folded, "its items").onclick = () => pick(item => item.junction === name);
+}
+session.sums.forEach(sum => {
+  const table = make("table", make("div", get("sums"), "", "scroll"), "", "sums");
+  const head = table.createTHead().insertRow(), body = table.createTBody();
+  sum.columns.forEach((heading, k) => make("th", head, heading, sum.sides[k]));
+  function add([name, ...cells]) {
+    const row = body.insertRow();
+    const choose = () => pick(item => item[sum.corner] === name);
+    make("button", make("th", row), name).onclick = sum.corner === "junction" ? () => unfold(row, name) : choose;
+    cells.forEach((text, k) => {
+      const cell = make("td", row, "", sum.sides[k + 1]);
+      if (text) make("span", cell, text, sum.marks[k + 1] && "s " + sum.marks[k + 1]);
+    });
+  }
+  sum.rows.slice(0, worst).forEach(add);
+  const rest = sum.rows.slice(worst);
+  if (rest.length) {
+    const button = make("button", get("sums"), `${rest.length} more ${sum.corner}s`);
+    button.onclick = () => { button.remove(); rest.forEach(add); };
+  }
 });
+if (session.sums.length) get("matrices").previousElementSibling.hidden = true;
+else session.matrices.forEach(matrix => draw(matrix, get("matrices")));
 Object.keys(session.statuses).forEach(status => { make("option", get("status"), status).value = status; });
 [...new Set(session.items.map(item => item.rule))].sort().forEach(rule => { make("option", get("rule"), rule).value = rule; });
 get("status").onchange = get("rule").onchange = get("search").oninput = () => { shown = page; list(); };

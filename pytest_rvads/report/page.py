@@ -1,22 +1,28 @@
-"""A session's report as a self-contained page: causes, coverage, verdict matrices, and every item with its replay."""
+"""A report as a self-contained page: sums, causes, coverage, verdict matrices, and the items with their replays."""
 
 from __future__ import annotations
 
 import os
 import re
+from collections import Counter
+from collections.abc import Iterator
+from heapq import nsmallest
 from pathlib import Path
 from typing import Any
 
 from pytest_rvads.report.matrix import group_of, member_of
 from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Notes, Verdicts, outline
+from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Notes, RollUp, Verdicts, outline
 from pytest_rvads.report.record import Record
+from pytest_rvads.report.rollup import Sums
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import markup, printable
 
 __all__ = ["page"]
 
+_ITEMS = 5000
+"""Items in a page; of more of them those that went wrong first, from all junctions and rules alike."""
 _WEB = re.compile(r"https://[^\\\s]+")
 _NO_PATH = re.compile(r"[^/?#]*:| *//|.*[\\\t\n]", re.DOTALL)
 """An address with a scheme, of another host, or what browsers would make one of."""
@@ -29,15 +35,34 @@ def page(report: Report, folder: Path) -> str:
         report: of a session, or merged.
         folder: where the page will lie, relative to the folder the session was started in; replay pages are linked from there.
     """
-    blocks = outline(report)
-    seen = {record.status for record in report.records}
+    blocks = outline(report, tables=True)
+    chosen = _chosen(report)
+    seen = {record.status for record in chosen}
     content = {
-        "items": [_item(record, folder) for record in report.records],
+        "items": [_item(record, folder) for record in chosen],
+        "all": len(report.records),
+        "sums": [_sums(table) for block in blocks if isinstance(block, RollUp) for table in block.sums],
         "causes": [_causes(block) for block in blocks if isinstance(block, Causes)],
         "matrices": [_matrix(block) for block in blocks if isinstance(block, Verdicts)],
         "statuses": {outcome: outcome.mark for outcome in Outcome.worst_first() if outcome in seen},
     }
     return webpage("pytest_rvads.report", "page", "rvads verdicts", content, said="".join(map(_said, blocks)))
+
+
+def _chosen(report: Report) -> list[Record]:
+    """Return the records that the page has, in their order."""
+    if len(report.records) <= _ITEMS:
+        return list(report.records)
+    seen: Counter[tuple[int, str, str]] = Counter()
+
+    def ranked() -> Iterator[tuple[int, int, int, Record]]:
+        for number, record in enumerate(report.records):
+            wrong = 0 if record.failed or record.status.bad else 1 if record.status.mark == "doubt" else 2
+            seen[wrong, record.junction, record.asks] += 1
+            yield wrong, seen[wrong, record.junction, record.asks], number, record
+
+    kept = nsmallest(_ITEMS, ranked(), key=lambda found: found[:3])
+    return [record for *_, record in sorted(kept, key=lambda found: found[2])]
 
 
 def _said(block: Block) -> str:
@@ -48,6 +73,8 @@ def _said(block: Block) -> str:
         case Changes(comparison):
             changes = "".join(f"<li>{markup(line)}" for line in comparison.lines())
             return f"<h2>{block.title}</h2><p>{markup(comparison.headline)}</p><ul>{changes}</ul>"
+        case RollUp():
+            return f"<h2>{block.title}</h2><div id=sums></div>"
         case Figures(lines):
             figures = "".join(f"<li>{markup(line)}" for line in lines)
             return f"<div id=causes></div><h2>{block.title}</h2><ul>{figures}</ul>"
@@ -56,7 +83,13 @@ def _said(block: Block) -> str:
 
 def _causes(block: Causes) -> dict[str, Any]:
     causes = [{"count": c.count, "rule": c.rule, "text": c.line, "ids": c.nodeids, "first": c.example} for c in block.causes]
-    return {"title": block.title, "causes": causes}
+    return {"title": block.title, "again": block.again, "causes": causes}
+
+
+def _sums(table: Sums) -> dict[str, Any]:
+    marks = [""] * (1 + len(table.headings)) + ["" if kind is None else kind.mark for kind in table.kinds]
+    rows = [table.cells(row) for row in table.rows]
+    return {"corner": table.corner, "columns": table.columns, "sides": table.sides, "marks": marks, "rows": rows}
 
 
 def _matrix(block: Verdicts) -> dict[str, Any]:
@@ -65,13 +98,15 @@ def _matrix(block: Verdicts) -> dict[str, Any]:
         (label, [(entry.text, entry.bad) for entry in entries], members)
         for (label, entries), members in zip(matrix.rows, matrix.members, strict=True)
     ]
-    return {"title": block.title, "corner": matrix.corner, "columns": matrix.columns, "rows": rows}
+    return {"title": block.title, "junction": matrix.junction, "corner": matrix.corner, "columns": matrix.columns, "rows": rows}
 
 
 def _item(record: Record, folder: Path) -> dict[str, Any]:
     return {
         "id": record.nodeid,
         "group": group_of(record),
+        "junction": record.junction,
+        "kind": record.kind,
         "status": record.status,
         "known": bool(record.known),
         "member": member_of(record),

@@ -9,14 +9,16 @@ import msgspec
 from msgspec.structs import replace
 
 from pytest_rvads.decoding import encode
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.outcome import Outcome, Tallied
 
 __all__ = [
     "AgentRecord",
     "Computing",
     "Difference",
     "Indicators",
+    "PairIndicators",
     "Record",
+    "VehicleIndicators",
     "VerdictRecord",
     "conclude",
     "planned_record",
@@ -222,6 +224,26 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     def asks(self) -> str:
         """The rule, or ``run`` where a test judges the run itself."""
         return self.rule or "run"
+
+    @property
+    def counts_as(self) -> Tallied:
+        """What sums count it as: its status, or None where that is a known failure."""
+        return None if self.known else self.status
+
+    @property
+    def ran_as(self) -> str:
+        """What tells its run from others: the hash, or the name of the run or item where it has none."""
+        return self.hash or self.run or self.nodeid
+
+    @property
+    def kind(self) -> str:
+        """The kind of junction: ``3-way lights``."""
+        return f"{self.ways}-way {self.control}".rstrip()
+
+    @property
+    def where(self) -> str:
+        """The run as sentences name it: test and run, or the run alone where there is no test."""
+        return f"{self.test}[{self.run}]" if self.test else str(self.run)
 
     @property
     def failed(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -11,7 +11,7 @@ from msgspec import Meta, Struct
 
 from pytest_rvads.report.record import Record
 
-__all__ = ["UNFINISHED", "Cell", "Change", "Comparison", "Extent", "Move", "Report", "begun", "cell_of", "in_order"]
+__all__ = ["UNFINISHED", "Cell", "Change", "Comparison", "Drawn", "Extent", "Move", "Report", "begun", "cell_of", "in_order"]
 
 UNFINISHED = 2
 """Exit status of a session that did not come to its end, as of one that was interrupted."""
@@ -37,6 +37,17 @@ class Extent(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Pairs of movements from different entrances, where they count."""
     conflicts: tuple[tuple[Move, Move], ...] = ()
     """Those of them that cross or merge."""
+
+
+class Drawn(Struct, frozen=True, array_like=True):
+    """That a test runs some of what it asks for."""
+
+    test: str
+    what: str
+    """Runs or junctions."""
+    taken: Annotated[int, Meta(ge=0)]
+    total: Annotated[int, Meta(ge=0)]
+    seed: int
 
 
 _KINDS = {
@@ -105,10 +116,11 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A whole session, or several merged into one."""
+    """A whole session, several merged into one, or a campaign."""
 
-    records: tuple[Record, ...]
-    """One per selected item, in the order of the tests; what did not run has the status NOT RUN."""
+    records: Collection[Record]
+    """One per selected item, in the order of the tests; what did not run has the status NOT RUN. There may be more of them than
+    memory holds: who reads them goes through them once, from first to last, and keeps none."""
     totals: dict[int, tuple[int, int]] = field(default_factory=dict)
     """Per number of ways, how many classes and how many full scenarios exist."""
     planned: tuple[Cell, ...] = ()
@@ -131,6 +143,12 @@ class Report:
     """Test to how many scenarios were left out because a vehicle has no room where it would start."""
     extents: dict[str, Extent] = field(default_factory=dict)
     """Junction to how much there is to cover, where `totals` do not tell."""
+    again: str = "pytest"
+    """The command that runs an item once more, when its id follows in quotes."""
+    refused: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Why junctions that tests asked for among others are left out, to their names."""
+    drawn: tuple[Drawn, ...] = ()
+    """Where tests ran only some of what they ask for; the rest is not planned."""
 
     @property
     def ended(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterable, Sequence
 from itertools import groupby
 
 from rich import box
@@ -11,7 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from pytest_rvads.report.matrix import Matrix
-from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Verdicts, outline
+from pytest_rvads.report.outline import Block, Causes, Changes, Figures, RollUp, Verdicts, outline
+from pytest_rvads.report.rollup import WORST, Sums
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.wording import printable
 
@@ -23,6 +25,8 @@ _MOST = 10
 """Causes and changes of a kind listed; the rest is counted."""
 _ROWS = 20
 """Rows of a table shown; those with failures first."""
+_LINES = 100
+"""Lines of all tables of verdicts together; those with failures first."""
 _LENGTH = 20_000
 """Characters of a line shown."""
 _CHANGES = {"NEW": "bold red", "FIXED": "green", "ERODED": "yellow", "LOST": "yellow"}
@@ -38,21 +42,44 @@ def summary(report: Report, *, colour: bool, width: int, unicode: bool, full: bo
         unicode: whether its encoding has box characters.
         full: whether to show all; by default no table is longer than a screen and no list longer than ten.
     """
-    screen = _Screen(colour, width, unicode, None if full else _MOST, None if full else _ROWS)
-    for block in outline(report, short=not full):
-        screen.show(block)
+    screen = _Screen(colour, width, unicode, full, report.again)
+    blocks = outline(report, short=not full, tables=full)
+    tables = [block for block in blocks if isinstance(block, Verdicts)]
+    shown = tables if full else _fitting(tables)
+    for block in blocks:
+        if block not in tables or block in shown:
+            screen.show(block)
+        if tables and block is tables[-1]:
+            screen.left_out(len(tables) - len(shown))
     return screen.text()
 
 
-class _Screen:
-    """Renders blocks; lists longer than `most` and tables longer than `rows` are cut, None: they are not."""
+def _fitting(tables: Sequence[Verdicts]) -> list[Verdicts]:
+    """Return as many tables as fit, one at least: those in which something is wrong, then the first ones."""
+    right = [not any(entry.bad for _, entries in table.matrix.rows for entry in entries) for table in tables]
+    kept: list[Verdicts] = []
+    lines = 0
+    for number in sorted(range(len(tables)), key=right.__getitem__):
+        lines += min(len(tables[number].matrix.rows), _ROWS) + 5  # title, headings, a line below each
+        if kept and lines > _LINES:
+            break
+        kept.append(tables[number])
+    return kept
 
-    def __init__(self, colour: bool, width: int, unicode: bool, most: int | None, rows: int | None) -> None:
+
+class _Screen:
+    """Renders blocks; unless `full`, long lists and tables are cut."""
+
+    def __init__(self, colour: bool, width: int, unicode: bool, full: bool, again: str) -> None:
         self._out = io.StringIO()
         self._console = Console(
             file=self._out, force_terminal=colour, no_color=not colour, width=width, highlight=False, legacy_windows=False
         )
-        self._width, self._unicode, self._most, self._rows = width, unicode, most, rows
+        self._width, self._unicode = width, unicode
+        self._most = None if full else _MOST
+        self._rows = None if full else _ROWS
+        self._sums = None if full else WORST
+        self._all = "--rvads-summary=full shows them all" if again == "pytest" else "reports in files hold them all"
 
     def text(self) -> str:
         """Return what was rendered."""
@@ -66,6 +93,10 @@ class _Screen:
                 for line in comparison.lines(self._most):
                     self._line(f"  {line}", _CHANGES.get(line.partition(" ")[0], ""))
                 self._line("")
+            case RollUp(sums):
+                self._line(block.title, "bold")
+                for table in sums:
+                    self._rolled_up(table)
             case Verdicts(matrix):
                 self._matrix(matrix)
             case Causes():
@@ -74,6 +105,11 @@ class _Screen:
                 for line in lines:
                     self._line(line)
 
+    def left_out(self, tables: int) -> None:
+        """Say how many tables were left out, where any were."""
+        if tables:
+            self._line(f"... and {tables} more table{'' if tables == 1 else 's'}: {self._all}\n")
+
     def _line(self, text: str, style: str = "") -> None:
         self._console.print(_text(text, style), soft_wrap=True)
 
@@ -81,9 +117,28 @@ class _Screen:
         self._line(block.title)
         for cause in block.causes[: self._most]:
             self._line(f"  {cause.count:4d} x {cause.rule}: {cause.line}")
-            self._line(f'         first: pytest "{cause.example}"')
+            self._line(f"         first: {block.first(cause)}")
         if self._most is not None and len(block.causes) > self._most:
-            self._line(f"  ... and {len(block.causes) - self._most} more: --rvads-summary=full shows them all")
+            self._line(f"  ... and {len(block.causes) - self._most} more: {self._all}")
+
+    def _rolled_up(self, sums: Sums) -> None:
+        rows = [sums.cells(row) for row in sums.rows[: self._sums]]
+        wide = [max(map(len, column)) for column in zip(sums.columns, *rows, strict=True)]
+        name = min(wide[0], self._width // 3)
+        for page in _packed([[(i, 3 + wide[i])] for i in range(1, len(wide))], self._width - 3 - name):
+            table = self._new_table()
+            table.add_column(_text(sums.columns[0]), max_width=name, overflow="fold")
+            for i in page:
+                table.add_column(_text(sums.columns[i]), no_wrap=True, overflow="fold", justify=sums.sides[i])
+            for cells in rows:
+                table.add_row(_text(cells[0]), *(_text(cells[i], sums.styles[i]) for i in page))
+            self._console.print(table)
+        if len(sums.rows) > len(rows):
+            self._line(f" ... and {len(sums.rows) - len(rows)} more {sums.corner}s: {self._all}")
+        self._line("")
+
+    def _new_table(self) -> Table:
+        return Table(box=box.SIMPLE_HEAD if self._unicode else box.ASCII2, show_edge=False)
 
     def _matrix(self, whole: Matrix) -> None:
         matrix = whole if self._rows is None else whole.shortened(self._rows)
@@ -91,9 +146,9 @@ class _Screen:
         long = [label for label in dict.fromkeys(cfg for cfg, _ in matrix.columns) if len(label) > _LONG]
         short = {label: f"#{n}" for n, label in enumerate(long, start=1)}
         for columns in _pages(matrix, short, self._width) if matrix.rows else ():
-            self._console.print(_table(matrix, columns, short, self._width, self._unicode))
+            self._console.print(_filled(self._new_table(), matrix, columns, short, self._width))
         if len(matrix.rows) < len(whole.rows):
-            self._line(f" ... and {len(whole.rows) - len(matrix.rows)} more rows: --rvads-summary=full shows them all")
+            self._line(f" ... and {len(whole.rows) - len(matrix.rows)} more rows: {self._all}")
         for label in long:
             self._line(f" {short[label]} = {label}")
         self._line("")
@@ -102,17 +157,22 @@ class _Screen:
 def _pages(matrix: Matrix, short: dict[str, str], width: int) -> list[list[int]]:
     """Split the columns so that no table is wider than the terminal; a configuration stays together where it can."""
     room = width - 3 - min(max(map(len, [matrix.corner, *(label for label, _ in matrix.rows)])), width // 3)
+    groups = groupby(range(len(matrix.columns)), lambda i: matrix.columns[i][0])
+    return _packed([[(i, _wide(matrix, i, short)) for i in group] for _, group in groups], room)
+
+
+def _packed(groups: Iterable[Sequence[tuple[int, int]]], room: int) -> list[list[int]]:
+    """Pack groups of columns, each with its width, into tables that are no wider than the room for them, where they can be."""
     pages: list[list[int]] = [[]]
     used = 0
-    for _, group in groupby(range(len(matrix.columns)), lambda i: matrix.columns[i][0]):
-        columns = list(group)
-        wide = [_wide(matrix, i, short) for i in columns]
-        for k, column in enumerate(columns):
-            if pages[-1] and used + (wide[k] if k else sum(wide)) > room:
+    for group in groups:
+        together = sum(wide for _, wide in group)
+        for k, (column, wide) in enumerate(group):
+            if pages[-1] and used + (wide if k else together) > room:
                 pages.append([])
                 used = 0
             pages[-1].append(column)
-            used += wide[k]
+            used += wide
     return pages
 
 
@@ -123,8 +183,7 @@ def _wide(matrix: Matrix, column: int, short: dict[str, str]) -> int:
     )
 
 
-def _table(matrix: Matrix, columns: list[int], short: dict[str, str], width: int, unicode: bool) -> Table:
-    table = Table(box=box.SIMPLE_HEAD if unicode else box.ASCII2, show_edge=False)
+def _filled(table: Table, matrix: Matrix, columns: list[int], short: dict[str, str], width: int) -> Table:
     # Where it is narrow the classes are broken, not the names of rules.
     room = width - 2 - sum(_wide(matrix, i, short) for i in columns)
     table.add_column(matrix.corner, max_width=max(room, len(matrix.corner)))

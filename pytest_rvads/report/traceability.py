@@ -5,6 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
+from functools import lru_cache, partial
+from tempfile import SpooledTemporaryFile
+from typing import IO
 
 from pytest_rvads.report.outline import outline
 from pytest_rvads.report.session_report import Report
@@ -14,6 +19,7 @@ __all__ = ["table"]
 
 _COLUMNS = {
     "junction": "junction",
+    "control": "control",
     "class": "cls",
     "scenario": "scenario",
     "configuration": "cfg",
@@ -33,38 +39,56 @@ _COLUMNS = {
 """Heading to attribute of the record."""
 _SIMULATED = ("cls", "scenario", "cfg", "rotation")
 """What a recording has none of."""
+_WAITING = 2**20
+"""Characters of rows of a requirement that wait in memory; more of them wait on disk."""
 _FORMULA = re.compile(r"[\s'\"\u200b\ufeff]*[=+\-@＝＋－＠\t\r]")
 """What spreadsheets compute (OWASP, CSV Injection)."""
 _NUMBER = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
 
-def table(report: Report) -> str:
-    """Return a report as comma-separated values: a row per requirement and item, then a row per line of its outline.
+def table(report: Report) -> Iterator[str]:
+    """Yield a report as comma-separated values: a row per requirement and item, then a row per line of its outline.
 
-    Items that trace to no requirement come last, with the first column empty, so that nothing is missing.
+    Items that trace to no requirement come last, with the first column empty, so that nothing is missing. Rows wait on disk for
+    those of requirements that come before theirs.
 
     Who reads such a file with a program expects one heading and one width, so what is said of the whole session has rows of
     that width too: with nothing but ``section`` and ``text``, which rows of items leave empty but for the item's message.
     Whoever sorts, filters or counts by any other column meets items alone. Texts that spreadsheets would take for formulas begin
     with an apostrophe.
+
+    Raises:
+        OSError: there is no room for temporary files.
     """
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["requirement", *_COLUMNS, "versions", "section", "text"])
+    yield _row(["requirement", *_COLUMNS, "versions", "section", "text"])
     versions = "; ".join(f"{name} {version}" for name, version in report.versions.items())
-    rows = [(requirement, record) for record in report.records for requirement in record.requirements or ("",)]
-    for requirement, record in sorted(rows, key=lambda row: (row[0] == "", row[0])):
-        told = ("" if record.recording and key in _SIMULATED else getattr(record, key) for key in _COLUMNS.values())
-        cells = [requirement, *told, versions, "", record.message]
-        writer.writerow(map(_cell, cells))
+    with ExitStack() as files:
+        waiting: dict[str, IO[str]] = {}
+        for record in report.records:
+            told = ["" if record.recording and key in _SIMULATED else getattr(record, key) for key in _COLUMNS.values()]
+            for requirement in record.requirements or ("",):
+                if requirement not in waiting:
+                    waiting[requirement] = files.enter_context(SpooledTemporaryFile(_WAITING, "w+", encoding="utf-8", newline=""))
+                waiting[requirement].write(_row([requirement, *told, versions, "", record.message]))
+        for requirement in sorted(waiting, key=lambda name: (name == "", name)):
+            waiting[requirement].seek(0)
+            yield from iter(partial(waiting[requirement].read, _WAITING), "")
     empty = [""] * (2 + len(_COLUMNS))
-    writer.writerows([*empty, _cell(block.title), _cell(line)] for block in outline(report) for line in block.plain())
+    yield from (_row([*empty, block.title, line]) for block in outline(report) for line in block.plain())
+
+
+def _row(cells: Iterable[object]) -> str:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerow(map(_cell, cells))
     return out.getvalue()
 
 
 def _cell(value: object) -> object:
     """Return a value such that a spreadsheet shows it: after an apostrophe nothing is computed."""
-    if not isinstance(value, str):
-        return value
-    text = printable(value, len(value))
-    return f"'{text}" if _FORMULA.match(value) and not _NUMBER.fullmatch(value) else text
+    return _shown(value) if isinstance(value, str) else value
+
+
+@lru_cache(256)  # the rows of a run have most cells in common
+def _shown(text: str) -> str:
+    shown = printable(text, len(text))
+    return f"'{shown}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else shown

@@ -13,18 +13,24 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, VerdictRecord
 
-__all__ = ["Cause", "causes", "idle", "known", "provoked", "unavoidable", "unsure"]
+__all__ = ["ByCause", "ByText", "Cause", "causes", "idle", "known", "provoked", "unavoidable", "unsure"]
 
 _RULES = 3
 """Rules named per cause; the rest is counted."""
 _INSTANCES = 3
 """Unsure instances of an item that are told; likewise."""
+_IDS = 1000
+"""Items of a cause whose ids are kept; the rest is counted."""
+_GROUPS = 1000
+"""Causes that are told apart; what comes after them is one more."""
+_OPEN = 10_000
+"""Runs that may go on failing: of one that fails once more when so many others have begun to, that is a cause of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,17 +42,16 @@ class Cause:
     text: str
     """What was violated first, without who did it."""
     nodeids: tuple[str, ...]
-    """Its items."""
+    """Its first items."""
+    count: int
+    """How many items it broke."""
     runs: int
     example: str
     """Node id of the first item that tells it."""
     roles: str = ""
     """Who did it most often, up to rotation, where it was not always the same."""
-
-    @property
-    def count(self) -> int:
-        """How many items it broke."""
-        return len(self.nodeids)
+    junctions: int = 0
+    """At how many, where that is told."""
 
     @property
     def rule(self) -> str:
@@ -57,86 +62,178 @@ class Cause:
     @property
     def line(self) -> str:
         """The cause in one line."""
-        where = f", in {self.runs} runs" if self.runs > 1 else ""
+        at = f" at {self.junctions} junction{'' if self.junctions == 1 else 's'}" if self.junctions else ""
+        where = f", in {self.runs} runs{at}" if self.runs > 1 else ""
         return f"{self.text}{where}{f', mostly {self.roles}' if self.roles else ''}"
 
 
-def causes(records: Sequence[Record]) -> list[Cause]:
-    """Group unexpected failures by their cause, the most frequent first."""
-    return _grouped([record for record in records if record.failed])
+class _Part:
+    """Failures of one run that have the same behind them, or a single one."""
 
-
-def provoked(records: Sequence[Record]) -> list[Cause]:
-    """Group what traffic did to a subject that is not to blame, likewise."""
-    return _grouped([record for record in records if record.status is Outcome.PROVOKED])
-
-
-def unavoidable(records: Sequence[Record]) -> list[Cause]:
-    """Group what nobody could have avoided and no test failed for, likewise."""
-    return _grouped([record for record in records if record.status is Outcome.UNAVOIDABLE and not record.failed])
-
-
-def unsure(records: Sequence[Record]) -> list[Cause]:
-    """Group what is UNSURE, and failed no test, by what it hangs on, likewise."""
-    return _worded([(_hanging(record), record) for record in records if record.status is Outcome.UNSURE and not record.failed])
-
-
-def known(records: Sequence[Record]) -> list[Cause]:
-    """Group known failures by what they are known as, likewise."""
-    return _worded([(record.known, record) for record in records if record.known])
-
-
-def idle(records: Sequence[Record]) -> list[Cause]:
-    """Group what neither passed nor failed, is no known failure and not UNSURE, by the reason given, likewise."""
-    rest = [record for record in records if not (record.failed or record.known or record.outcome == "passed")]
-    told = [record for record in rest if record.message and record.status is not Outcome.UNSURE]
-    return _worded([(_first_line(record), record) for record in told])
-
-
-def _worded(told: Sequence[tuple[str, Record]]) -> list[Cause]:
-    """Group records of which the same is told."""
-    groups: dict[str, list[Record]] = {}
-    for text, record in told:
-        groups.setdefault(text, []).append(record)
-    found = [
-        Cause(
-            rules=tuple(dict.fromkeys(record.asks for record in group)),
-            text=text,
-            nodeids=tuple(record.nodeid for record in group),
-            runs=len({record.hash or record.nodeid for record in group}),
-            example=group[0].nodeid,
+    def __init__(self, record: Record, signature: Hashable, text: str, verdict: VerdictRecord | None = None) -> None:
+        self.signature, self.text = signature, text
+        self.verdict, self.time = verdict is not None, _time(record)
+        self.roles = verdict.roles if verdict else ""
+        self.example, self.rule, self.run, self.junction = (
+            record.nodeid,
+            record.asks,
+            record.hash or record.nodeid,
+            record.junction,
         )
-        for text, group in groups.items()
-    ]
-    return sorted(found, key=lambda cause: -cause.count)
+        self.rules, self.ids, self.count, self.number = {record.asks: None}, [record.nodeid], 1, 0
+
+    def joined(self, other: _Part) -> _Part:
+        """Return this part and one that came later of the same run as one: what broke first tells it."""
+        teller = other if other.time < self.time else self
+        teller.rules, teller.ids, teller.count = self.rules | other.rules, self.ids + other.ids, self.count + other.count
+        teller.number = self.number
+        return teller
 
 
-def _grouped(records: Sequence[Record]) -> list[Cause]:
-    first: dict[Hashable, Record] = {}
-    for record in records:
-        if _explains(record):
-            best = first.setdefault(record.hash, record)
-            if _time(record) < _time(best):
-                first[record.hash] = record
-    groups: dict[Hashable, list[tuple[Record, Record]]] = {}
-    for record in records:
-        teller = first[record.hash] if _explains(record) else record
-        groups.setdefault(_signature(teller), []).append((teller, record))
-    return sorted(map(_cause, groups.values()), key=lambda cause: -cause.count)
+class _Group:
+    """Parts with one cause."""
+
+    def __init__(self, first: _Part) -> None:
+        self.first = first
+        self._rules: dict[str, None] = {}
+        self._ids: list[str] = []
+        self.count = 0
+        self._runs: set[str] = set()
+        self._junctions: set[str] = set()
+        self._roles: Counter[str] = Counter()
+
+    def take(self, part: _Part) -> None:
+        """Take a part in."""
+        if part.number < self.first.number:
+            self.first = part
+        if part.verdict and part.run not in self._runs:
+            self._roles[part.roles] += 1
+        self._rules |= part.rules
+        self._ids += part.ids[: _IDS - len(self._ids)]
+        self.count += part.count
+        self._runs.add(part.run)
+        self._junctions.add(part.junction)
+
+    def cause(self, places: bool) -> Cause:
+        """Return what is told of them, and where `places` at how many junctions."""
+        text, roles = self.first.text, self.first.roles
+        if len(self._roles) == 1 and roles:
+            text = f"{text} ({roles})"
+        most = self._roles.most_common(1)[0][0] if len(self._roles) > 1 else ""
+        return Cause(
+            rules=tuple(dict.fromkeys((self.first.rule, *self._rules))),
+            text=text,
+            nodeids=tuple(self._ids),
+            count=self.count,
+            runs=len(self._runs),
+            example=self.first.example,
+            roles=most,
+            junctions=len(self._junctions) if places else 0,
+        )
 
 
-def _cause(group: Sequence[tuple[Record, Record]]) -> Cause:
-    teller = group[0][0]
-    verdict = _verdict(teller)
-    rules = dict.fromkeys((teller.asks, *(record.asks for _, record in group)))
-    runs = {teller.hash or teller.nodeid: teller for teller, _ in group}
-    roles = Counter(v.roles for t in runs.values() if (v := _verdict(t)))
-    most = roles.most_common(1)[0][0] if len(roles) > 1 else ""
-    text = _violated(teller)
-    if verdict and len(roles) == 1 and verdict.roles:
-        text = f"{text} ({verdict.roles})"
-    nodeids = tuple(record.nodeid for _, record in group)
-    return Cause(tuple(rules), text, nodeids, len(runs), teller.nodeid, most)
+class ByText:
+    """Takes records in and groups those of which the same is told.
+
+    Args:
+        text: what is told of a record; None of one that is not among them.
+    """
+
+    def __init__(self, text: Callable[[Record], str | None]) -> None:
+        self._text = text
+        self._groups: dict[Hashable, _Group] = {}
+        self._number = 0
+
+    def add(self, record: Record) -> None:
+        """Take a record in."""
+        text = self._text(record)
+        if text is not None:
+            self._take(self._numbered(_Part(record, text, text)))
+
+    def _numbered(self, part: _Part) -> _Part:
+        self._number = part.number = self._number + 1
+        return part
+
+    def _take(self, part: _Part) -> None:
+        if part.signature not in self._groups and len(self._groups) >= _GROUPS:
+            part.signature, part.text, part.roles = None, f"something else than the {_GROUPS:,} causes told apart", ""
+        group = self._groups.get(part.signature) or self._groups.setdefault(part.signature, _Group(part))
+        group.take(part)
+
+    def causes(self, places: bool = False) -> list[Cause]:
+        """Return the causes, the most frequent first; where `places` with the number of junctions."""
+        ranked = sorted(self._groups.values(), key=lambda group: (-group.count, group.first.number))
+        return [group.cause(places) for group in ranked]
+
+
+class ByCause(ByText):
+    """Takes records in and groups some of them by what broke first in their run.
+
+    Args:
+        chosen: whether a record is one of them.
+    """
+
+    def __init__(self, chosen: Callable[[Record], bool]) -> None:
+        super().__init__(_violated)
+        self._chosen = chosen
+        self._open: dict[str, _Part] = {}
+        """By run what broke first in it so far, with all that this explains."""
+
+    def add(self, record: Record) -> None:
+        """Take a record in."""
+        if not self._chosen(record):
+            return
+        part = self._numbered(_Part(record, _signature(record), _violated(record), _verdict(record)))
+        if not _explains(record):
+            self._take(part)
+        elif known := self._open.get(part.run):
+            self._open[part.run] = known.joined(part)
+        else:
+            self._open[part.run] = part
+            if len(self._open) > _OPEN:
+                self._take(self._open.pop(next(iter(self._open))))
+
+    def causes(self, places: bool = False) -> list[Cause]:
+        """Return the causes, the most frequent first; where `places` with the number of junctions."""
+        for part in self._open.values():
+            self._take(part)
+        self._open.clear()
+        return super().causes(places)
+
+
+def causes() -> ByCause:
+    """Return what groups unexpected failures by their cause."""
+    return ByCause(lambda record: record.failed)
+
+
+def provoked() -> ByCause:
+    """Return what groups what traffic did to a subject that is not to blame, likewise."""
+    return ByCause(lambda record: record.status is Outcome.PROVOKED)
+
+
+def unavoidable() -> ByCause:
+    """Return what groups what nobody could have avoided and no test failed for, likewise."""
+    return ByCause(lambda record: record.status is Outcome.UNAVOIDABLE and not record.failed)
+
+
+def unsure() -> ByText:
+    """Return what groups what is UNSURE, and failed no test, by what it hangs on."""
+    return ByText(lambda record: _hanging(record) if record.status is Outcome.UNSURE and not record.failed else None)
+
+
+def known() -> ByText:
+    """Return what groups known failures by what they are known as."""
+    return ByText(lambda record: record.known or None)
+
+
+def idle() -> ByText:
+    """Return what groups what neither passed nor failed, is no known failure and not UNSURE, by the reason given."""
+
+    def reason(record: Record) -> str | None:
+        rest = not (record.failed or record.known or record.outcome == "passed" or record.status is Outcome.UNSURE)
+        return _first_line(record) if rest and record.message else None
+
+    return ByText(reason)
 
 
 def _explains(record: Record) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -10,6 +10,7 @@ from itertools import product
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.scenarios.configurations import Configuration
+from pytest_rvads.scenarios.forks import forks
 from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
 from pytest_rvads.scenarios.pairs import PAIRED, covering
 from pytest_rvads.scenarios.scenario import Scenario
@@ -116,6 +117,29 @@ class Selection:
                         senses=senses,
                         followers=followers,
                     )
+
+    @cached_property
+    def roomy(self) -> bool:
+        """Whether every vehicle has room where it would start, for certain, so that no scenario has to be looked at."""
+        place = self.place
+        longest = max(distance for configuration in self.configurations for distance in configuration.distances)
+        reach = min(map(place.approach, range(len(place.entrances))))
+        return not any(self.followers) and longest <= reach and not forks(place)
+
+    def fitting(self, unfit: Callable[[ScenarioError], object]) -> Iterator[Scenario]:
+        """Yield the scenarios in which every vehicle has room where it would start.
+
+        Args:
+            unfit: called with the reason for every scenario that is left out.
+        """
+        for scenario in self:
+            if not self.roomy:
+                try:
+                    scenario.starts()
+                except ScenarioError as error:
+                    unfit(error)
+                    continue
+            yield scenario
 
     def _firsts(self) -> Iterator[Directions]:
         """Yield the scenario at row 0 of every selected class."""

@@ -6,11 +6,14 @@ The draw is a field of the scenario (`Scenario.wait`), so a run is as repeatable
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 from pytest_rvads.errors import RuleViolation, RunError, ScenarioError, require
+from pytest_rvads.executors import spread
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.book import get_rule, rules_for
@@ -18,7 +21,8 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import DT
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.simulator import Simulator, simulate
+from pytest_rvads.simulators.choice import Choice, choice, choosing
+from pytest_rvads.simulators.simulator import Simulator, meant, simulate
 
 __all__ = ["Interval", "Spread", "intervals", "sweep"]
 
@@ -82,8 +86,15 @@ class Spread:
         return interval.high - interval.low + DT
 
 
-def sweep(
-    case: Case, rule: str | Rule, low: float, high: float, *, step: float = STEP, simulator: Simulator | None = None
+def sweep(  # noqa: PLR0913 - what to sweep by position, how by keyword
+    case: Case,
+    rule: str | Rule,
+    low: float,
+    high: float,
+    *,
+    step: float = STEP,
+    simulator: Simulator | None = None,
+    executor: Executor | int | None = 1,
 ) -> Spread:
     """Judge a case over a range of the draw of its autopilot.
 
@@ -97,6 +108,7 @@ def sweep(
         high: greatest draw [s].
         step: distance of the draws tried first [s].
         simulator: what makes the runs, as for `simulate`.
+        executor: what makes them side by side, as for `campaign`; this process by default.
 
     Raises:
         ScenarioError: an empty range, or a step below one tick.
@@ -105,18 +117,29 @@ def sweep(
     """
     require(case, Case, "sweep takes a rvads.Case(scenario, driver)", ScenarioError)
     (chosen,) = rules_for(get_rule(rule))
-
-    def status(wait: float) -> Status:
-        verdict = check(simulate(case.but(wait=wait), simulator), chosen)
-        if verdict.status is Status.ERROR:
-            raise RunError(f"{case.scenario.name} with a draw of {wait:g} s can't be judged: {verdict.reason}")
-        return verdict.status
-
-    return Spread(chosen.name, case.scenario, intervals(status, low, high, step))
+    work = partial(_status, case, chosen, Choice(meant(simulator), choice().limits._replace(dump=None)))
+    found = intervals(lambda draws: spread(work, draws, executor, batch=1), low, high, step)
+    return Spread(chosen.name, case.scenario, found)
 
 
-def intervals(status: Callable[[float], Status], low: float, high: float, step: float = STEP) -> tuple[Interval, ...]:
+def _status(case: Case, rule: Rule, made: Choice, wait: float) -> Status:
+    with choosing(made):
+        verdict = check(simulate(case.but(wait=wait)), rule)
+    if verdict.status is Status.ERROR:
+        raise RunError(f"{case.scenario.name} with a draw of {wait:g} s can't be judged: {verdict.reason}")
+    return verdict.status
+
+
+def intervals(
+    statuses: Callable[[Sequence[float]], Iterable[Status]], low: float, high: float, step: float = STEP
+) -> tuple[Interval, ...]:
     """Return the intervals of a range on which a function is constant, as far as points `step` apart show them.
+
+    Args:
+        statuses: returns the values of the function at several points, in their order.
+        low: least point [s].
+        high: greatest point [s].
+        step: distance of those that are asked for first [s].
 
     Raises:
         ScenarioError: an empty range, or a step below one tick.
@@ -125,32 +148,19 @@ def intervals(status: Callable[[float], Status], low: float, high: float, step: 
         raise ScenarioError(f"the range of a draw goes from 0 s or more upwards, got {low!r} to {high!r}")
     if not DT <= step < math.inf:
         raise ScenarioError(f"the step of a sweep must be at least one tick of {DT:g} s, got {step!r}")
-    known: dict[int, Status] = {}
-
-    def at(tick: int) -> Status:
-        if tick not in known:
-            known[tick] = status(round(tick * DT, 6))
-        return known[tick]
-
     first, last, stride = round(low / DT), round(high / DT), round(step / DT)
-    points = [*range(first, last, stride), last]
-    for one, two in pairwise(points):
-        _refine(at, one, two)
+    known: dict[int, Status] = {}
+    asked = list(dict.fromkeys((*range(first, last, stride), last)))
+    while asked:
+        known |= zip(asked, statuses([round(tick * DT, 6) for tick in asked]), strict=True)
+        # Every change is halved at once, until it lies between neighbours.
+        around = pairwise(sorted(known))
+        asked = [(one + two) // 2 for one, two in around if two - one > 1 and known[one] is not known[two]]
     found: list[Interval] = []
-    for tick in sorted(known) or [first]:
-        here = Interval(round(tick * DT, 6), round(tick * DT, 6), at(tick))
+    for tick in sorted(known):
+        here = Interval(round(tick * DT, 6), round(tick * DT, 6), known[tick])
         if found and found[-1].status is here.status:
             found[-1] = Interval(found[-1].low, here.high, here.status)
         else:
             found.append(here)
     return tuple(found)
-
-
-def _refine(at: Callable[[int], Status], one: int, two: int) -> None:
-    """Ask until every change between two ticks lies between neighbours."""
-    if two - one > 1 and at(one) is not at(two):
-        middle = (one + two) // 2
-        _refine(at, one, middle)
-        _refine(at, middle, two)
-    else:
-        at(one), at(two)

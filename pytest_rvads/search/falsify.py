@@ -6,16 +6,20 @@ A run that breaks the rule only because nobody could have obeyed it (see `consis
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Unpack
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
 from pytest_rvads.conduct.blame import cut_short_by
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import Policy
-from pytest_rvads.errors import OpenObligation, RuleViolation, RunError, ScenarioError
+from pytest_rvads.errors import RunError, ScenarioError
+from pytest_rvads.executors import spread
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
@@ -25,26 +29,27 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
-from pytest_rvads.scenarios.classes import label
-from pytest_rvads.scenarios.scenario import Scenario, usual_duration
+from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model
 from pytest_rvads.search.consistency import decide
+from pytest_rvads.search.counterexample import Counterexample
 from pytest_rvads.search.space import Space, explored
-from pytest_rvads.simulators.simulator import Simulator, simulate
+from pytest_rvads.simulators.choice import Choice, choice, choosing
+from pytest_rvads.simulators.patience import Limits
+from pytest_rvads.simulators.simulator import Simulator, meant, simulate
 
-__all__ = ["Counterexample", "Search", "avoidable", "look_for", "pasteable", "score", "violation"]
+__all__ = ["Search", "avoidable", "look_for", "score"]
 
 
-@dataclass(frozen=True, slots=True)
-class Counterexample:
-    """A scenario in which a rule is broken, as simple as it could be made."""
+class Found(NamedTuple):
+    """What a search comes back with."""
 
-    scenario: Scenario
-    verdict: Verdict
-    found: int
-    """Simulations up to the first counterexample."""
+    counterexample: Counterexample | None
+    rule: str
+    """Its name."""
+    triggered: bool
+    """Whether it applied in any simulation."""
     simulations: int
-    """All simulations, those of shrinking included."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,14 +91,41 @@ class Search:
 
     def begin(self, driver: Factory, fleet: Fleet, simulator: Simulator | None, name: str | None = None) -> Counterexample | None:
         """Look for a counterexample, see `look_for`."""
+        return self.settled([self.look(driver, fleet, simulator, name)])
+
+    def look(self, driver: Factory, fleet: Fleet, simulator: Simulator | None, name: str | None = None) -> Found:
+        """Return what a search finds, be it nothing."""
         trial = _Trial(self.rule, self.budget, lambda s: Case(s, driver, self.traffic, fleet), simulator)
-        found = _search(self, trial, fleet.vehicle, name)
-        if found is None and not trial.triggered:
+        return Found(_search(self, trial, fleet.vehicle, name), trial.rule.name, trial.triggered, trial.simulations)
+
+    def parts(self, searches: int) -> list[Search]:
+        """Return so many searches with seeds that follow each other and equal parts of the budget.
+
+        Raises:
+            ScenarioError: no number from 1 to the budget.
+        """
+        if type(searches) is not int or not 1 <= searches <= self.budget:
+            raise ScenarioError(f"searches must be a number from 1 to the budget of {self.budget} simulations, got {searches!r}")
+        share, more = divmod(self.budget, searches)
+        return [replace(self, seed=self.seed + k, budget=share + (k < more)) for k in range(searches)]
+
+    def settled(self, searched: Iterable[Found]) -> Counterexample | None:
+        """Return the first counterexample of several searches.
+
+        Raises:
+            ScenarioError: there is none, and the rule was not triggered in any of them.
+        """
+        known = []
+        for found in searched:
+            if found.counterexample is not None:
+                return found.counterexample
+            known.append(found)
+        if not any(found.triggered for found in known):
             raise ScenarioError(
-                f"{trial.rule.name} was not triggered in any of {trial.simulations} simulations at {self.place.name}, so "
-                "nothing was tried: choose another rule or junction, or look elsewhere"
+                f"{known[0].rule} was not triggered in any of {sum(found.simulations for found in known)} simulations at "
+                f"{self.place.name}, so nothing was tried: choose another rule or junction, or look elsewhere"
             )
-        return found
+        return None
 
 
 def look_for(  # noqa: PLR0913 - keywords; a search has many settings
@@ -107,9 +139,14 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
     fleet: Fleet | None = None,
     name: str | None = None,
     simulator: Simulator | None = None,
+    searches: int = 1,
+    executor: Executor | int | None = None,
     **space: Unpack[Space],
 ) -> Counterexample | None:
     """Look for a scenario in which a rule is broken.
+
+    Several searches go on side by side; the answer is that of the first one, by its seed, that finds something, and does not
+    depend on what works on them.
 
     Args:
         junction: built-in name, or id of a junction in ``map``; or the junction itself.
@@ -121,6 +158,8 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
         fleet: the bodies of the vehicles; passenger cars by default.
         name: under which counterexamples are kept in the example database; None keeps none.
         simulator: what makes the runs, as for `simulate`.
+        searches: how many there are, with the seeds from `seed` on and equal parts of the budget.
+        executor: what they go on side by side on, as for `campaign`; a single one goes on here.
         space: where to look, see `strategies.scenarios`.
 
     Returns:
@@ -131,7 +170,20 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
         ScenarioError: an argument that means nothing, or a rule that never was triggered.
         FormulaError: an unknown rule, or another one that bears the name of a shipped one.
     """
-    return Search.of(junction, rule, traffic, budget, seed, space).begin(autopilot, fleet or Fleet(), simulator, name)
+    search = Search.of(junction, rule, traffic, budget, seed, space)
+    parts = replace(search, rule=get_rule(rule)).parts(searches)
+    if searches == 1 and not isinstance(executor, Executor):
+        return search.begin(autopilot, fleet or Fleet(), simulator, name)
+    made = choice()
+    work = partial(_look, autopilot, fleet or Fleet(), meant(simulator), made.limits._replace(dump=None))
+    with closing(spread(work, [(part, None if k else name) for k, part in enumerate(parts)], executor, batch=1)) as searched:
+        return search.settled(searched)
+
+
+def _look(driver: Factory, fleet: Fleet, simulator: Simulator, limits: Limits, job: tuple[Search, str | None]) -> Found:
+    search, name = job
+    with choosing(Choice(simulator, limits)):
+        return search.look(driver, fleet, simulator, name)
 
 
 def _search(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None) -> Counterexample | None:
@@ -244,39 +296,3 @@ def avoidable(run: Run, rule: Rule) -> bool:
     there = run.zone >= Zone.ENTRANCE
     arrivals = np.where(there.any(axis=0), there.argmax(axis=0), run.steps) * run.dt
     return decide(Model(run.junction, run.agents, [float(time) for time in arrivals]), [rule]).possible
-
-
-def pasteable(scenario: Scenario, rule: str) -> str:
-    """Return a test that runs a scenario and judges it by a rule."""
-
-    def text(values: tuple[float, ...]) -> str:
-        return f"{values[0]:g}" if len(set(values)) == 1 else f"({', '.join(f'{v:g}' for v in values)})"
-
-    place = scenario.place
-    built_in = place.map is None
-    arguments = [repr(place.name if built_in else place.id), f"scenarios={label(scenario.directions, place.lanes)!r}"]
-    arguments += [f"distances={text(scenario.distances)}", f"speeds={text(scenario.speeds)}", f"rules={rule!r}"]
-    arguments += [] if built_in else [f"map={place.map!r}"]
-    for name, usual in (("subject", None), ("wait", 1.5), ("aggression", 1), ("duration", usual_duration(place))):
-        if getattr(scenario, name) != usual:
-            arguments.append(f"{name}={getattr(scenario, name)!r}")
-    lines = [
-        f"@rvads.scenario({', '.join(arguments)})",
-        "def test_counterexample(run, rule, monitor):",
-        "    monitor.check(rule)",
-    ]
-    return "\n".join(lines)
-
-
-def violation(found: Counterexample) -> RuleViolation:
-    """Return the failure that tells of a counterexample."""
-    verdict = found.verdict
-    kind = OpenObligation if verdict.status is Status.OPEN else RuleViolation
-    error = kind(f"{verdict.message}, in {found.scenario.name}")
-    error.add_note(verdict.explanation)
-    more = found.simulations - found.found
-    error.add_note(
-        f"found in simulation {found.found}, made simpler in {more} more; to see it again:\n\n"
-        + pasteable(found.scenario, verdict.rule)
-    )
-    return error

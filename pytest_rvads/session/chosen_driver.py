@@ -1,50 +1,19 @@
-"""What drives, as an option names it, and where a fixture for it was defined in vain."""
+"""Where a fixture for what drives was defined in vain."""
 
 from __future__ import annotations
 
 import difflib
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from pytest_rvads.drivers.naming import at
-from pytest_rvads.errors import AutopilotError
-
-__all__ = ["chosen", "where_else"]
+__all__ = ["where_else"]
 
 _NAME = "rvads_autopilot"
 _ALIKE = 0.8
 """How alike a misspelt name is to the right one, see `difflib`."""
 _ELSEWHERE: pytest.StashKey[str] = pytest.StashKey()
-
-
-def chosen(name: str, here: Path) -> Any:
-    """Return the autopilot that ``--rvads-autopilot`` names: ``reference``, a traffic policy, or ``module:name``.
-
-    Args:
-        name: the value of the option.
-        here: where pytest was started; modules are looked for there first.
-
-    Raises:
-        RvadsError: there is none, or nothing that can be called.
-    """
-    if name == "reference":
-        from pytest_rvads.drivers.reference import Reference
-
-        return Reference
-    if ":" not in name:
-        from pytest_rvads.drivers.traffic import traffic
-
-        return traffic(name, "autopilot")
-    try:
-        found = at(name, here)
-    except (ImportError, AttributeError) as error:
-        raise AutopilotError(f"rvads_autopilot must name an autopilot as module:name, got {name!r}: {error}") from error
-    if not callable(found):
-        raise AutopilotError(f"rvads_autopilot must name a class or something callable, {name!r} is {found!r:.60}")
-    return found
 
 
 def where_else(session: pytest.Session) -> str:

@@ -203,6 +203,8 @@ class Session:
             left_out=plan.left_out,
             unfit=plan.unfit,
             extents=plan.extents,
+            refused=plan.refused,
+            drawn=tuple(plan.drawn),
             seconds=self._by_run(),
         )
         if self.baseline:

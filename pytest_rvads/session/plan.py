@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
-from pytest_rvads.collection.expansion import EXTENTS, LEFT_OUT, UNFIT
+from pytest_rvads.collection.planned import DRAWN, EXTENTS, LEFT_OUT, REFUSED, UNFIT
 
 if TYPE_CHECKING:
     from pytest_rvads.collection import Cell as Parameter
     from pytest_rvads.collection import RecordedCell
     from pytest_rvads.report.record import Record
-    from pytest_rvads.report.session_report import Cell, Extent
+    from pytest_rvads.report.session_report import Cell, Drawn, Extent
 
 __all__ = ["Plan", "Planner", "in_part", "start"]
 
@@ -44,26 +44,32 @@ class Plan:
     """Test to how many scenarios were left out because a vehicle has no room where it would start."""
     extents: dict[str, Extent] = field(default_factory=dict)
     """Junction to how much there is to cover, where its number of ways does not tell."""
+    refused: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Why junctions are left out, to their names."""
+    drawn: dict[Drawn, None] = field(default_factory=dict)
+    """Where tests run only some of what they ask for."""
 
     def pack(self) -> str:
         """Return the plan as one string of JSON."""
         named = sorted(self.deselected), sorted(self.files), self.left_out, self.unfit
         if not self.cells:  # nothing of ours, so nothing more is loaded
-            return json.dumps([[], [], [], *named, {}])
+            return json.dumps([[], [], [], *named, {}, {}, []])
         from pytest_rvads.decoding import encode
 
         ours = list(self.cells), *map(list, (self.items.values(), self.vanished.values()))
-        return encode([*ours, *named, self.extents]).decode()
+        return encode([*ours, *named, self.extents, self.refused, list(self.drawn)]).decode()
 
     def unpack(self, text: str) -> None:
         """Take in a packed plan; all workers send the same one."""
-        cells, items, vanished, deselected, files, left_out, unfit, extents = json.loads(text)
+        cells, items, vanished, deselected, files, left_out, unfit, extents, refused, drawn = json.loads(text)
         if cells:
             from msgspec import convert
 
             from pytest_rvads.report.record import received
-            from pytest_rvads.report.session_report import Extent
+            from pytest_rvads.report.session_report import Drawn, Extent
 
+            self.refused |= convert(refused, dict[str, tuple[str, ...]])
+            self.drawn |= dict.fromkeys(convert(drawn, list[Drawn]))
             self.extents |= convert(extents, dict[str, Extent])
             self.cells |= {(*cell,): None for cell in cells}
             self.items |= {record.nodeid: record for record in map(received, items)}
@@ -122,6 +128,10 @@ class Planner:
         self._plan.left_out |= left_out
         self._plan.unfit |= unfit
         self._plan.extents |= extents
+        refused: dict[str, dict[str, None]] = stash.setdefault(REFUSED, {})
+        drawn: dict[Drawn, None] = stash.setdefault(DRAWN, {})
+        self._plan.refused |= {reason: tuple(names) for reason, names in refused.items()}
+        self._plan.drawn |= drawn
         self._collected, self._selected = [], []
         return self._plan
 
@@ -132,10 +142,10 @@ class Planner:
     def gone(self, nodeid: str) -> bool:
         """Tell whether an item that was not selected does not exist any more, as far as this session can tell.
 
-        That is so when its file is not there, or was collected as a whole without giving the item.
+        That is so when its file is not there, or was collected as a whole without giving the item, and none of its test is drawn.
         """
         plan = self.plan()
-        if nodeid in plan.deselected:
+        if nodeid in plan.deselected or nodeid.partition("[")[0] in {drawn.test for drawn in plan.drawn}:
             return False
         if not (self._config.rootpath / _file(nodeid)).exists():
             return True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations
@@ -94,7 +95,7 @@ def agree(
     simulators: tuple[str, str],
     trials: Sequence[Trial | Mutant],
     *,
-    workers: int | None = None,
+    executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> Iterator[Agreement]:
     """Yield what two simulators say of every case, in order.
@@ -102,10 +103,10 @@ def agree(
     Args:
         simulators: their names, as options call them.
         trials: what is tried on both.
-        workers: processes; as many as there are processors by default.
+        executor: as for `spread`.
         progress: called after every case.
     """
-    return spread(partial(_both, simulators), trials, workers, progress, batch=1)
+    return spread(partial(_both, simulators), trials, executor, progress, batch=1)
 
 
 def differences(found: Agreement, simulators: tuple[str, str]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
@@ -48,9 +49,11 @@ class Killing:
     relations: tuple[str, ...]
 
 
-def kill_all(workers: int | None = None, progress: Progress | None = None, simulator: str | None = None) -> list[Killing]:
+def kill_all(
+    executor: Executor | int | None = None, progress: Progress | None = None, simulator: str | None = None
+) -> list[Killing]:
     """Try every mutant, in runs by the simulator of that name."""
-    return list(spread(partial(killed_by, simulator=simulator), list(MUTANTS), workers, progress, batch=1))
+    return list(spread(partial(killed_by, simulator=simulator), list(MUTANTS), executor, progress, batch=1))
 
 
 def killed_by(name: str, simulator: str | None = None) -> Killing:

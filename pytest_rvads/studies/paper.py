@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 
 from pytest_rvads.executors import Progress, spread
@@ -24,7 +25,7 @@ def compute(
     *,
     tables: Sequence[Table] = TABLES,
     numbers: Sequence[int] = (1, 2, 3, 4),
-    workers: int | None = None,
+    executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> dict[Key, str]:
     """Simulate and judge every cell.
@@ -33,7 +34,7 @@ def compute(
         setup: constants, deficiencies and draw of all runs; those of the paper by default.
         tables: both by default.
         numbers: classes to run.
-        workers: processes; as many as there are processors by default.
+        executor: as for `spread`.
         progress: called after every run.
 
     Returns:
@@ -45,13 +46,15 @@ def compute(
     wanted = [entry for table in tables for entry in entries(table) if entry.number in numbers]
     jobs = [(entry, setup or Setup()) for entry in wanted]
     verdicts: dict[Key, str] = {}
-    for entry, found in zip(wanted, spread(judge, jobs, workers, progress), strict=True):
+    for entry, found in zip(wanted, spread(judge, jobs, executor, progress), strict=True):
         for rule, value in found.items():
             verdicts[entry.key(rule)] = value
     return verdicts
 
 
-def sweep(setup: Setup | None = None, *, workers: int | None = None, progress: Progress | None = None) -> dict[Key, Shares]:
+def sweep(
+    setup: Setup | None = None, *, executor: Executor | int | None = None, progress: Progress | None = None
+) -> dict[Key, Shares]:
     """Return, for every cell whose run draws, how often each verdict comes over the range of the draw."""
     setup = setup or Setup()
     jobs: list[Job] = []
@@ -63,7 +66,7 @@ def sweep(setup: Setup | None = None, *, workers: int | None = None, progress: P
             waits = [round(low + k * SWEEP_STEP, 6) for k in range(count)]
             jobs += [(entry, replace(setup, wait=wait)) for wait in waits]
     seen: dict[Key, list[str]] = {}
-    for (entry, _), found in zip(jobs, spread(judge, jobs, workers, progress), strict=True):
+    for (entry, _), found in zip(jobs, spread(judge, jobs, executor, progress), strict=True):
         for rule, value in found.items():
             seen.setdefault(entry.key(rule), []).append(value)
     return {key: {word: values.count(word) / len(values) for word in ("FAIL", "PASS", "NA")} for key, values in seen.items()}

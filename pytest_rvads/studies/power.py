@@ -7,6 +7,7 @@ without the deficiency does not break there.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -88,7 +89,7 @@ def measure(  # noqa: PLR0913 - what to measure by position, how by keyword
     deficiencies: Iterable[str] = tuple(DEFICIENCIES),
     among: str | None = None,
     simulator: str | None = None,
-    workers: int | None = None,
+    executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> list[Power]:
     """Measure every method on every deficiency.
@@ -100,7 +101,7 @@ def measure(  # noqa: PLR0913 - what to measure by position, how by keyword
         among: a traffic policy: the vehicle at entrance 0 alone has the deficiency, and the others drive like that; by default
             all vehicles have it.
         simulator: what makes the runs, by name.
-        workers: processes.
+        executor: as for `spread`.
         progress: called after every scenario that had to be simulated; their number grows as the search goes on.
     """
     known: dict[Job, bool] = {}
@@ -112,7 +113,7 @@ def measure(  # noqa: PLR0913 - what to measure by position, how by keyword
                 [(deficiency, _canonical(deficiency, s, among), among, simulator) for s in islice(method(place, seed), budget)]
                 for seed in range(seeds)
             ]
-            counts = _race(orders, known, workers, progress)
+            counts = _race(orders, known, executor, progress)
             found.append(Power(deficiency, name, tuple(counts), budget))
     return found
 
@@ -124,14 +125,16 @@ def _canonical(deficiency: str, scenario: Scenario, among: str | None) -> Scenar
     return scenario if deficiency == "I2" or not scenario.rotation else scenario.but(rotation=0)
 
 
-def _race(orders: list[list[Job]], known: dict[Job, bool], workers: int | None, progress: Progress | None) -> list[int]:
+def _race(
+    orders: list[list[Job]], known: dict[Job, bool], executor: Executor | int | None, progress: Progress | None
+) -> list[int]:
     """Return, per order, how many scenarios come up to the first that detects; the seeds go on side by side."""
     done: dict[int, int] = {}
     budget = len(orders[0])
     for k in range(budget):
         racing = [i for i in range(len(orders)) if i not in done]
         jobs = list(dict.fromkeys(orders[i][k] for i in racing if orders[i][k] not in known))
-        known |= dict(zip(jobs, spread(detects, jobs, workers, progress), strict=True)) if jobs else {}
+        known |= dict(zip(jobs, spread(detects, jobs, executor, progress), strict=True)) if jobs else {}
         done |= {i: k + 1 for i in racing if known[orders[i][k]]}
     return [done.get(i, budget + 1) for i in range(len(orders))]
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -64,7 +65,7 @@ class Compared:
 
 
 def compare(
-    path: str | Path, *, simulator: str | None = None, workers: int | None = None, progress: Progress | None = None
+    path: str | Path, *, simulator: str | None = None, executor: Executor | int | None = None, progress: Progress | None = None
 ) -> list[Compared]:
     """Simulate every run of a recorded file by the simulator of that name.
 
@@ -84,7 +85,7 @@ def compare(
     for run, row in zip(runs, kinds, strict=True):
         for column, kind in enumerate(row):
             earliest[kind] = min(_late(run.entry(column)), earliest.get(kind, math.inf))
-    simulated = list(spread(partial(_simulate, simulator), [*sites, *lone.values()], workers, progress))
+    simulated = list(spread(partial(_simulate, simulator), [*sites, *lone.values()], executor, progress))
     alone = zip(lone, simulated[len(sites) :], strict=True)
     free = {kind: _late(entries[kind[0]]) - earliest[kind] for kind, (_, entries) in alone}
     return [

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,10 +101,10 @@ def p1_margin(run: Run) -> int:
     return min(gaps, default=run.steps)
 
 
-def p1_margins(*, workers: int | None = None, progress: Progress | None = None) -> dict[tuple[int, int, str], int]:
+def p1_margins(*, executor: Executor | int | None = None, progress: Progress | None = None) -> dict[tuple[int, int, str], int]:
     """Return `p1_margin` per class, row and configuration of the stop table."""
     wanted = list(entries(STOP))
-    found = spread(_margin, wanted, workers, progress)
+    found = spread(_margin, wanted, executor, progress)
     return {(e.number, e.row, e.configuration): ticks for e, ticks in zip(wanted, found, strict=True)}
 
 
@@ -111,13 +112,13 @@ def ablation(
     base: Mapping[Key, str],
     *,
     names: tuple[str, ...] = ("i1", "i2", "i3", "i4", "i5"),
-    workers: int | None = None,
+    executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> Flips:
     """Return, per deficiency switched off, the cells that flip against `base`, the verdicts with all of them on."""
     jobs = [(entry, Setup(off=(name,))) for name in names for table in TABLES for entry in entries(table)]
     found: dict[str, list[tuple[Key, str, str]]] = {name: [] for name in names}
-    for (entry, setup), verdicts in zip(jobs, spread(judge, jobs, workers, progress), strict=True):
+    for (entry, setup), verdicts in zip(jobs, spread(judge, jobs, executor, progress), strict=True):
         for rule, value in verdicts.items():
             if base[entry.key(rule)] != value:
                 found[setup.off[0]].append((entry.key(rule), base[entry.key(rule)], value))
@@ -128,12 +129,12 @@ def rooms(
     base: Mapping[Key, str],
     *,
     names: tuple[str, ...] = tuple(FREE),
-    workers: int | None = None,
+    executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Room]:
     """Return how far each free constant can move, the others fixed, with every cell as in `base`."""
     jobs = [(name, sign, dict(base)) for name in names for sign in (-1.0, 1.0)]
-    found = list(spread(_room, jobs, workers, progress, batch=1))
+    found = list(spread(_room, jobs, executor, progress, batch=1))
     return {name: Room(found[2 * k], found[2 * k + 1], FREE[name].limit) for k, name in enumerate(names)}
 
 

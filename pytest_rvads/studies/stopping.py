@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict
 
 from pytest_rvads.drivers.traffic import traffic
@@ -27,7 +28,7 @@ def closed_envelope(
     aggressions: Sequence[int] = (1, 2, 3),
     *,
     simulator: str | None = None,
-    workers: int | None = None,
+    executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> dict[int, tuple[float | None, ...]]:
     """Return what the autopilot `name` reaches of v(d)max [m/s] over `distances` [m], for every aggression.
@@ -38,7 +39,7 @@ def closed_envelope(
     traffic(name, "autopilot")
     named(simulator)
     jobs: list[_Job] = [(name, float(distance), level, simulator, None, None) for level in aggressions for distance in distances]
-    found = list(spread(_work, jobs, workers, progress))
+    found = list(spread(_work, jobs, executor, progress))
     count = len(distances)
     return {level: tuple(found[k * count : (k + 1) * count]) for k, level in enumerate(aggressions)}
 
@@ -49,7 +50,7 @@ def closed_by_movement(
     place: Junction,
     *,
     simulator: str | None = None,
-    workers: int | None = None,
+    executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> dict[Key, dict[float, float | None]]:
     """Return what the autopilot `name` reaches of v(d)max [m/s] on the way to every movement of a junction, at aggression 1.
@@ -69,7 +70,7 @@ def closed_by_movement(
         if distance <= place.approach(key[0])
     ]
     found: dict[Key, dict[float, float | None]] = {key: {} for key in sorted(place.movements)}
-    for (_, distance, _, _, _, key), speed in zip(jobs, spread(_work, jobs, workers, progress), strict=True):
+    for (_, distance, _, _, _, key), speed in zip(jobs, spread(_work, jobs, executor, progress), strict=True):
         if key is not None:
             found[key][distance] = speed
     return found

@@ -244,6 +244,37 @@ def test_the_index_leads_from_a_cell_to_its_replay(open_page: Open) -> None:
     assert by_id(browser, "count").text == "1 of 798 items"
 
 
+def test_the_sums_of_a_town_lead_to_the_table_and_the_items_of_a_junction(open_page: Open) -> None:
+    records = [
+        structs.replace(record(cls, rule, "FAIL" if (place, cls) == (24, 2) else "PASS"), junction=f"J{place}", control="stop")
+        for place in range(25)
+        for cls in (1, 2)
+        for rule in ("p1", "p2")
+    ]
+    browser = open_page(page(Report(tuple(records)), Path(".rvads")), "")
+
+    def names() -> list[str]:
+        return [one.text for one in browser.find_elements("css selector", ".sums button")]
+
+    assert names() == ["4-way stop", "p1", "p2", "J24", *(f"J{place}" for place in range(19))], "the worst first"
+    assert not browser.find_elements("css selector", ".matrix")
+    browser.find_element("xpath", "//button[text()='5 more junctions']").click()
+    assert names()[-5:] == [f"J{place}" for place in range(19, 24)]
+    worst = browser.find_element("xpath", "//button[text()='J24']")
+    worst.click()
+    assert browser.find_element("css selector", ".unfolded h3").text == "J24 test_x.py::test"
+    browser.find_element("xpath", "//tr[@class='unfolded']//button[text()='FAIL']").click()
+    assert by_id(browser, "count").text == "1 of 100 items"
+    browser.find_element("xpath", "//button[text()='its items']").click()
+    assert by_id(browser, "count").text == "4 of 100 items"
+    worst.click()
+    assert not browser.find_elements("css selector", ".unfolded")
+    browser.find_element("xpath", "//button[text()='p2']").click()
+    assert by_id(browser, "count").text == "50 of 100 items"
+    browser.find_element("xpath", "//button[text()='4-way stop']").click()
+    assert by_id(browser, "count").text == "100 of 100 items"
+
+
 def test_a_row_of_recordings_leads_to_all_of_them(open_page: Open) -> None:
     """Its label names three of nine; what is unsure has the mark of a doubt."""
 
@@ -306,6 +337,18 @@ def test_an_index_shows_hostile_texts_and_can_be_clicked(open_page: Open, text: 
     assert {link.get_attribute("protocol") for link in browser.find_elements("tag name", "a")} <= {"file:"}
     assert untouched(browser)
     assert browser.find_element("css selector", ".note").text == printable(text)
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_sums_show_hostile_names_and_can_be_clicked(open_page: Open, text: str) -> None:
+    records = [structs.replace(record(1, text, "FAIL"), junction=f"{text}{place}", control=text) for place in range(5)]
+    browser = open_page(page(Report(tuple(records)), Path()))
+    for button in browser.find_elements("css selector", ".sums button"):
+        button.click()
+    assert len(browser.find_elements("css selector", ".unfolded .matrix")) == 5
+    assert untouched(browser)
+    kind = browser.find_element("css selector", ".sums button")
+    assert kind.get_property("textContent") == printable(f"4-way {text}".rstrip())
 
 
 @pytest.mark.parametrize("text", HOSTILE)

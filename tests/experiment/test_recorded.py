@@ -68,7 +68,7 @@ def file(tmp_path: Path) -> Path:
 
 
 def test_a_run_is_compared_vehicle_by_vehicle(file: Path) -> None:
-    (found,) = compare(file, workers=1)
+    (found,) = compare(file, executor=1)
     assert {rule: one for rule, (one, _) in found.verdicts.items()} == {"p1": "PASS", "p2": "FAIL", "p3": "NA"}
     assert [one for one, _ in found.entries.values()] == [1.0, 2.0, 3.0]
     simulated = [two for _, two in found.entries.values()]
@@ -85,8 +85,8 @@ def test_entrances_may_be_empty(tmp_path: Path) -> None:
     data["runs"][0]["verdicts"] = {"one-car-in-junction": "perhaps"}
     path = tmp_path / "two.json"
     path.write_text(json.dumps(data))
-    (found,) = compare(path, workers=1)
-    (whole,) = compare(file_of(tmp_path, document()), workers=1)
+    (found,) = compare(path, executor=1)
+    (whole,) = compare(file_of(tmp_path, document()), executor=1)
     assert list(found.entries) == ["c0", "c2"]
     assert found.entries["c0"] == whole.entries["c0"], "c0 goes first either way"
     assert found.entries["c2"][1] < whole.entries["c2"][1], "c2 no longer waits for c1"
@@ -174,7 +174,7 @@ def test_recorded_t_junctions_are_predicted(name: str, shared: Path, tmp_path: P
     path = tmp_path / "some.json"
     path.write_text(json.dumps(data))
     # Of seven runs two at most may differ; the slow test asks for nine in ten of all.
-    assert min(agreement(compare(path, workers=1))) >= 5 / 7
+    assert min(agreement(compare(path, executor=1))) >= 5 / 7
 
 
 @pytest.mark.slow

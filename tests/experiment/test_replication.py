@@ -32,7 +32,7 @@ def test_a_deficiency_that_is_switched_off_flips_the_cells_it_stands_behind(monk
     table = Table("light4", "paper_light4", {3: "1233"}, "G", ("p4", "p6"), 40.0)
     monkeypatch.setattr(replication, "TABLES", (table,))
     cells = {key: value for key, value in published((3,)).items() if key[2] == "G"}
-    flips = ablation(cells, names=("i4", "i5"), workers=1)
+    flips = ablation(cells, names=("i4", "i5"), executor=1)
     assert flips == {"i4": [], "i5": [((3, row, "G", "p6"), "FAIL", "PASS") for row in range(4)]}
     shown = replication.text_ablation(flips).splitlines()
     assert shown[-2:] == ["I5: 4 cells", "  p6 of G  FAIL -> PASS  class.row 3.1 3.2 3.3 3.4"]
@@ -43,7 +43,7 @@ def test_the_room_of_the_draw_is_the_time_at_the_entrance(monkeypatch: pytest.Mo
     table = Table("light4", "paper_light4", {4: "2121"}, "J", ("p5",), 40.0)
     monkeypatch.setitem(FREE, "draw", Free(FREE["draw [s]"].move, 0.02, 0.2, (table,)))
     base = {key: value for key, value in published((4,)).items() if key[2:] == ("J", "p5")}
-    (room,) = rooms(base, names=("draw",), workers=1).values()
+    (room,) = rooms(base, names=("draw",), executor=1).values()
     assert 0.08 <= room.up - room.down <= 0.12
     assert room.down < 0.0 < room.up, "the draw of the tables is not at the edge of its window"
 
@@ -52,7 +52,7 @@ def test_a_constant_that_decides_nothing_has_all_the_room(monkeypatch: pytest.Mo
     table = Table("stop4", "paper_stop4", {1: "2111"}, "A", ("p2",), 5.0)
     monkeypatch.setitem(FREE, "wait", Free(lambda by: Setup(wait=1.0 + by), 0.25, 0.25, (table,)))
     base = {key: value for key, value in published((1,)).items() if key[2:] == ("A", "p2")}
-    assert rooms(base, names=("wait",), workers=1) == {"wait": Room(-0.25, 0.25, 0.25)}
+    assert rooms(base, names=("wait",), executor=1) == {"wait": Room(-0.25, 0.25, 0.25)}
 
 
 def test_the_tables_of_margins_and_room_read_as_they_should() -> None:

@@ -39,7 +39,7 @@ def told(trials: Sequence[Trial | Mutant]) -> list[str]:
     """What differs on both engines, in lines; entry times that are far apart are among them."""
     lines = []
     count = 0
-    for found in agree(ENGINES, trials, workers=1):
+    for found in agree(ENGINES, trials, executor=1):
         count += 1
         lines += differences(found, ENGINES)
         lines += [f"{found.name}: entries differ by {shift} s" for shift in found.shifts if shift > EARLY]
@@ -82,7 +82,7 @@ def test_in_what_kills_a_mutant() -> None:
 @pytest.mark.parametrize("name", contact_cases())
 def test_in_a_collision(name: str) -> None:
     case = contact_cases()[name]
-    (found,) = agree(ENGINES, [Trial(case, ("no_collision",))], workers=1)
+    (found,) = agree(ENGINES, [Trial(case, ("no_collision",))], executor=1)
     assert differences(found, ENGINES) == []
     # Traffic is to blame where it runs into the vehicle ahead, or came to the stop sign second and goes on.
     blamed = "PROVOKED" if name in ("rear-end", "standing vehicle hit", "cyclist") else "FAIL"
@@ -171,7 +171,7 @@ def with_deaf(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("with_deaf")
 def test_what_differs_is_told() -> None:
     case = contact_cases()["crossing"]
-    (found,) = agree(("bullet", "deaf"), [Trial(case, ("no_collision",))], workers=1)
+    (found,) = agree(("bullet", "deaf"), [Trial(case, ("no_collision",))], executor=1)
     assert not found.same
     lines = differences(found, ("bullet", "deaf"))
     name = case.scenario.name
@@ -190,14 +190,14 @@ def test_a_case_that_a_simulator_refuses_is_told_as_a_difference(monkeypatch: py
         return simulator.simulate(case, by)
 
     monkeypatch.setattr(agreement, "simulate", refuse)
-    (found,) = agree(ENGINES, [Trial(contact_cases()["crossing"], ("no_collision",))], workers=1)
+    (found,) = agree(ENGINES, [Trial(contact_cases()["crossing"], ("no_collision",))], executor=1)
     lines = differences(found, ENGINES)
     assert any(line.endswith("simulating is nothing by bullet, refused (no place for a0) by mujoco") for line in lines)
 
 
 def test_a_case_that_neither_can_simulate_is_told_and_counts_as_no_verdict() -> None:
     case = contact_cases()["crossing"].but(distance=1000.0)
-    (found,) = agree(ENGINES, [Trial(case, ("no_collision",))], workers=1)
+    (found,) = agree(ENGINES, [Trial(case, ("no_collision",))], executor=1)
     (line,) = differences(found, ENGINES)
     assert re.search(r": simulating is refused \(.*1000.* by both$", line)
     assert "| far | 1 | 0 of 0 |  |" in text_agreements({"far": [found]}, ENGINES)

@@ -17,8 +17,8 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def test_jobs_come_back_in_their_places_from_any_number_of_processes() -> None:
-    one = closed_envelope("lgsvl", (0.01, 0.3), (1, 2), workers=1)
-    assert one == closed_envelope("lgsvl", (0.01, 0.3), (1, 2), workers=2)
+    one = closed_envelope("lgsvl", (0.01, 0.3), (1, 2), executor=1)
+    assert one == closed_envelope("lgsvl", (0.01, 0.3), (1, 2), executor=2)
     assert [row[0] for row in one.values()] == [None, None], "I1"
     assert one[1][1] < one[2][1]
 

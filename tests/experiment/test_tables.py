@@ -36,7 +36,7 @@ def part() -> dict[Key, str]:
 
 @pytest.fixture(scope="module")
 def verdicts() -> dict[Key, str]:
-    return compute(workers=1)
+    return compute(executor=1)
 
 
 # With stop signs nine runs (five rows in turn, and four times row 3 as well), with lights five, of three rules each. The paper
@@ -131,7 +131,7 @@ def test_a_table_that_knows_only_rule_and_configuration_gets_117_cells() -> None
 
 def test_verdicts_are_the_same_in_other_processes(part: dict[Key, str]) -> None:
     few = replace(STOP, configurations="CE")
-    found = compute(tables=(few,), numbers=(1,), workers=2)
+    found = compute(tables=(few,), numbers=(1,), executor=2)
     assert list(found) == [key for key in KEYS if key[0] == 1 and key[2] in "CE"]
     both = found.keys() & part.keys()
     assert {key: found[key] for key in both} == {key: part[key] for key in both}
@@ -146,6 +146,6 @@ def test_halving_the_step_changes_no_verdict(verdicts: dict[Key, str], tmp_path:
     source = run.read_text()
     assert source.count("\nDT = 0.01\n") == 1
     run.write_text(source.replace("\nDT = 0.01\n", "\nDT = 0.005\n"))
-    code = "from pytest_rvads.studies.paper import compute; print(repr(compute(workers=1)))"
+    code = "from pytest_rvads.studies.paper import compute; print(repr(compute(executor=1)))"
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert ast.literal_eval(done.stdout) == verdicts

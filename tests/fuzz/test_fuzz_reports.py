@@ -112,7 +112,11 @@ class Elements(HTMLParser):
 
 @cache
 def plain(form: str) -> str:
-    return FORMATS[form](report(), Path(".rvads"))
+    return written(form, report())
+
+
+def written(form: str, found: Report) -> str:
+    return "".join(FORMATS[form](found, Path(".rvads")))
 
 
 def is_number(cell: str) -> bool:
@@ -130,16 +134,16 @@ def is_link(target: str) -> bool:
 def data_stays_data(found: Report) -> None:
     """Assert that no form of a report has more in it than the same form of a tame one but text."""
     for form in FORMATS:
-        FORMATS[form](found, Path()).encode()
-    page, tame = Elements(FORMATS[".html"](found, Path(".rvads"))), Elements(plain(".html"))
-    assert set(page.elements) <= {*tame.elements, ("p", (("class", "note"),)), ("li", ())}
+        written(form, found).encode()
+    page, tame = Elements(written(".html", found)), Elements(plain(".html"))
+    assert set(page.elements) <= {*tame.elements, ("p", (("class", "note"),)), ("li", ()), ("div", (("id", "sums"),))}
     assert page.own == tame.own
     assert len(page.data["items"]) == len(found.records)
     assert all(is_link(item["look"]) for item in page.data["items"])
-    rows = list(csv.reader(io.StringIO(FORMATS[".csv"](found, Path()))))
+    rows = list(csv.reader(io.StringIO(written(".csv", found))))
     assert len({len(row) for row in rows}) == 1
     assert [cell for row in rows for cell in row if re.match(r"[\s\"]*[=+\-@＝＋－＠]", cell) and not is_number(cell)] == []
-    assert markdown_tokens(FORMATS[".md"](found, Path())) <= markdown_tokens(plain(".md")) | {"hr"}  # an empty note
+    assert markdown_tokens(written(".md", found)) <= markdown_tokens(plain(".md")) | {"hr"}  # an empty note
     shown = summary(found, colour=False, width=80, unicode=True, full=True)
     assert set(shown) & set("\x00\x07\x08\r\x1b\x7f\x9b\u202e\u2066\ud800") == set()
 
@@ -195,6 +199,14 @@ def test_a_report_full_of_hostile_texts_is_shown_as_texts(folder: Path, texts: l
         data_stays_data(found)
     else:
         assert re.search("[\ud800-\udfff]", "".join(texts)), "JSON holds every text but halves of characters"
+
+
+@QUICK
+@given(text=TEXTS)
+def test_sums_over_junctions_with_hostile_names_are_shown_as_texts(text: str) -> None:
+    names = [f"{text}{number}" for number in range(6)]
+    records = (structs.replace(one, junction=name, control=text, rule=text) for name in names for one in report().records)
+    data_stays_data(replace(report(), records=tuple(records)))
 
 
 def svg(text: str) -> set[tuple[str, tuple[str, ...]]]:

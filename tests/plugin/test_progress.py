@@ -39,3 +39,12 @@ def test_terminals_see_progress_and_pipes_do_not(pytester: pytest.Pytester) -> N
     assert "12 tests collected" in shown
     assert "rvads: v(d)max" not in on_a_terminal(*command, "-q")
     assert "rvads: v(d)max" not in pytester.runpytest("--collect-only").stdout.str()
+
+
+def test_terminals_see_how_far_a_draw_is(pytester: pytest.Pytester) -> None:
+    grid = "cover='rotation', distances=[k * 0.1 for k in range(60)], rules='p1'"
+    pytester.makepyfile(f"import pytest_rvads as rvads\n\n\n@rvads.scenario('stop4', {grid})\ndef test_it(run, rule): ...\n")
+    command = (sys.executable, "-m", "pytest", "--collect-only", "--rvads-sample=5")
+    shown = on_a_terminal(*command)
+    assert "rvads: runs of test_it to draw from 0/5,760" in shown
+    assert "5 tests collected" in shown

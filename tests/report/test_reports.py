@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +16,44 @@ from msgspec.structs import replace
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.report import triage
-from pytest_rvads.report.coverage import at_junctions
-from pytest_rvads.report.figures import extremes
+from pytest_rvads.report.figures import Extremes
 from pytest_rvads.report.files import load, save
 from pytest_rvads.report.markdown import markdown
-from pytest_rvads.report.matrix import Matrix, matrices
+from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.page import page
+from pytest_rvads.report.places import Places
 from pytest_rvads.report.record import Indicators, Record, conclude, planned_record, properties
 from pytest_rvads.report.session_report import Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.traceability import table
-from pytest_rvads.report.triage import causes
+from pytest_rvads.report.triage import Cause
 from pytest_rvads.wording import printable
 
 TOTALS = {4: (24, 81)}
+
+
+def filled(tally: Any, records: Iterable[Record]) -> Any:
+    """Let a tally take records in."""
+    for one in records:
+        tally.add(one)
+    return tally
+
+
+def matrices(records: Iterable[Record]) -> list[Matrix]:
+    return list(filled(Matrices(), records).matrices())
+
+
+def causes(records: Iterable[Record]) -> list[Cause]:
+    return list(filled(triage.causes(), records).causes())
+
+
+def at_junctions(records: Iterable[Record], totals: dict[int, tuple[int, int]]) -> list[str]:
+    return [place.line() for place in filled(Places(totals), records).found]
+
+
+def extremes(records: Iterable[Record]) -> list[str]:
+    return list(filled(Extremes(), records).lines())
 
 
 def record(  # noqa: PLR0913 - what a cell is told by
@@ -200,10 +224,10 @@ def test_what_is_unsure_is_listed_with_what_it_hangs_on() -> None:
     one, two = unsure("d0", "0.02 s", "0.03 s", reason="first come"), unsure("d1", reason="who came first")
     many, silent = unsure("d2", *"12345"), unsure("d3")
     told = ["a=v0: 0.02 s; a=v1: 0.03 s", "who came first", "a=v0: 1; a=v1: 2; a=v2: 3 and 2 more", "p3 UNSURE"]
-    assert [cause.text for cause in triage.unsure([one, two, many, silent])] == told
-    assert triage.idle([one]) == [], "told once"
+    assert [cause.text for cause in filled(triage.unsure(), [one, two, many, silent]).causes()] == told
+    assert filled(triage.idle(), [one]).causes() == [], "told once"
     failed = replace(one, outcome="failed")
-    assert (triage.unsure([failed]), [cause.text for cause in causes([failed])]) == ([], told[:1])
+    assert (filled(triage.unsure(), [failed]).causes(), [cause.text for cause in causes([failed])]) == ([], told[:1])
 
 
 def test_a_report_is_read_back(tmp_path: Path) -> None:
@@ -293,7 +317,7 @@ def test_spans_of_code_hold_what_they_can() -> None:
 )
 def test_no_cell_is_a_formula(text: str, cell: str) -> None:
     one = replace(record(1, "C", "p1", "PASS"), message=text, requirements=(text,), simulator=text, scenario=text)
-    rows = list(csv.DictReader(io.StringIO(table(Report((one,), TOTALS)), newline="")))
+    rows = list(csv.DictReader(io.StringIO("".join(table(Report((one,), TOTALS))), newline="")))
     assert {rows[0][column] for column in ("requirement", "text", "simulator", "scenario")} == {cell}
     assert rows[0]["class"] == "1"
 

@@ -10,9 +10,9 @@ from msgspec.structs import replace
 
 import pytest_rvads as rvads
 from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.report import triage
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, conclude, planned_record
-from pytest_rvads.report.triage import causes
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.studies.mutants import MUTANTS
@@ -20,6 +20,13 @@ from pytest_rvads.studies.mutants import MUTANTS
 Runs = dict[str, list[Record]]
 """Run to the records of its failed items."""
 FEW = ("dawdles", "ignores stop", "last come first", "no yield turning left", "runs red", "speeds")
+
+
+def causes(records: Sequence[Record]) -> list[triage.Cause]:
+    found = triage.causes()
+    for record in records:
+        found.add(record)
+    return found.causes()
 
 
 def failures(mutant: str, junction: str, letters: str, classes: Sequence[int]) -> Runs:

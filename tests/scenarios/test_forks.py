@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pytest_rvads.collection.cells import Cell, cells_of
+from pytest_rvads.collection.cells import Unfit, runs_of
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.finder import find
@@ -94,6 +94,6 @@ def test_followers_and_long_vehicles_count() -> None:
 
 def test_what_does_not_fit_is_left_out_of_a_test_and_the_rest_stays() -> None:
     selection = Selection(FORK, explicit([3.0, 20.0], 0.0, 8), scenarios=(scenario(3, 3).directions,))
-    unfit: list[ScenarioError] = []
-    cells: list[Cell] = list(cells_of(selection, [None], [None], (), unfit))
-    assert ([cell.scenario.distances[0] for cell in cells], len(unfit)) == ([3.0], 1)
+    unfit = Unfit()
+    runs = list(runs_of(selection, [None], unfit))
+    assert ([scenario.distances[0] for _, scenario, _ in runs], unfit.count) == ([3.0], 1)

@@ -14,7 +14,8 @@ from hypothesis.database import DirectoryBasedExampleDatabase
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.logic.rules.book import get_rule
-from pytest_rvads.search.falsify import avoidable, broken, look_for, pasteable
+from pytest_rvads.search.counterexample import Counterexample, pasteable
+from pytest_rvads.search.falsify import avoidable, broken, look_for
 from pytest_rvads.simulators.planar import usual
 
 NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
@@ -257,3 +258,27 @@ def test_misuse() -> None:
         look_for("stop4", rvads.Reference, mine)
     with pytest.raises(rvads.FormulaError, match="'p1' is a shipped rule and "):
         rvads.sweep(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1000"), rvads.Reference), mine, 0.0, 0.0)
+
+
+class Heedless(rvads.Follower):
+    """Drives on at the same speed, whoever comes."""
+
+    def target_speed(self, seen: Observation) -> float:
+        return 8.0
+
+
+def test_searches_side_by_side_answer_as_one_after_the_other() -> None:
+    def looked(executor: int) -> Counterexample | None:
+        return look_for("stop4", Heedless, "no_collision", budget=9, seed=5, searches=3, executor=executor)
+
+    alone, beside = looked(1), looked(2)
+    assert alone is not None
+    assert alone == beside
+    single = [look_for("stop4", Heedless, "no_collision", budget=3, seed=seed) for seed in (5, 6, 7)]
+    assert alone == next(found for found in single if found)
+
+
+@pytest.mark.parametrize("searches", [0, 11, 1.5])
+def test_there_are_no_more_searches_than_simulations(searches: int) -> None:
+    with pytest.raises(rvads.ScenarioError, match="from 1 to the budget of 10 simulations"):
+        look_for("stop4", Heedless, "no_collision", budget=10, searches=searches)

@@ -58,7 +58,7 @@ def test_one_vehicle_among_traffic_has_the_deficiency() -> None:
 def test_the_race_counts_up_to_the_first_that_detects(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(power, "detects", lambda job: job[1].configuration == "E")
     monkeypatch.setattr(power, "METHODS", {name: METHODS[name] for name in ("class-covering", "pairwise")})
-    found = measure(20, 10, deficiencies=["I3"], workers=1)
+    found = measure(20, 10, deficiencies=["I3"], executor=1)
     assert [p.method for p in found] == ["class-covering", "pairwise"]
     covering = found[0]
     assert all(1 <= n <= 11 for n in covering.simulations)

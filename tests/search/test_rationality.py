@@ -1,5 +1,6 @@
 """Rationality, determinacy, and sweeps over chance: kept by the reference, broken by autopilots made to break them."""
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -47,13 +48,13 @@ def test_what_can_t_be_asked_is_refused() -> None:
 
 
 def test_bisection_finds_the_edges_of_an_interval() -> None:
-    asked = []
+    asked: list[float] = []
 
-    def status(wait: float) -> rvads.Status:
-        asked.append(wait)
-        return rvads.Status.FAIL if 0.37 <= wait < 1.42 else rvads.Status.PASS
+    def statuses(waits: Sequence[float]) -> list[rvads.Status]:
+        asked.extend(waits)
+        return [rvads.Status.FAIL if 0.37 <= wait < 1.42 else rvads.Status.PASS for wait in waits]
 
-    found = intervals(status, 0, 4, step=0.5)
+    found = intervals(statuses, 0, 4, step=0.5)
     assert found == (
         Interval(0.0, 0.36, rvads.Status.PASS),
         Interval(0.37, 1.41, rvads.Status.FAIL),
@@ -62,8 +63,12 @@ def test_bisection_finds_the_edges_of_an_interval() -> None:
     assert len(asked) == len(set(asked)) < 25
 
 
+def never(waits: Sequence[float]) -> list[rvads.Status]:
+    return [rvads.Status.NA for _ in waits]
+
+
 def test_a_range_of_one_draw() -> None:
-    assert intervals(lambda wait: rvads.Status.NA, 1.5, 1.5) == (Interval(1.5, 1.5, rvads.Status.NA),)
+    assert intervals(never, 1.5, 1.5) == (Interval(1.5, 1.5, rvads.Status.NA),)
 
 
 def test_right_on_red_after_a_timer_fails_for_some_draws() -> None:
@@ -82,8 +87,16 @@ def test_right_on_red_after_a_timer_fails_for_some_draws() -> None:
     assert second.low - first.high == pytest.approx(0.01)
 
 
+def test_a_sweep_is_the_same_side_by_side() -> None:
+    scenario = rvads.Scenario(rvads.find("paper_light4"), "1100", distance=(2, 1, 20, 20))
+    case = rvads.Case(scenario, partial(rvads.LgsvlLike, **(NONE | {"i4": True})))
+    alone, beside = (rvads.sweep(case, "p5", 0, 1, step=0.5, executor=executor) for executor in (1, 2))
+    assert alone == beside
+    assert len(alone.intervals) == 2
+
+
 def test_sweeps_refuse_empty_ranges() -> None:
     with pytest.raises(rvads.ScenarioError, match="range of a draw"):
-        intervals(lambda wait: rvads.Status.NA, 2, 1)
+        intervals(never, 2, 1)
     with pytest.raises(rvads.ScenarioError, match="at least one tick"):
-        intervals(lambda wait: rvads.Status.NA, 0, 1, step=0)
+        intervals(never, 0, 1, step=0)

@@ -7,6 +7,7 @@ import os
 import shlex
 import weakref
 from collections.abc import Mapping, Sequence
+from hashlib import sha256
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -85,6 +86,13 @@ class Process(TrafficSystem):
     def __call__(self) -> Process:
         """Return the traffic system of the next run."""
         return self
+
+    def settings(self) -> list[Any]:
+        """Return what decides how it drives, as builtins: command, rate, place, variables, and digests of files that it names."""
+        cwd, env, _ = self._place
+        files = [Path(cwd or "", word) for word in self.command]
+        digests = [sha256(file.read_bytes()).hexdigest() for file in files if file.is_file()]
+        return [self.command, self._period, None if cwd is None else str(cwd), dict(env or {}), digests]
 
     def autopilots(self, agents: Sequence[Agent]) -> Sequence[Pilot]:
         """Return one autopilot per agent, each with a running process.

@@ -18,7 +18,19 @@ from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD, VARIANTS
 from pytest_rvads.logic.rules.vocabulary import Names, Vocabulary, Word
 from pytest_rvads.maps.control import JunctionControl
 
-__all__ = ["SHIPPED", "RuleBook", "claim", "current_book", "get_rule", "joined", "predicate", "rule", "rulebook", "rules_for"]
+__all__ = [
+    "SHIPPED",
+    "RuleBook",
+    "claim",
+    "current_book",
+    "get_rule",
+    "is_rulebook",
+    "joined",
+    "predicate",
+    "rule",
+    "rulebook",
+    "rules_for",
+]
 
 _SHELF: Mapping[str, tuple[Rule, ...]] = {"paper": PAPER, "road": ROAD, "variants": VARIANTS}
 _Function = Callable[..., NDArray[np.bool_]]
@@ -218,6 +230,11 @@ def rulebook(name: str) -> tuple[Rule, ...]:
     if name not in _SHELF:
         raise FormulaError(f"unknown rulebook {name!r}, there are {', '.join(_SHELF)}{suggest(name, _SHELF)}")
     return _SHELF[name]
+
+
+def is_rulebook(name: str) -> bool:
+    """Tell whether a name is that of a rulebook."""
+    return name in _SHELF
 
 
 def get_rule(rule: str | Rule, book: RuleBook | None = None) -> Rule:

@@ -1,4 +1,4 @@
-"""How much there is to cover at the junctions of a session, where their number of ways does not tell."""
+"""How much there is to cover at the junctions of a session or town, where their number of ways does not tell."""
 
 from __future__ import annotations
 

@@ -1,0 +1,196 @@
+"""A campaign: many cases judged on any executor, with results on disk as they come; begun again, it goes on where it was."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sized
+from concurrent.futures import Executor
+from contextlib import closing
+from functools import partial
+from itertools import chain
+from typing import Any
+
+import msgspec
+
+from pytest_rvads.campaigns.head import Head
+from pytest_rvads.campaigns.judging import Job, Question, judge, undecided
+from pytest_rvads.campaigns.keys import Keys, bodies
+from pytest_rvads.campaigns.resultsfile import Results
+from pytest_rvads.decoding import encode
+from pytest_rvads.drivers.identity import identity
+from pytest_rvads.errors import FormulaError, RvadsError, ScenarioError, require
+from pytest_rvads.executors import ExecutorGone, Failed, Progress, gathered
+from pytest_rvads.logic.rules.book import SHIPPED, get_rule, is_rulebook, rules_for
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.simulators.choice import choice
+from pytest_rvads.simulators.simulator import SIMULATORS, Simulator, meant
+from pytest_rvads.versions import code, versions
+
+__all__ = ["campaign"]
+
+
+def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
+    cases: Iterable[Case],
+    rules: str | Rule | Iterable[str | Rule] = "road",
+    *,
+    executor: Executor | int | None = None,
+    results: str | os.PathLike[str] | None = None,
+    simulator: Simulator | None = None,
+    progress: Progress | None = None,
+    total: int | None = None,
+) -> Results:
+    """Simulate cases and judge every run by all rules, on as many processes and machines as there are.
+
+    Results are the same, bit for bit, whatever works on them and in whatever order. A case that can't be simulated or judged, or
+    that ends its process, is an ERROR by every rule and costs no other one; what was under way in a process that died of
+    something else runs again. A case in which a vehicle has no room where it would start is left out, and counted.
+
+    Args:
+        cases: any number of them; they are asked for when there is somebody to run them, and not kept.
+        rules: rulebooks and rules, as for `check`; of a rulebook those about the junction of a case.
+        executor: a number of processes, by default one per processor; 1 is this one. Or any executor, such as that of a client of
+            Dask, whose workers have this package and the code of what drives.
+        results: a file that results are added to as they come. Cases whose result it has are not run again, so that a campaign
+            that was interrupted goes on where it was. None for a file without a name.
+        simulator: what makes the runs, as for `simulate`.
+        progress: called with the number of cases done and of all, after every one.
+        total: how many cases there are, where `cases` does not tell.
+
+    Returns:
+        All results in the file; those of an earlier call with the same file among them.
+
+    Raises:
+        RvadsError: what is to be run can't travel to other processes; the executor is gone, and a second call goes on; the file
+            holds results of another campaign, somebody else writes to it, or it can't be written to.
+        ScenarioError: something is no case.
+        FormulaError: an unknown rule.
+    """
+    maker = meant(simulator)
+    rest = iter(cases)
+    first = next(rest, None)
+    keys = Keys(maker)
+    question = Question(_asked(rules), maker, choice().limits, code(), versions(*_libraries(maker)))
+    if first is not None:
+        require(first, Case, "a campaign takes cases: rvads.Case(scenario, driver)", ScenarioError)
+        rest = chain((first,), rest)
+    if total is None:
+        total = len(cases) if isinstance(cases, Sized) else 0
+    found = Results(results, _head(question, keys, first))
+    try:
+        _Campaign(question, keys, found, progress, total).run(rest, executor)
+    except ExecutorGone as error:
+        kept = "nothing is kept, name a file as results= to go on where it was"
+        if found.path is not None:
+            kept = f"{len(found):,} results are kept in {found.path}, run the campaign again and it goes on where it was"
+        found.close()
+        raise RvadsError(f"{error}; {kept}") from error
+    except BaseException:
+        found.close()
+        raise
+    found.release()
+    return found
+
+
+class _Campaign:
+    """What a campaign knows while it runs."""
+
+    def __init__(self, question: Question, keys: Keys, results: Results, progress: Progress | None, total: int) -> None:
+        self._question, self._keys, self._results = question, keys, results
+        self._progress, self._total = progress, total
+        self._cases = self._done = self._sent = 0
+        self._unfit: Counter[str] = Counter()
+        self._away: dict[int, Job] = {}
+        """Jobs under way, by the order in which they went out."""
+
+    def run(self, cases: Iterator[Case], executor: Executor | int | None) -> None:
+        """Judge what has no result yet."""
+        with closing(gathered(partial(judge, self._question), self._jobs(cases), executor)) as answers:
+            for number, answer in answers:
+                job = self._away.pop(number)
+                if isinstance(answer, Failed):
+                    if not answer.lost:
+                        raise answer.error
+                    answer = encode(
+                        undecided(self._question, job, "the process that simulated it died, perhaps for lack of memory")
+                    )
+                self._results.add(answer)
+                self._tell()
+        ended = {"cases": self._cases, "unfit": dict(sorted(self._unfit.items()))}
+        self._results.tell(msgspec.structs.replace(self._results.head, **ended))
+
+    def _jobs(self, cases: Iterator[Case]) -> Iterator[Job]:
+        """Yield the cases that fit and have no result yet."""
+        for number, case in enumerate(cases):
+            require(case, Case, "a campaign takes cases: rvads.Case(scenario, driver)", ScenarioError)
+            self._cases += 1
+            try:
+                case.starts()
+            except ScenarioError:
+                self._unfit[case.scenario.place.name] += 1
+                self._tell()
+                continue
+            key = self._keys.of(case)
+            if self._results.holds(key):
+                self._tell()
+                continue
+            job = Job(number, key, case, *self._named(case))
+            self._away[self._sent] = job
+            self._sent += 1
+            yield job
+
+    def _named(self, case: Case) -> tuple[str, str | None]:
+        """Return the names of what drives, and have the file know them."""
+        head = self._results.head
+        driver, traffic = self._keys.known(case.driver), case.traffic and self._keys.known(case.traffic)
+        # A policy may be the driver's class with other numbers, so it has a name of its own.
+        made = {driver.name: driver.identity} | ({f"{traffic.policy} traffic": traffic.identity} if traffic else {})
+        changed = next((name for name, known in made.items() if head.drivers.get(name, known) != known), None)
+        if changed is not None:
+            raise RvadsError(
+                f"two drivers of a campaign are called {changed} and are not the same: give each a name of its own, or a campaign"
+            )
+        self._results.tell(msgspec.structs.replace(head, drivers=head.drivers | made, cases=None))
+        return driver.name, traffic.policy if traffic else None
+
+    def _tell(self) -> None:
+        self._done += 1
+        if self._progress is not None:
+            self._progress(self._done, max(self._total, self._cases))
+
+
+def _asked(rules: str | Rule | Iterable[str | Rule]) -> tuple[str | Rule, ...]:
+    """Return rules as other processes understand them: shipped ones by name, others as they are, read."""
+    require(rules, str | Rule | Iterable, "rules are named one by one, or as a list of names and of Rules", FormulaError)
+    wanted = (rules,) if isinstance(rules, str | Rule) else tuple(rules)
+    rules_for(wanted)
+    found: list[str | Rule] = []
+    for part in wanted:
+        rule = None if isinstance(part, str) and is_rulebook(part) else get_rule(part)
+        if rule is not None and rule.name not in SHIPPED.rules:
+            rule.formula  # noqa: B018 - keeps the words that are known here
+            found.append(rule)
+        else:
+            found.append(part if isinstance(part, str) else part.name)
+    return tuple(found)
+
+
+def _libraries(simulator: Simulator) -> tuple[str, ...]:
+    shipped = SIMULATORS.get(simulator.name)
+    return shipped.libraries if shipped else ()
+
+
+def _head(question: Question, keys: Keys, first: Case | None) -> Head:
+    """Return what decides results: all that is the same for every case, and what drives the first one."""
+    made: dict[str, Any] = {
+        "package": question.code,
+        "rules": ", ".join(rule if isinstance(rule, str) else f"{rule.name} {identity(rule)}" for rule in question.rules),
+        "simulator": f"{question.simulator.name} {identity(question.simulator)}",
+    }
+    drivers = {}
+    if first is not None:
+        known = keys.known(first.driver)
+        made |= {"driver": known.name, "bodies": bodies(first.fleet)}
+        drivers[known.name] = known.identity
+    return Head(made=made, drivers=drivers, versions=question.versions)

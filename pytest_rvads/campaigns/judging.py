@@ -1,0 +1,174 @@
+"""A case simulated and judged, in whatever process: what is asked travels with it, and who has other code answers nothing."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+
+import msgspec
+
+from pytest_rvads.campaigns.judged import Judged
+from pytest_rvads.conduct.kpis import kpis
+from pytest_rvads.decoding import encode
+from pytest_rvads.drivers.traffic import DEFAULT
+from pytest_rvads.errors import RvadsError
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.record import AgentRecord, Computing, Indicators, VerdictRecord
+from pytest_rvads.runs.run import Run
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.simulators.choice import Choice, choosing
+from pytest_rvads.simulators.patience import Limits
+from pytest_rvads.simulators.simulator import Simulator, simulate
+from pytest_rvads.versions import code, versions
+from pytest_rvads.wording import one_line
+
+__all__ = ["Job", "Question", "computing", "indicators", "judge", "started", "took_part", "undecided"]
+
+_STANDARD_ERROR = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What is asked of every case."""
+
+    rules: tuple[str | Rule, ...]
+    """Shipped rules and rulebooks by name, others as they are."""
+    simulator: Simulator
+    limits: Limits
+    """Of real time."""
+    code: str
+    """Checksum of the package that asks."""
+    versions: dict[str, str]
+    """Of what results depend on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One case of a campaign."""
+
+    number: int
+    key: str
+    """Hash of the case."""
+    case: Case
+    driver: str
+    """What drives, as it is called in reports."""
+    traffic: str | None
+    """Policy around a subject."""
+
+
+def judge(question: Question, job: Job) -> bytes:
+    """Return what all rules say of a case, a `Judged` in JSON; what can't be simulated or judged is an ERROR in it.
+
+    Raises:
+        RvadsError: this process has other code or other versions than the one that asks.
+    """
+    mine = versions(*(name for name in question.versions if name not in ("pytest-rvads", "numpy", "python")))
+    if (code(), mine) != (question.code, question.versions):
+        raise RvadsError(
+            f"a worker has other code ({code()[:8]}, {_listed(mine)}) than who asks it ({question.code[:8]}, "
+            f"{_listed(question.versions)}): install the same version of pytest-rvads and of what it needs on all machines"
+        )
+    # A process that does nothing else may end when nothing else gets a driver to stop; who hired it goes on without.
+    ends = multiprocessing.parent_process() is not None
+    limits = question.limits._replace(dump=_STANDARD_ERROR) if ends else question.limits
+    try:
+        with choosing(Choice(question.simulator, limits)):
+            run = simulate(job.case, question.simulator)
+    except Exception as error:
+        return encode(undecided(question, job, _told(error)))
+    return encode(
+        msgspec.structs.replace(
+            started(question, job),
+            hash=run.hash,
+            duration=run.duration,
+            agents=took_part(run),
+            kpis=indicators(run),
+            timing=computing(run),
+            verdicts=tuple(_verdict(run, rule) for rule in _rules(question, job)),
+        )
+    )
+
+
+def started(question: Question, job: Job) -> Judged:
+    """Return what is known of a case before it is simulated."""
+    scenario = job.case.scenario
+    place = scenario.place
+    traced = tuple((rule.requirement,) if rule.requirement else () for rule in _rules(question, job))
+    return Judged(
+        case=job.key,
+        number=job.number,
+        name=scenario.name if job.traffic in (None, DEFAULT) else f"{scenario.name}-{job.traffic}",
+        junction=place.name,
+        control=str(place.control),
+        ways=place.ways,
+        cls=scenario.number,
+        scenario=scenario.label,
+        cfg=scenario.point,
+        rotation=scenario.rotation,
+        seat=scenario.subject,
+        traffic=job.traffic,
+        orbit=scenario.orbit,
+        driver=job.driver,
+        simulator=question.simulator.name,
+        place=place.digest[:12],
+        verdicts=(),
+        requirements=traced if any(traced) else (),
+    )
+
+
+def undecided(question: Question, job: Job, reason: str) -> Judged:
+    """Return what there is to say of a case that has no run: by every rule an ERROR with its reason."""
+    return msgspec.structs.replace(started(question, job), verdicts=tuple(_error(rule, reason) for rule in _rules(question, job)))
+
+
+def _rules(question: Question, job: Job) -> tuple[Rule, ...]:
+    return rules_for(question.rules, job.case.scenario.place)
+
+
+def _verdict(run: Run, rule: Rule) -> VerdictRecord:
+    try:
+        return msgspec.convert(check(run, rule).record(), VerdictRecord)
+    except Exception as error:
+        return _error(rule, _told(error))
+
+
+def _error(rule: Rule, reason: str) -> VerdictRecord:
+    return VerdictRecord(rule=rule.name, status=Outcome.ERROR, message=f"{rule.name} ERROR: {reason}", reason=reason)
+
+
+def _told(error: Exception) -> str:
+    return one_line(str(error) if isinstance(error, RvadsError) else f"{type(error).__name__}: {error}")
+
+
+def _listed(found: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {version}" for name, version in found.items())
+
+
+def took_part(run: Run) -> tuple[AgentRecord, ...]:
+    """Return who took part in a run."""
+    junction = run.junction
+    entrances, exits = ([(lane.arm, lane.lane) for lane in lanes] for lanes in (junction.entrances, junction.exits))
+    return tuple(
+        AgentRecord(name=agent.name, kind=agent.kind.value, entrance=entrances[agent.entrance], exit=exits[agent.exit])
+        for agent in run.agents
+    )
+
+
+def indicators(run: Run) -> Indicators:
+    """Return the key performance indicators of a run."""
+    return msgspec.convert(kpis(run).record(), Indicators)
+
+
+def computing(run: Run) -> dict[str, Computing] | None:
+    """Return what stacks in other processes computed, by vehicle; what others measured is in the run alone."""
+    found = {}
+    timing = run.provenance.get("timing")
+    for name, told in timing.items() if isinstance(timing, Mapping) else ():
+        with suppress(msgspec.ValidationError):
+            found[str(name)] = msgspec.convert(told, Computing)
+    return found or None

@@ -1,0 +1,141 @@
+"""Replay pages of a town: the first example of every cause at every junction, simulated once more and drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from pytest_rvads.campaigns.town import Town
+from pytest_rvads.campaigns.town_tally import CauseTally, JunctionTally
+from pytest_rvads.errors import RvadsError
+from pytest_rvads.executors import Failed, Progress, gathered
+from pytest_rvads.failure_page import failure_pages
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.record import Difference
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.simulators.simulator import Simulator, simulate
+from pytest_rvads.storage import slug, write_file
+
+__all__ = ["MOST", "Replays", "draw_replays"]
+
+MOST = 100
+"""Pages drawn at most: each is some 100 KB, and nobody looks at more."""
+_OTHERWISE = "the same start gave another run when it was simulated once more, so its verdicts mean little"
+
+
+@dataclass(frozen=True, slots=True)
+class Replays:
+    """What was drawn."""
+
+    looks: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    """By name of a run and rule, the path of the page from the folder, with the time it is about."""
+    flaky: Mapping[str, Difference] = field(default_factory=dict)
+    """By name, the runs that came out otherwise."""
+    notes: tuple[str, ...] = ()
+    """What was not drawn and why, sentences."""
+
+
+class _Job(NamedTuple):
+    name: str
+    case: Case
+    rules: tuple[Rule, ...]
+    notes: str
+    simulator: Simulator | None
+
+
+class _Drawn(NamedTuple):
+    name: str
+    hash: str
+    pages: tuple[tuple[str, float, str], ...]
+    """Rule, time [s], HTML."""
+
+
+def draw_replays(  # noqa: PLR0913 - a campaign, and where it is to be simulated and drawn
+    town: Town,
+    tallies: Mapping[str, JunctionTally],
+    folder: Path,
+    again: str,
+    executor: Executor | int | None = None,
+    simulator: Simulator | None = None,
+    progress: Progress | None = None,
+) -> Replays:
+    """Simulate the first run of every cause again, and write pages of what is wrong in it.
+
+    Args:
+        town: where it happened.
+        tallies: what came of it, by junction.
+        folder: in which the folder ``replays`` is made.
+        again: the command that runs some of it again; the pages name it.
+        executor: where to simulate, see `spread`.
+        simulator: what makes the runs.
+        progress: called after every run.
+
+    Raises:
+        OSError: a page can't be written.
+    """
+    examples = list(_examples(tallies))
+    jobs = _jobs(town, examples[:MOST], again, simulator)
+    hashes = {cause.run: cause.hash for cause in examples}
+    looks: dict[tuple[str, str], str] = {}
+    flaky: dict[str, Difference] = {}
+    troubles: list[str] = []
+    for done, (number, answer) in enumerate(gathered(_draw, jobs, executor, batch=1), start=1):
+        if progress is not None:
+            progress(done, len(jobs))
+        if isinstance(answer, Failed):
+            troubles.append(f"{jobs[number].name}: {answer.error}")
+            continue
+        if hashes[answer.name] not in (None, answer.hash):
+            flaky[answer.name] = Difference("hash", None, _OTHERWISE)
+        for rule, time, html in answer.pages:
+            look = f"replays/{slug(f'{answer.name}-{rule}')}.html"
+            write_file(folder / look, html.encode())
+            looks[answer.name, rule] = f"{look}#t={time:.2f}"
+    notes = []
+    if len(examples) > MOST:
+        notes.append(f"{len(examples) - MOST} of {len(examples)} causes have no replay: the first {MOST} were drawn")
+    if troubles:
+        notes.append(f"{len(troubles)} replays could not be drawn, the first: {min(troubles)}")
+    if flaky:
+        notes.append(f"{len(flaky)} runs came out differently when they were simulated once more, the first: {min(flaky)}")
+    return Replays(looks, flaky, tuple(notes))
+
+
+def _jobs(town: Town, examples: Sequence[CauseTally], again: str, simulator: Simulator | None) -> list[_Job]:
+    """Return what is to be simulated, one job per run, by name."""
+    wanted: dict[str, set[str]] = {}
+    for cause in examples:
+        wanted.setdefault(cause.run, set()).add(cause.rule)
+    cases = town.case_of(wanted)
+    found = []
+    for name in sorted(cases):
+        rules = tuple(rule for rule in town.plan.rules(cases[name].scenario.place) if rule.name in wanted[name])
+        found.append(_Job(name, cases[name], rules, f'again     {again} "{name}"', simulator))
+    return found
+
+
+def _examples(tallies: Mapping[str, JunctionTally]) -> Iterator[CauseTally]:
+    """Yield the causes, the first of every junction first, so that none is without a page for the many causes of another."""
+    groups: Sequence[list[CauseTally]] = [
+        [cause for _, causes in tally.grouped() for cause in causes if cause.title != "unsure"] for tally in tallies.values()
+    ]
+    for turn in range(max(map(len, groups), default=0)):
+        yield from (group[turn] for group in groups if turn < len(group))
+
+
+def _draw(job: _Job) -> _Drawn:
+    """Simulate and judge a run, and draw what is wrong in it."""
+    run = simulate(job.case, job.simulator)
+    pages = []
+    for rule in job.rules:
+        try:
+            verdict = check(run, rule)
+            page = next(failure_pages(run, verdict, rule, f"{verdict.explanation}\n{job.notes}"))
+        except RvadsError:  # a run that a fault ended at once has nothing to show
+            continue
+        pages.append((rule.name, page.time, page.html))
+    return _Drawn(job.name, run.hash, tuple(pages))

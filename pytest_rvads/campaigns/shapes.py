@@ -1,0 +1,298 @@
+"""Shapes: junctions that are the same up to a motion of the plane, so that a run at one of them is one at each.
+
+A builder of towns sets the same junction down in many places. Two are of one shape where a rotation of arms takes lanes,
+movements, turns, signs, phases and all relations of the one to those of the other, and a rigid motion takes its centre lines
+there, within a tolerance. Mirrored ones are not: traffic keeps to one side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.errors import ScenarioError, require
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.segment import Segment
+from pytest_rvads.runs.lights import SignalPlan
+from pytest_rvads.scenarios.orbits import Orbits, rotate
+from pytest_rvads.scenarios.scenario import Scenario, first_green
+from pytest_rvads.scenarios.senses import IDEAL
+
+__all__ = ["REACH", "TOLERANCE", "Member", "Shape", "shapes", "twin"]
+
+REACH = 60.0
+"""How much of approaches and exit roads is compared [m]: itineraries end so far down the exit road (`EXIT_LENGTH`), and what the
+shipped drivers plan with begins so far before the junction. Who starts farther out needs more, see `twin`."""
+TOLERANCE = 0.1
+"""How far corresponding points, stopping lines and widths may lie apart [m]."""
+_SPACING = 0.5
+"""Between the points that are compared [m]."""
+_ROOM = 10.0
+"""What has to be compared behind the farthest reference point that starts: a body, and where drivers look first [m]."""
+
+_Complex = NDArray[np.complex128]
+
+
+class _Onto(NamedTuple):
+    """How the arms, and so the lanes, of one junction lie on those of another."""
+
+    arms: int
+    entrances: tuple[int, ...]
+    """Per entrance of the one its image."""
+    exits: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A junction of a shape."""
+
+    junction: Junction
+    rotation: int
+    """Arm ``i`` lies where the representative has arm ``i + rotation``, modulo the number of arms."""
+    entrances: tuple[int, ...]
+    """Per entrance the one of the representative that it lies on."""
+    deviation: float
+    """Largest distance between corresponding points after the best motion [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """Junctions that are the same up to a motion of the plane."""
+
+    representative: Junction
+    members: tuple[Member, ...]
+    """In the order given; the representative comes first, with rotation and deviation 0."""
+    reach: float
+    """How much of approaches and exit roads was compared [m]."""
+
+
+def shapes(junctions: Sequence[Junction], reach: float = REACH) -> tuple[Shape, ...]:
+    """Return the shapes of junctions; each is in exactly one, and the first of a shape represents it.
+
+    Args:
+        junctions: with their geometry.
+        reach: how much of approaches and exit roads counts [m].
+
+    Raises:
+        ScenarioError: something is no junction, or has no geometry.
+    """
+    found: dict[object, list[tuple[_Form, list[Member]]]] = {}
+    for junction in junctions:
+        require(junction, Junction, "shapes are those of junctions, as rvads.find('stop4') returns them", ScenarioError)
+        if not junction.drivable:
+            raise ScenarioError(
+                f"junction {junction.name!r} has no shape because it is not known where its lanes lie: take it from a map"
+            )
+        form = _Form(junction, reach)
+        alike = found.setdefault(form.signature, [])
+        for other, members in alike:
+            if (member := _laid(form, other)) is not None:
+                members.append(member)
+                break
+        else:
+            same = tuple(range(len(junction.entrances)))
+            alike.append((form, [Member(junction, 0, same, 0.0)]))
+    groups = [(form.junction, tuple(members)) for alike in found.values() for form, members in alike]
+    places = {id(junction): number for number, junction in reversed([*enumerate(junctions)])}
+    groups.sort(key=lambda group: places[id(group[0])])
+    return tuple(Shape(first, members, reach) for first, members in groups)
+
+
+def twin(scenario: Scenario, member: Member, shape: Shape) -> Scenario | None:
+    """Return the scenario at the representative whose run is that of `scenario` moved there.
+
+    Args:
+        scenario: at the junction of `member`.
+        member: of `shape`.
+        shape: the junctions.
+
+    Returns:
+        The scenario; None where there is none: vehicles start farther out than was compared, or have no room there, or their
+        senses draw noise, which depends on the name of the junction.
+    """
+    place = shape.representative
+    if scenario.place is place:
+        return scenario
+    starts = [distance for distance, _ in scenario.starts()]
+    if scenario.senses != IDEAL or max(starts) + max(scenario.place.setbacks) + _ROOM > shape.reach:
+        return None
+    count, onto = len(member.entrances), member.entrances
+    row = _row(member.junction, scenario.rotation, place, onto)
+    if row is None:
+        return None
+
+    def moved(values: Sequence[Any]) -> tuple[Any, ...]:
+        """What is given per entrance of the map, at the representative before its rotation."""
+        images: list[Any] = [None] * count
+        for entrance, value in enumerate(values):
+            images[onto[entrance]] = value
+        return rotate(tuple(images), -row)
+
+    made = ((first + scenario.rotation) % count for first in scenario.order)
+    other = Scenario(
+        place,
+        moved(scenario.placed),
+        distance=moved(rotate(scenario.distances, scenario.rotation)),
+        speed=moved(rotate(scenario.speeds, scenario.rotation)),
+        rotation=row,
+        configuration=scenario.configuration,
+        duration=scenario.duration,
+        aggression=scenario.aggression,
+        wait=scenario.wait,
+        subject=None if scenario.subject is None else onto[scenario.subject],
+        order=tuple((onto[entrance] - row) % count for entrance in made),
+        followers=scenario.followers,
+    )
+    try:
+        other.starts()
+    except ScenarioError:
+        return None
+    return other
+
+
+@dataclass(frozen=True, eq=False)
+class _Form:
+    """A junction with what is compared of it."""
+
+    junction: Junction
+    reach: float
+
+    @cached_property
+    def signature(self) -> object:
+        """What junctions of one shape have in common, whatever arm they begin with; cheap, and most others differ in it."""
+        arms = self.labels
+        least = min(arms[k:] + arms[:k] for k in range(len(arms)))
+        return self.junction.left_hand, least
+
+    @cached_property
+    def labels(self) -> tuple[Any, ...]:
+        """Per arm its lanes with their signs, and the movements from it by arms further on."""
+        place = self.junction
+        ways: list[list[tuple[int, int, int, str]]] = [[] for _ in place.arms]
+        for movement in place.movements.values():
+            start, end = place.entrances[movement.entrance], place.exits[movement.exit]
+            ways[start.arm].append((start.lane, (end.arm - start.arm) % place.ways, end.lane, movement.turn.value))
+        return tuple(
+            (tuple(place.entrances[k].sign.value for k in arm.entrances), len(arm.exits), tuple(sorted(ways[number])))
+            for number, arm in enumerate(place.arms)
+        )
+
+    @cached_property
+    def ins(self) -> tuple[_Complex, ...]:
+        """Per entrance points of the approach, from the vertex upstream."""
+        return tuple(_points(self.junction.way_in(e), self.reach, back=True) for e in range(len(self.junction.entrances)))
+
+    @cached_property
+    def outs(self) -> tuple[_Complex, ...]:
+        """Per exit points of its road, from the vertex on."""
+        return tuple(_points(self.junction.way_out(e), self.reach) for e in range(len(self.junction.exits)))
+
+    @cached_property
+    def through(self) -> Mapping[tuple[int, int], _Complex]:
+        """Points of the movements."""
+        return {key: _points(self.junction.way_through(*key), np.inf) for key in self.junction.movements}
+
+
+def _points(line: Segment, reach: float, *, back: bool = False) -> _Complex:
+    """Return points of a line from its start, or its end, on as complex numbers: at equal distances, and where it ends."""
+    length = min(line.length, reach)
+    stations = np.append(np.arange(0.0, length, _SPACING), length)
+    if back:
+        stations = line.length - stations
+    x, y = (np.interp(stations, line.stations, line.points[:, axis]) for axis in (0, 1))
+    points: _Complex = x + 1j * y
+    return points
+
+
+def _laid(form: _Form, other: _Form) -> Member | None:
+    """Return how a junction lies on another one; of several ways, that of the least rotation of arms."""
+    for onto in _rotations(form, other):
+        deviation = _deviation(form, other, onto)
+        if deviation <= TOLERANCE and _same(form.junction, other.junction, onto):
+            return Member(form.junction, onto.arms, onto.entrances, deviation)
+    return None
+
+
+def _rotations(form: _Form, other: _Form) -> Iterator[_Onto]:
+    """Yield the rotations of arms that take lanes, signs and movements of one junction to those of another."""
+    mine, yours = form.labels, other.labels
+    place, there = form.junction, other.junction
+    entrances = {(lane.arm, lane.lane): number for number, lane in enumerate(there.entrances)}
+    exits = {(lane.arm, lane.lane): number for number, lane in enumerate(there.exits)}
+    for arms in range(place.ways):
+        if mine == yours[arms:] + yours[:arms]:
+            yield _Onto(
+                arms,
+                tuple(entrances[(lane.arm + arms) % place.ways, lane.lane] for lane in place.entrances),
+                tuple(exits[(lane.arm + arms) % place.ways, lane.lane] for lane in place.exits),
+            )
+
+
+def _deviation(form: _Form, other: _Form, onto: _Onto) -> float:
+    """Return how far corresponding points lie apart at most after the best motion [m]; infinite where lines differ in length."""
+    pairs = [(line, other.ins[onto.entrances[k]]) for k, line in enumerate(form.ins)]
+    pairs += [(line, other.outs[onto.exits[k]]) for k, line in enumerate(form.outs)]
+    pairs += [(line, other.through[onto.entrances[e], onto.exits[x]]) for (e, x), line in form.through.items()]
+    # Lengths within the tolerance may differ by one point at most, and then the last two are next to each other.
+    if any(abs(len(one) - len(two)) > 1 for one, two in pairs):
+        return np.inf
+    # The ends correspond, and what lies before at equal distances.
+    ours, theirs = (
+        np.concatenate([np.append(pair[k][: min(map(len, pair)) - 1], pair[k][-1]) for pair in pairs]) for k in (0, 1)
+    )
+    one, two = ours - ours.mean(), theirs - theirs.mean()
+    turn = np.vdot(one, two)  # Kabsch in the plane: the rotation that leaves the least squares
+    turn = turn / abs(turn) if abs(turn) else 1.0
+    return float(np.abs(turn * one - two).max())
+
+
+def _same(place: Junction, there: Junction, onto: _Onto) -> bool:
+    """Tell whether stopping lines, phases and the relations of entrances and movements are the same."""
+    entrances = onto.entrances
+    rows = Orbits.at(place).rows if place.phase_groups else range(1)
+    widths = [(place.lane_width, there.lane_width)]
+    for number, lane in enumerate(place.entrances):
+        image = there.entrances[entrances[number]]
+        if (lane.sign_setback is None) is not (image.sign_setback is None) or (lane.phase is None) is not (image.phase is None):
+            return False
+        widths += [(lane.setback, image.setback), (lane.sign_setback or 0.0, image.sign_setback or 0.0)]
+
+    def key(movement: tuple[int, int]) -> tuple[int, int]:
+        return entrances[movement[0]], onto.exits[movement[1]]
+
+    return (
+        all(abs(one - two) <= TOLERANCE for one, two in widths)
+        and _lifted(place.right_of, entrances.__getitem__) == there.right_of
+        and _lifted(place.opposite, entrances.__getitem__) == there.opposite
+        and _lifted(place.stated, key) == there.stated
+        and _lifted(place.conflicts or (), key) == there.conflicts
+        and {(key(one), key(two)): why for (one, two), why in (place.yields or {}).items()} == there.yields
+        and all(_row(place, row, there, entrances) is not None for row in rows)
+    )
+
+
+def _lifted(pairs: Any, image: Callable[[Any], Any]) -> frozenset[tuple[Any, Any]]:
+    return frozenset((image(one), image(two)) for one, two in pairs)
+
+
+def _row(place: Junction, row: int, there: Junction, entrances: Sequence[int]) -> int | None:
+    """Return the row of the other junction in which lights begin as in a row of this one; None if there is none.
+
+    Of several the one that takes the order of creation along.
+    """
+    wanted = _turns(place, row, entrances)
+    rows = Orbits.at(there).rows
+    moved = [other for other in rows if other == entrances[row]]
+    return next((other for other in (*moved, *rows) if _turns(there, other) == wanted), None)
+
+
+def _turns(place: Junction, row: int, entrances: Sequence[int] | None = None) -> list[frozenset[int]]:
+    """Return which entrances have green, group by group from the first one on, by their images."""
+    plan = SignalPlan(place.phase_groups, first_green(place, row))
+    groups = plan.groups[plan.first :] + plan.groups[: plan.first]
+    return [group if entrances is None else frozenset(entrances[k] for k in group) for group in groups]

@@ -1,0 +1,212 @@
+"""A town: all that is asked for at the junctions of some maps, judged as one campaign."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from pytest_rvads.campaigns.judged import Judged, records
+from pytest_rvads.campaigns.shapes import REACH, Shape, shapes
+from pytest_rvads.campaigns.town_page import Site, TownMap
+from pytest_rvads.campaigns.town_plan import Asked, Plan
+from pytest_rvads.campaigns.town_tally import JunctionTally
+from pytest_rvads.campaigns.twins import Twins
+from pytest_rvads.draw.town_picture import spot, town_picture
+from pytest_rvads.errors import MapError
+from pytest_rvads.junctions.choosing import Choice, Kinds, choose_among
+from pytest_rvads.junctions.finder import load, name_of
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.record import Difference, Record
+from pytest_rvads.report.session_report import Drawn
+from pytest_rvads.scenarios.case import Case
+
+__all__ = ["Town", "TownRecords", "tallied"]
+
+
+@dataclass(eq=False)
+class Town:
+    """The junctions of some maps, and what is to run there."""
+
+    maps: tuple[Path, ...]
+    choice: Choice
+    plan: Plan
+    once_per_shape: bool = False
+    """Whether junctions of one shape are simulated at the first one only."""
+
+    @classmethod
+    def of(  # noqa: PLR0913 - which junctions, what there, and how much of it
+        cls,
+        maps: Sequence[Path],
+        wanted: Sequence[str],
+        asked: Asked,
+        *,
+        kinds: Kinds | None = None,
+        limit: int | None = None,
+        only: Sequence[str] = (),
+        sample: int | None = None,
+        seed: int = 0,
+        once_per_shape: bool = False,
+    ) -> Town:
+        """Return the town of some maps.
+
+        Args:
+            maps: OpenDRIVE files; no two may have the same name, since ids tell junctions by it.
+            wanted: which junctions of each, see `choose`.
+            asked: what is to run at each.
+            kinds: take only these of them.
+            limit: most junctions.
+            only: patterns of ids, see `Plan`.
+            sample: how many cases are drawn.
+            seed: of both draws.
+            once_per_shape: simulate junctions of one shape at the first one only.
+
+        Raises:
+            MapError: two maps of one name, an unreadable map, an unknown junction, or none that fits.
+            FormulaError: no such rule.
+        """
+        stems = Counter(name_of(map, "") for map in maps)
+        if twice := next((map for map in maps if stems[name_of(map, "")] > 1), None):
+            raise MapError(f"ids tell junctions by the name of their map, and two are called {twice.stem!r}: rename one of them")
+        choice = choose_among(((text, map) for map in maps for text in wanted), kinds=kinds, limit=limit, seed=seed)
+        return cls(tuple(maps), choice, Plan(choice.junctions, asked, tuple(only), sample, seed), once_per_shape)
+
+    def cases(self) -> Iterator[Case]:
+        """Yield what is to be simulated: every case, or one of those that are the same up to a motion."""
+        return self._twins.cases() if self.once_per_shape else (planned.case for planned in self.plan)
+
+    @property
+    def simulated(self) -> int:
+        """How many cases are to be simulated."""
+        return len(self._twins) if self.once_per_shape else sum(self.counts.values())
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """Per junction how many cases are to be judged."""
+        return self.plan.counts()
+
+    @cached_property
+    def _twins(self) -> Twins:
+        return Twins(self.plan, self.shapes)
+
+    @cached_property
+    def shapes(self) -> tuple[Shape, ...]:
+        """The shapes of the junctions where something runs, as far as its runs reach."""
+        return shapes(self.plan.places, REACH)
+
+    def judged(self, results: Iterable[Judged]) -> Iterable[Judged]:
+        """Return results at every junction, from those of `cases`; can be gone through as often as `results`."""
+        return self._twins.spread(results) if self.once_per_shape else results
+
+    def case_of(self, names: Collection[str]) -> dict[str, Case]:
+        """Return the cases that runs of these names come from: those that were simulated."""
+        if self.once_per_shape:
+            return self._twins.case_of(names)
+        return {planned.name: planned.case for planned in self.plan if planned.name in names}
+
+    def pictures(self) -> list[TownMap]:
+        """Return the maps as a page shows them."""
+        return [TownMap(map.stem, town_picture(load(map))) for map in self.maps]
+
+    def sites(self) -> list[Site]:
+        """Return every junction that was asked for, map by map in the order of the files, those that are refused too."""
+        usable = {(str(place.map), place.id): place for place in self.choice.junctions}
+        refused = {(str(one.map), one.junction): one.reason for one in self.choice.refused}
+        found = []
+        for number, map in enumerate(self.maps):
+            for report in load(map).junctions:
+                key = str(map), report.id
+                if key not in refused and key not in usable:
+                    continue
+                name = name_of(map, report.id)
+                kind = f"{report.ways}-way {report.control.value}" if report.entrances else f"{report.ways}-way"
+                why = refused.get(key) or self.plan.refused.get(name, "")
+                notes = self._notes(usable[key]) if key in usable else ()
+                found.append(Site(name, report.id, number, spot(report), kind, self.counts.get(name, 0), why, notes))
+        return found
+
+    def refused(self) -> dict[str, tuple[str, ...]]:
+        """Return why junctions are left out, to their names."""
+        found: dict[str, tuple[str, ...]] = {}
+        for name, reason in [(one.name, one.reason) for one in self.choice.refused] + list(self.plan.refused.items()):
+            same = reason.replace(f"junction {name!r}", "the junction")
+            found[same] = (*found.get(same, ()), name)
+        return found
+
+    def drawn(self) -> tuple[Drawn, ...]:
+        """Return what was drawn from more."""
+        taken, over, seed = len(self.choice.junctions), self.choice.passed_over, self.plan.seed
+        found = [Drawn("rvads town", "junctions", taken, taken + over, seed)] if over else []
+        if self.plan.sample is not None:
+            found.append(Drawn("rvads town", "runs", sum(self.counts.values()), self.plan.total, seed))
+        return tuple(found)
+
+    def notes(self) -> list[str]:
+        """Return what is to be said of the town as a whole, a sentence each."""
+        several = [len(shape.members) for shape in self.shapes if len(shape.members) > 1]
+        total = sum(self.counts.values())
+        if not several:
+            return ["no two junctions have the same shape, so every run was simulated"] if self.once_per_shape else []
+        told = f"{sum(several)} junctions have {len(several)} shape{'s' if len(several) > 1 else ''} in common"
+        if not self.once_per_shape:
+            return [f"{told}: with --once-per-shape each is simulated once"]
+        return [
+            f"{told}: {total - self.simulated} of {total} runs were not simulated but taken from a junction of the same shape"
+        ]
+
+    def _notes(self, place: Junction) -> tuple[str, ...]:
+        left_out = self.plan.left_out(place)
+        found = [f"{left_out.scenarios} scenarios are left out, the first: {left_out.reason}"] if left_out else []
+        if place.name not in self.plan.refused:
+            shape = next((s for s in self.shapes if len(s.members) > 1 and any(m.junction is place for m in s.members)), None)
+            if shape is not None:
+                others = [f"{m.junction.name}" for m in shape.members if m.junction is not place]
+                apart = max(member.deviation for member in shape.members)
+                found.append(f"of the same shape, to within {apart:.3f} m: {', '.join(others)}")
+        return tuple(found)
+
+
+class TownRecords(Collection[Record]):
+    """A record per case and rule, made anew in every pass.
+
+    Args:
+        judged: the results.
+        looks: by name of a run and rule, where its replay page is.
+        flaky: by name of a run, where it parts from its repetition.
+    """
+
+    def __init__(self, judged: Iterable[Judged], looks: Mapping[tuple[str, str], str], flaky: Mapping[str, Difference]) -> None:
+        self._judged, self._looks, self._flaky = judged, looks, flaky
+        self._count: int | None = None
+
+    def __iter__(self) -> Iterator[Record]:
+        for judged in self._judged:
+            for record in records(judged):
+                changes: dict[str, Any] = {}
+                if look := self._looks.get((judged.name, record.rule or "")):
+                    changes["look"] = look
+                if record.failed and (difference := self._flaky.get(judged.name)):
+                    changes |= {"status": Outcome.FLAKY, "flaky": difference}
+                yield msgspec.structs.replace(record, **changes) if changes else record
+
+    def __contains__(self, record: object) -> bool:
+        return any(one == record for one in self)
+
+    def __len__(self) -> int:
+        if self._count is None:
+            self._count = sum(len(judged.verdicts) for judged in self._judged)
+        return self._count
+
+
+def tallied(judged: Iterable[Judged]) -> dict[str, JunctionTally]:
+    """Return by junction what came of it, in one pass."""
+    found: dict[str, JunctionTally] = {}
+    for one in judged:
+        found.setdefault(one.junction, JunctionTally()).add(one)
+    return found

@@ -1,0 +1,158 @@
+"""The page of a town: its map with the junctions in the colours of their verdicts, and what is known of each."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from urllib.parse import quote
+
+from pytest_rvads.campaigns.town_tally import JunctionTally, cell
+from pytest_rvads.draw.town_picture import Spot, TownPicture
+from pytest_rvads.report.outcome import Mark, Outcome
+from pytest_rvads.webpage import webpage
+from pytest_rvads.wording import markup
+
+__all__ = ["Site", "TownMap", "state", "town_page", "worst_first"]
+
+LEGEND: tuple[tuple[Mark, str], ...] = (
+    ("bad", "failed"),
+    ("doubt", "open, provoked, unavoidable, unsure or incomplete"),
+    ("good", "passed"),
+    ("none", "refused or not judged"),
+)
+"""What the marks on the map mean, the worst first."""
+
+
+@dataclass(frozen=True, slots=True)
+class TownMap:
+    """A map of a town."""
+
+    name: str
+    picture: TownPicture
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A junction of a town, in the town's words."""
+
+    name: str
+    """As in ids."""
+    id: str
+    """In its map."""
+    map: int
+    """Place of its map among those of the page."""
+    spot: Spot | None
+    """None where nothing leads there."""
+    kind: str
+    """Such as ``4-way stop``."""
+    planned: int = 0
+    """How many runs there are to be."""
+    refused: str = ""
+    """Why nothing runs there."""
+    notes: tuple[str, ...] = ()
+    """What else is to be said, such as what was left out; sentences."""
+
+
+def state(site: Site, tally: JunctionTally) -> Mark:
+    """Return how a junction is marked; one whose runs are not all there is not good yet."""
+    return "doubt" if tally.mark == "good" and tally.runs < site.planned else tally.mark
+
+
+def worst_first(sites: Sequence[Site], tallies: Mapping[str, JunctionTally]) -> list[Site]:
+    """Return the junctions, those first with which most is wrong; of equals, in the order given."""
+
+    def wrong(site: Site) -> tuple[int, ...]:
+        tally = tallies.get(site.name, JunctionTally())
+        marks = [mark for mark, _ in LEGEND]
+        found = tally.outcomes
+        return marks.index(state(site, tally)), *(
+            -found[outcome] for outcome in Outcome.worst_first() if outcome.mark in ("bad", "doubt")
+        )
+
+    return sorted(sites, key=wrong)
+
+
+def town_page(  # noqa: PLR0913 - what is known of a town
+    title: str,
+    notes: Sequence[str],
+    maps: Sequence[TownMap],
+    sites: Sequence[Site],
+    tallies: Mapping[str, JunctionTally],
+    looks: Mapping[tuple[str, str], str],
+    again: str,
+) -> str:
+    """Return the page.
+
+    Args:
+        title: of the page.
+        notes: what is missing or doubtful, sentences; they stand above everything else.
+        maps: one or more.
+        sites: every junction of them, also those where nothing runs.
+        tallies: by name, what came of those where something ran.
+        looks: by name of a run and rule, the path of the replay from the folder of the page.
+        again: the command that runs some of it again; the ids of runs are to follow it.
+    """
+    ordered = worst_first(sites, tallies)
+    found = [_shown(site, tallies.get(site.name, JunctionTally()), looks, again) for site in ordered]
+    marks = Counter(str(one["state"]) for one in found)
+    said = "; ".join(f"{marks[mark]} {what}" for mark, what in LEGEND if marks[mark])
+    content = {
+        "maps": [{"name": one.name, "view": one.picture.view, "lanes": one.picture.lanes} for one in maps],
+        "junctions": found,
+        "legend": LEGEND,
+    }
+    told = "".join(f'<li class="note">{markup(note)}' for note in notes)
+    return webpage(
+        "pytest_rvads.campaigns",
+        "town_page",
+        title,
+        content,
+        heading=markup(title),
+        notes=f'<ul class="notes">{told}</ul>' if told else "",
+        said=markup(f"{len(found)} junctions: {said}" if found else "no junctions"),
+    )
+
+
+def _shown(site: Site, tally: JunctionTally, looks: Mapping[tuple[str, str], str], again: str) -> dict[str, object]:
+    """Return what the page shows of a junction, as JSON has it."""
+    configurations = sorted({cfg for _, cfg, _ in tally.table})
+    rules = list(dict.fromkeys(rule for rule, _, _ in sorted(tally.table)))
+    outcomes = {(rule, cfg): Counter[Outcome]() for rule in rules for cfg in configurations}
+    for (rule, cfg, outcome), count in tally.table.items():
+        outcomes[rule, cfg][outcome] = count
+    missing = site.planned - tally.runs
+    notes = [f"refused: {site.refused}"] if site.refused else []
+    notes += [f"{missing} of {site.planned} runs are missing"] if missing > 0 else []
+    notes += [f"{count} of {tally.runs} runs were simulated at {name}, of the same shape" for name, count in tally.shapes.items()]
+    notes += [f"{tally.untold} more verdicts have causes of their own"] if tally.untold else []
+    causes = [
+        (
+            title,
+            [
+                {
+                    "count": cause.count,
+                    "rule": ", ".join(cause.rules[:3]) + (f" and {len(cause.rules) - 3} more" if len(cause.rules) > 3 else ""),
+                    "text": cause.text,
+                    "look": quote(looks.get((cause.run, cause.rule), ""), safe="/#=."),
+                    "again": f'{again} "{cause.run}-{cause.rule}"',
+                }
+                for cause in group
+            ],
+        )
+        for title, group in tally.grouped()
+    ]
+    return {
+        "name": site.name,
+        "id": site.id,
+        "map": site.map,
+        "spot": site.spot,
+        "kind": site.kind,
+        "state": state(site, tally),
+        "told": tally.told or ("refused" if site.refused else "nothing judged"),
+        "notes": [*notes, *site.notes],
+        "configurations": configurations,
+        "rules": [(rule, [cell(outcomes[rule, cfg]) for cfg in configurations]) for rule in rules],
+        "causes": causes,
+        "again": f'{again} "{site.name}-*"' if tally.runs else "",
+    }

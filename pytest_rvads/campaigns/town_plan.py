@@ -1,0 +1,197 @@
+"""What is to run at many junctions: cases one after the other, never all at once, and how many there are of what."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from functools import cached_property
+from typing import NamedTuple
+
+from pytest_rvads.campaigns.extents import extended
+from pytest_rvads.drivers.interface import Factory
+from pytest_rvads.drivers.traffic import DEFAULT, Policy
+from pytest_rvads.errors import RvadsError, ScenarioError
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.session_report import Extent
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.configurations import grid
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.selection import Selection
+from pytest_rvads.stratified import draw
+
+__all__ = ["Asked", "LeftOut", "Plan", "Planned"]
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What is to run at every junction; the words are those of ``@rvads.scenario``."""
+
+    driver: Factory
+    rules: tuple[str | Rule, ...] = ("road",)
+    cover: str = "conflicts"
+    occupancy: str = "arms"
+    grid: tuple[str, ...] = ("paper",)
+    subject: int | str | None = None
+    traffic: Policy | None = None
+    """Drives the others where there is a subject."""
+    followers: tuple[int, ...] = (0,)
+
+
+class Planned(NamedTuple):
+    """A case with its name."""
+
+    name: str
+    """As in ids, without a rule."""
+    case: Case
+
+
+class LeftOut(NamedTuple):
+    """Scenarios of a junction in which a vehicle has no room where it would start."""
+
+    scenarios: int
+    reason: str
+    """Of the first one."""
+
+
+@dataclass(eq=False)
+class Plan:
+    """The cases of some junctions, junction by junction; can be gone through any number of times."""
+
+    junctions: Sequence[Junction]
+    asked: Asked
+    only: tuple[str, ...] = ()
+    """Patterns of which the id of a run, or of a verdict, has to match one, as file names do; none: all."""
+    sample: int | None = None
+    """How many are drawn from all of them, spread evenly over junctions, classes and configurations."""
+    seed: int = 0
+    _counted: dict[str, tuple[int, LeftOut | None]] = field(default_factory=dict, init=False)
+
+    @cached_property
+    def refused(self) -> dict[str, str]:
+        """By name the junctions at which none of what is asked for can run, and why."""
+        found = {}
+        for place in self.junctions:
+            try:
+                if not self.rules(place):
+                    raise ScenarioError(f"none of the rules asked for is about {place.control} junctions")
+                count, unfit = self._count(place)
+                if unfit and not count:
+                    raise ScenarioError(unfit.reason)
+            except RvadsError as error:
+                found[place.name] = str(error)
+        return found
+
+    @property
+    def places(self) -> list[Junction]:
+        """The junctions at which something can run."""
+        return [place for place in self.junctions if place.name not in self.refused]
+
+    def rules(self, place: Junction) -> tuple[Rule, ...]:
+        """Return the rules that runs at a junction are judged by.
+
+        Raises:
+            FormulaError: no such rule.
+        """
+        return rules_for(self.asked.rules, place)
+
+    def left_out(self, place: Junction) -> LeftOut | None:
+        """Return what of the scenarios asked for at a junction is left out; None where nothing is, or all is refused."""
+        return None if place.name in self.refused else self._count(place)[1]
+
+    def extents(self) -> dict[str, Extent]:
+        """Return by junction how much there is to cover."""
+        found: dict[str, Extent] = {}
+        for place in self.places:
+            found = extended(found, self.selection(place))
+        return found
+
+    @property
+    def total(self) -> int:
+        """How many cases there are without patterns and sample."""
+        return sum(self._count(place)[0] for place in self.places)
+
+    def counts(self) -> dict[str, int]:
+        """Return per junction, in order, how many cases there are; 0 where it is refused."""
+        if self.sample is None and not self.only:
+            return {place.name: 0 if place.name in self.refused else self._count(place)[0] for place in self.junctions}
+        found = dict.fromkeys((place.name for place in self.junctions), 0)
+        for planned in self:
+            found[planned.case.scenario.place.name] += 1
+        return found
+
+    def __iter__(self) -> Iterator[Planned]:
+        """Yield the cases."""
+        if self.sample is None:
+            yield from self._every()
+        else:
+            yield from self._drawn
+
+    @cached_property
+    def _drawn(self) -> list[Planned]:
+        return draw(_Again(self), self.sample or 0, self.seed, _stratum, _name)
+
+    def _every(self) -> Iterator[Planned]:
+        asked = self.asked
+        traffic = None if asked.traffic is None or asked.subject is None else asked.traffic
+        for place in self.places:
+            rules = [rule.name for rule in self.rules(place)]
+            for scenario in self.selection(place).fitting(_nobody):
+                name = _named(scenario, traffic)
+                if not self.only or self._wanted(name, rules):
+                    yield Planned(name, Case(scenario, asked.driver, traffic.factory if traffic else None))
+
+    def _wanted(self, name: str, rules: Sequence[str]) -> bool:
+        ids = (name, *(f"{name}-{rule}" for rule in rules))
+        return any(fnmatchcase(id, pattern) for pattern in self.only for id in ids)
+
+    def selection(self, place: Junction) -> Selection:
+        """Return what is to run at a junction, with what does not fit there; raises ScenarioError where nothing can."""
+        asked = self.asked
+        return Selection(
+            place,
+            grid(asked.grid, len(place.entrances), place.control),
+            asked.cover,
+            asked.occupancy,
+            subject=asked.subject,
+            followers=asked.followers,
+        )
+
+    def _count(self, place: Junction) -> tuple[int, LeftOut | None]:
+        """Return how many scenarios fit at a junction, and which don't; gone through only where some may not."""
+        if place.name not in self._counted:
+            selection, unfit = self.selection(place), list[ScenarioError]()
+            total = selection.count() * selection.points
+            count = total if selection.roomy else sum(1 for _ in selection.fitting(unfit.append))
+            self._counted[place.name] = count, LeftOut(len(unfit), str(unfit[0])) if unfit else None
+        return self._counted[place.name]
+
+
+class _Again:
+    """All cases of a plan, as what can be gone through twice."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+
+    def __iter__(self) -> Iterator[Planned]:
+        return self._plan._every()
+
+
+def _nobody(_: ScenarioError) -> None:
+    """Who takes note of what is left out where that is known."""
+
+
+def _named(scenario: Scenario, traffic: Policy | None) -> str:
+    """Return the id of a run: a policy other than the usual one follows the configuration."""
+    return scenario.name if traffic is None or traffic.name == DEFAULT else f"{scenario.name}-{traffic.name}"
+
+
+def _stratum(planned: Planned) -> tuple[str, ...]:
+    scenario = planned.case.scenario
+    return scenario.place.name, f"{scenario.number} {scenario.orbit or scenario.label}", scenario.point
+
+
+def _name(planned: Planned) -> str:
+    return planned.name

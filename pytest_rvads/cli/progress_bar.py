@@ -1,0 +1,52 @@
+"""How far a long command is: a bar with an estimate of what is left, or where there is no terminal a line per tenth."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from pytest_rvads import executors
+
+__all__ = ["progressing"]
+
+
+@contextmanager
+def progressing(what: str) -> Iterator[executors.Progress]:
+    """Have something to call with the number of jobs done and of all; it shows on standard error how far that is.
+
+    Args:
+        what: is done, such as ``runs``.
+    """
+    if not sys.stderr.isatty():
+        yield _Lines(what)
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as bars:
+        task = bars.add_task(what, total=None)
+
+        def shown(done: int, total: int) -> None:
+            bars.update(task, completed=done, total=total)
+
+        yield shown
+
+
+class _Lines:
+    def __init__(self, what: str) -> None:
+        self._what, self._told = what, -1
+
+    def __call__(self, done: int, total: int) -> None:
+        tenth = 10 * done // max(total, 1)
+        if tenth > self._told and done:
+            self._told = tenth
+            print(f"{done}/{total} {self._what}", file=sys.stderr, flush=True)

@@ -1,0 +1,108 @@
+"""A whole map from above: every drivable lane, as paths of SVG that stay small."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.junctions.analysis import JunctionReport
+from pytest_rvads.junctions.road_map import RoadMap
+
+__all__ = ["Spot", "TownPicture", "simplified", "spot", "town_picture"]
+
+TOLERANCE = 0.2
+"""How far a drawn line may leave the centre line of its lane [m]."""
+_MARGIN = 15.0
+"""Around the lanes [m]."""
+_SMALLEST = 8.0
+"""Radius of a junction at least [m]."""
+_WIDTHS = (0.5, 6.0)
+"""Least and greatest width drawn [m]."""
+
+
+class TownPicture(NamedTuple):
+    """The lanes of a map; x grows to the east, y to the south, as in SVG [m]."""
+
+    view: tuple[float, float, float, float]
+    """West, north, width and height of what there is to see."""
+    lanes: tuple[tuple[float, str], ...]
+    """Widths, and the attribute ``d`` of a path with all lanes of that width."""
+
+
+class Spot(NamedTuple):
+    """Where a junction is in such a picture [m]."""
+
+    x: float
+    y: float
+    radius: float
+    """Of a disc that its arms end on."""
+
+
+def town_picture(road_map: RoadMap) -> TownPicture:
+    """Return the lanes of a map; a map without any lane is an empty picture of some metres."""
+    groups: dict[float, list[str]] = {}
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for id in sorted(road_map.graph.edges):
+        edge = road_map.graph.edges[id]
+        points = simplified(edge.points * (1.0, -1.0), TOLERANCE)
+        low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+        width = round(min(max(edge.width, _WIDTHS[0]), _WIDTHS[1]) * 2) / 2
+        groups.setdefault(width, []).append(_path(points))
+    if not groups:
+        low = high = np.zeros(2)
+    (west, north), (wide, tall) = (low - _MARGIN).tolist(), (high - low + 2 * _MARGIN).tolist()
+    view = round(west, 1), round(north, 1), round(wide, 1), round(tall, 1)
+    return TownPicture(view, tuple((width, "".join(groups[width])) for width in sorted(groups)))
+
+
+def spot(report: JunctionReport) -> Spot | None:
+    """Return where a junction is; None where nothing leads there, so that nobody knows."""
+    arms = report.arms
+    if not arms:
+        return None
+    x, y = math.fsum(arm.x for arm in arms) / len(arms), math.fsum(arm.y for arm in arms) / len(arms)
+    radius = max(_SMALLEST, *(math.dist((x, y), (arm.x, arm.y)) for arm in arms))
+    return Spot(round(x, 1), round(-y, 1), round(radius, 1))
+
+
+def simplified(points: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
+    """Return some points of a line, both ends among them, such that no other lies farther than `tolerance` from the rest [m].
+
+    This is the algorithm of Ramer, Douglas and Peucker.
+
+    Args:
+        points: shape ``(k, 2)``, k >= 2.
+        tolerance: in the unit of the points.
+    """
+    keep = np.zeros(len(points), dtype=bool)
+    keep[[0, -1]] = True
+    parts = [(0, len(points) - 1)]
+    while parts:
+        first, last = parts.pop()
+        if last - first < 2:
+            continue
+        start, along = points[first], points[last] - points[first]
+        inner = points[first + 1 : last] - start
+        length = float(along @ along)
+        share = np.clip(inner @ along / length, 0.0, 1.0) if length else np.zeros(len(inner))
+        off = np.hypot(*(inner - share[:, None] * along).T)
+        farthest = int(off.argmax())
+        if off[farthest] > tolerance:
+            middle = first + 1 + farthest
+            keep[middle] = True
+            parts += [(first, middle), (middle, last)]
+    return points[keep]
+
+
+def _path(points: NDArray[np.float64]) -> str:
+    """Return a line for the attribute ``d``, in whole decimetres: steps between rounded points, so that none adds up."""
+    tenths = np.rint(points * 10.0).astype(int)
+    (x, y), steps = tenths[0].tolist(), np.diff(tenths, axis=0)
+    return f"M{_tenth(x)} {_tenth(y)}" + "".join(f"l{_tenth(dx)} {_tenth(dy)}" for dx, dy in steps.tolist() if dx or dy)
+
+
+def _tenth(number: int) -> str:
+    return f"{number / 10:.1f}".removesuffix(".0")

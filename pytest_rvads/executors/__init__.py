@@ -1,0 +1,139 @@
+"""Work on any `concurrent.futures.Executor`: what a job depends on travels with it, so that any process gives the same result.
+
+A process may die of what it is given, or of something else. So what was under way is done again, and what was under way twice
+is done apart from everything else: only what ends a process of its own is lost, and costs nothing but itself.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence, Sized
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import closing
+from itertools import count, islice
+from queue import SimpleQueue
+from typing import Any, TypeVar
+
+from pytest_rvads.errors import RvadsError
+from pytest_rvads.executors.teams import ExecutorGone, Failed, Foreign, Own, Part, Team, tried
+
+__all__ = ["ExecutorGone", "Failed", "Progress", "gathered", "spread"]
+
+Progress = Callable[[int, int], None]
+"""Called with the number of jobs done and the number of all."""
+_Job = TypeVar("_Job")
+_Result = TypeVar("_Result")
+
+
+def spread(
+    work: Callable[[_Job], _Result],
+    jobs: Sequence[_Job],
+    executor: Executor | int | None = None,
+    progress: Progress | None = None,
+    batch: int = 4,
+) -> Generator[_Result, None, None]:
+    """Yield the result of every job, in order; what a job raises is raised in its place; close it to end early.
+
+    Args:
+        work: a function of a module, so that other processes find it.
+        jobs: plain values.
+        executor: a number of processes, by default as many as there are processors; 1 is this one. Or any executor.
+        progress: called after every job.
+        batch: jobs that a process gets at a time.
+
+    Raises:
+        RvadsError: a job can't travel, ended its process, or the executor is gone.
+    """
+    known: dict[int, _Result | Failed] = {}
+    due = 0
+    with closing(gathered(work, jobs, executor, batch)) as answers:
+        for done, (number, answer) in enumerate(answers, start=1):
+            if progress is not None:
+                progress(done, len(jobs))
+            known[number] = answer
+            while due in known:
+                result = known.pop(due)
+                if isinstance(result, Failed):
+                    raise result.error
+                due += 1
+                yield result
+
+
+def gathered(
+    work: Callable[[_Job], _Result], jobs: Iterable[_Job], executor: Executor | int | None = None, batch: int = 4
+) -> Generator[tuple[int, _Result | Failed], None, None]:
+    """Yield the number of every job and its result, as they come; close it to end early.
+
+    Jobs are asked for when there is somebody to do them, and nothing is kept of those that are done.
+
+    Args:
+        work: as for `spread`.
+        jobs: plain values, any number of them.
+        executor: as for `spread`.
+        batch: jobs that a process gets at a time.
+
+    Raises:
+        RvadsError: a job can't travel, or the executor is gone.
+    """
+    if not isinstance(executor, Executor):
+        executor = _processes(executor, jobs)
+    if executor == 1:
+        for number, job in enumerate(jobs):
+            yield number, tried(work, job)
+        return
+    team: Team = Foreign(work, executor) if isinstance(executor, Executor) else Own(work, executor)
+    try:
+        for part, answers in _flown(team, _parts(jobs, batch)):
+            yield from enumerate(answers, start=part.begin)
+    except BaseException:
+        team.stop()
+        raise
+    team.close()
+
+
+def _parts(jobs: Iterable[Any], size: int) -> Iterator[Part]:
+    begin, rest = 0, iter(jobs)
+    while taken := tuple(islice(rest, size)):
+        yield Part(begin, taken)
+        begin += len(taken)
+
+
+def _flown(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[Any]]]:
+    """Yield parts with their answers, as they come back; lost ones have gone out again."""
+    flying: dict[Future[list[Any]], Part] = {}
+    back: SimpleQueue[Future[list[Any]]] = SimpleQueue()
+    sent = count(1)
+
+    def launch(part: Part) -> None:
+        part = part._replace(sent=next(sent))
+        future = team.submit(part)
+        flying[future] = part
+        future.add_done_callback(back.put)
+
+    try:
+        while True:
+            while len(flying) < team.ahead and (part := next(parts, None)) is not None:
+                launch(part)
+            if not flying:
+                return
+            future = back.get()
+            part = flying.pop(future)
+            try:
+                answers = future.result()
+            except (Exception, CancelledError) as error:
+                part = part._replace(losses=part.losses + 1)
+                if team.again(part, error):
+                    launch(part)
+                    continue
+                answers = list(map(team.alone, part.jobs))
+            yield part, answers
+    finally:
+        for future in flying:
+            future.cancel()
+
+
+def _processes(wanted: int | None, jobs: object) -> int:
+    if wanted is not None and (type(wanted) is not int or wanted < 1):
+        raise RvadsError(f"executor= takes a number of processes from 1 on, or a concurrent.futures.Executor, got {wanted!r:.60}")
+    found = wanted or os.cpu_count() or 1
+    return max(1, min(found, len(jobs))) if isinstance(jobs, Sized) else found

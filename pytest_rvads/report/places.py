@@ -1,0 +1,179 @@
+"""Junctions: what was exercised and found at each, in one pass over any number of records."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+
+from pytest_rvads.report.outcome import Outcome, Tallied, counted
+from pytest_rvads.report.record import Record
+from pytest_rvads.report.session_report import Extent, Move
+
+__all__ = ["FEW", "Place", "Places"]
+
+FEW = 4
+"""Junctions that are told one by one; of more of them sums are told, and the worst."""
+
+
+class Places:
+    """Takes records in and tells of each junction what was exercised and found there, what was recorded apart.
+
+    Args:
+        totals: per number of ways, how many classes and how many full scenarios exist, where that is known.
+        extents: how much there is to cover at junctions of which that does not tell.
+    """
+
+    def __init__(self, totals: Mapping[int, tuple[int, int]], extents: Mapping[str, Extent] | None = None) -> None:
+        self._totals, self._extents = totals, extents or {}
+        self._found: dict[tuple[str, bool], Place] = {}
+
+    def add(self, record: Record) -> None:
+        """Take a record in."""
+        key = record.junction, bool(record.recording)
+        place = self._found.get(key) or self._found.setdefault(key, self._new(record))
+        place.add(record)
+
+    def _new(self, record: Record) -> Place:
+        if record.recording:
+            return Place(record)
+        return Place(record, self._totals.get(record.ways, ("?", "?")), self._extents.get(record.junction))
+
+    @property
+    def many(self) -> bool:
+        """Whether there are more junctions than can be told one by one."""
+        return len({junction for junction, _ in self._found}) > FEW
+
+    @property
+    def found(self) -> list[Place]:
+        """All of them, in the order of their first records."""
+        return list(self._found.values())
+
+
+class Place:
+    """What was exercised and found at a junction, or recorded there.
+
+    Args:
+        first: the first of its records.
+        totals: how many classes and full scenarios exist; None of what was recorded.
+        extent: how much there is to cover, where that does not tell.
+    """
+
+    def __init__(self, first: Record, totals: tuple[int | str, int | str] | None = None, extent: Extent | None = None) -> None:
+        self.junction, self.kind = first.junction, first.kind
+        self.counts: dict[str, Counter[Tallied]] = {}
+        """By rule how many verdicts there are of a kind."""
+        self.runs: set[str] = set()
+        """Those that were judged."""
+        self.wrong: set[str] = set()
+        """Those in which something went wrong that was not known, or would have gone."""
+        self._totals, self._extent = totals, extent
+        self._turns = extent.turns if extent else first.ways
+        self._full = {"arms": _Full(), "lanes": _Full()}
+        """Of full scenarios, by occupancy; together in the first where there is one way to occupy a junction."""
+        self._partial: dict[str, set[int | str]] = {"arms": set(), "lanes": set()}
+        self._pairs: set[tuple[Move, Move]] = set()
+
+    def add(self, record: Record) -> None:
+        """Take a record in."""
+        counts = self.counts.get(record.asks) or self.counts.setdefault(record.asks, Counter())
+        counts[record.counts_as] += 1
+        if record.status.bad and not record.known:
+            self.wrong.add(record.ran_as)
+        if record.hash and record.status is not Outcome.ERROR:
+            self.runs.add(record.hash)
+            if self._totals and record.cls:
+                # Numbers alone are those of occupied arms.
+                self._full["lanes" if self._extent and record.orbit else "arms"].add(record, self._turns)
+            if self._extent:
+                self._add_to_extent(record)
+
+    def _add_to_extent(self, record: Record) -> None:
+        name = record.orbit or record.cls
+        for occupancy, names in self._partial.items():
+            if occupancy == "lanes" or _alone(record.scenario):
+                names.add(name)
+        self._pairs.update(combinations(sorted({(agent.entrance, agent.exit) for agent in record.agents}), 2))
+
+    @property
+    def tally(self) -> Counter[Tallied]:
+        """How many verdicts there are of a kind."""
+        return sum(self.counts.values(), Counter())
+
+    @property
+    def share(self) -> float:
+        """In which share of the runs something went wrong."""
+        return len(self.wrong) / max(len(self.runs | self.wrong), 1)
+
+    def line(self) -> str:
+        """Return what was exercised, and the verdicts by status."""
+        verdicts = self.tally
+        name = self.junction if self._totals else f"{self.junction} as recorded"
+        told = ", ".join([*self._covered(), f"{len(self.runs)} runs", f"{verdicts.total()} verdicts"])
+        idle = sorted(rule for rule, counts in self.counts.items() if set(counts) == {Outcome.NA})
+        return f"{name}: {told}: {counted(verdicts)}" + (f"  (never applicable: {', '.join(idle)})" if idle else "")
+
+    def _covered(self) -> Iterator[str]:
+        """Yield what was exercised: by occupancy, and of partial scenarios and pairs of movements where tests asked for them."""
+        if self._extent is None:
+            if self._totals:
+                classes, scenarios = self._totals
+                yield from self._full["arms"].told((classes, scenarios, scenarios))
+            return
+        extent = self._extent
+        for occupancy, totals in extent.classes.items():
+            where = (
+                {"arms": " with a vehicle per arm", "lanes": " with one per lane"}[occupancy] if len(extent.classes) > 1 else ""
+            )
+            yield from self._full[occupancy].told(totals, where)
+        for occupancy, total in extent.partial.items():
+            yield f"{len(self._partial[occupancy])}/{total} classes with partial ones"
+        apart = "lanes" not in extent.classes
+        for what, pairs in (("pairs of movements", extent.pairs), ("conflicting pairs", extent.conflicts)):
+            possible = [pair for pair in pairs if not (apart and pair[0][0][0] == pair[1][0][0])]
+            ruled_out = len(pairs) - len(possible)
+            if possible:
+                more = f" (and {ruled_out} of one arm, only with occupancy='lanes')" if ruled_out else ""
+                yield f"{len(self._pairs.intersection(possible))}/{len(possible)} {what}{more}"
+
+
+class _Full:
+    """What was exercised of full scenarios."""
+
+    def __init__(self) -> None:
+        self._classes: set[int] = set()
+        self._scenarios: set[str] = set()
+        self._seated: set[tuple[str, int]] = set()
+        """As seen from its seat, equal scenarios are rotations of each other."""
+
+    def add(self, record: Record, turns: int) -> None:
+        """Take in a record of a run at a junction with so many rotations."""
+        self._classes.add(record.cls)
+        self._scenarios.add(record.scenario)
+        if record.seat is not None:
+            self._seated.add(_seated(record.scenario, record.seat, turns))
+
+    def told(self, totals: tuple[int | str, int | str, int | str], where: str = "") -> Iterator[str]:
+        """Yield it in words.
+
+        Args:
+            totals: how many classes, full scenarios and classes with a subject there are.
+            where: which entrances are occupied.
+        """
+        classes, scenarios, seats = totals
+        yield f"{len(self._classes)}/{classes} classes{where}"
+        if self._seated:
+            yield f"{len(self._seated)}/{seats} classes with a subject{where}"
+        yield f"{len(self._scenarios)}/{scenarios} scenarios{where}"
+
+
+def _seated(scenario: str, seat: int, turns: int) -> tuple[str, int]:
+    """Return the least of the rotations of a scenario and its seat."""
+    code = scenario.replace("_", "")
+    rows = range(0, len(code), len(code) // turns)
+    return min((code[len(code) - row :] + code[: len(code) - row], (seat + row) % len(code)) for row in rows)
+
+
+def _alone(scenario: str) -> bool:
+    """Return whether no two vehicles of a scenario stand on one arm."""
+    return "_" not in scenario or all(len(arm.replace("0", "")) <= 1 for arm in scenario.split("_"))

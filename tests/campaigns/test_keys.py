@@ -1,0 +1,140 @@
+"""Hashes of cases: equal where runs have to be, another one where anything that decides a run is."""
+
+from dataclasses import fields, replace
+from functools import partial
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+import pytest_rvads as rvads
+from pytest_rvads.campaigns.keys import Keys
+from pytest_rvads.drivers.identity import identity
+
+STOP = rvads.find("stop4")
+BASE: dict[str, Any] = {"place": STOP, "directions": "1133"}
+CHANGES: dict[str, Any] = {
+    "place": rvads.find("light4"),
+    "directions": "1131",
+    "distance": 19.99,
+    "speed": 0.01,
+    "rotation": 1,
+    "configuration": "mine",
+    "duration": 7.5,
+    "aggression": 2,
+    "wait": 1.25,
+    "order": (1, 0, 2, 3),
+    "senses": rvads.Senses(delay=0.1),
+    "followers": 1,
+}
+
+
+def key(case: rvads.Case, simulator: rvads.Simulator = rvads.bullet) -> str:
+    return Keys(simulator).of(case)
+
+
+def case(driver: Any = rvads.Reference, fleet: rvads.Fleet | None = None, **changes: Any) -> rvads.Case:
+    arguments = {**BASE, **changes}
+    return rvads.Case(rvads.Scenario(**arguments), driver, fleet=fleet or rvads.Fleet())
+
+
+def test_every_change_of_a_scenario_is_another_case() -> None:
+    known = {"place", "directions", "distance", "speed", *(item.name for item in fields(rvads.Scenario)[4:])}
+    assert set(CHANGES) == known - {"subject"}
+    keys = [key(case()), *(key(case(**{name: value})) for name, value in CHANGES.items())]
+    assert len(set(keys)) == len(keys)
+
+
+def test_what_drives_is_part_of_a_case() -> None:
+    around = [rvads.traffic(name) for name in ("reference", "hesitant")]
+    seated = rvads.Scenario(STOP, "1133", subject=0)
+    keys = [
+        key(case()),
+        key(case(partial(rvads.Reference, tie=0.5))),
+        key(case(partial(rvads.Reference, tie=0.25))),
+        key(case(rvads.LgsvlLike)),
+        *(key(rvads.Case(seated, rvads.Reference, traffic=traffic)) for traffic in around),
+        key(rvads.Case(replace_subject(seated, 1), rvads.Reference, traffic=around[0])),
+        key(case(), rvads.mujoco),
+    ]
+    assert len(set(keys)) == len(keys)
+
+
+def replace_subject(scenario: rvads.Scenario, subject: int) -> rvads.Scenario:
+    return scenario.but(subject=subject)
+
+
+def test_bodies_are_part_of_a_case() -> None:
+    usual = rvads.Vehicle()
+    other = [replace(usual, length=4.7), replace(usual, brake_lag=0.1), replace(usual, friction=0.8)]
+    fleets = [
+        rvads.Fleet(usual),
+        *map(rvads.Fleet, other),
+        rvads.Fleet(usual, {"a1": other[0]}),
+        rvads.Fleet(usual, {"a2": other[0]}),
+    ]
+    keys = [key(case(fleet=fleet)) for fleet in fleets]
+    assert len(set(keys)) == len(keys)
+
+
+@given(st.lists(st.floats(0.01, 30), min_size=4, max_size=4), st.floats(0, 5))
+def test_the_same_case_made_twice_has_one_hash(distances: list[float], wait: float) -> None:
+    one, two = (key(case(distance=tuple(distances), wait=wait)) for _ in range(2))
+    assert one == two
+
+
+@given(st.lists(st.tuples(*[st.sampled_from([0.3, 5.0, 5.1, 20.0])] * 4), min_size=2, max_size=6, unique=True))
+def test_no_two_cases_share_a_hash(distances: list[tuple[float, ...]]) -> None:
+    keys = [key(case(distance=distance, configuration="same")) for distance in distances]
+    assert len(set(keys)) == len(distances)
+
+
+def test_the_path_of_a_map_is_no_part_of_a_case() -> None:
+    moved = replace(STOP, map="/elsewhere/town.xodr")
+    assert key(case(place=moved)) == key(case())
+
+
+class Driver(rvads.Follower):
+    """One with settings."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__()
+        self.settings = settings
+
+    def target_speed(self, seen: Any) -> float:
+        return 1.0
+
+
+def made(speed: float) -> Any:
+    def driver() -> Driver:
+        return Driver(speed=speed)
+
+    return driver
+
+
+def test_drivers_are_told_apart() -> None:
+    drivers: list[Any] = [
+        Driver,
+        rvads.Follower,
+        partial(Driver, speed=1.0),
+        partial(Driver, speed=2.0),
+        partial(Driver, weights=(1.0, 2.0)),
+        partial(Driver, weights=(2.0, 1.0)),
+        partial(Driver, table={"a": 1}),
+        partial(Driver, table={"a": 2}),
+        Driver(speed=1.0),
+        Driver(speed=2.0),
+        made(1.0),
+        made(2.0),
+        rvads.Process(["stack"]),
+        rvads.Process(["stack", "--quick"]),
+        rvads.Process(["stack"], rate=10),
+        rvads.Process(["stack"], env={"SPEED": "8"}),
+    ]
+    assert len(set(map(identity, drivers))) == len(drivers)
+
+
+def test_a_driver_made_twice_is_the_same() -> None:
+    assert identity(partial(Driver, speed=1.0, of={"b": 1, "a": 2})) == identity(partial(Driver, of={"a": 2, "b": 1}, speed=1.0))
+    assert identity(made(1.0)) == identity(made(1.0))
+    assert identity(rvads.Process("stack --quick")) == identity(rvads.Process(["stack", "--quick"]))

@@ -1,0 +1,342 @@
+"""Many junctions: sums in place of tables, in every form, in one pass over records that no memory holds."""
+
+import csv
+import io
+import json
+import re
+import tracemalloc
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from pytest_rvads.report import matrix, traceability, triage
+from pytest_rvads.report.coverage import measure
+from pytest_rvads.report.files import FORMATS
+from pytest_rvads.report.markdown import markdown
+from pytest_rvads.report.outline import Causes, Figures, RollUp, Verdicts, outline
+from pytest_rvads.report.page import page
+from pytest_rvads.report.record import Record, conclude, planned_record
+from pytest_rvads.report.session_report import Report
+from pytest_rvads.report.terminal import summary
+
+
+def record(junction: str, run: int, rule: str, status: str, **more: Any) -> Record:
+    """A verdict of a campaign on a run; junctions with an even number have lights."""
+    number = int(re.sub(r"\D", "", junction) or 0)
+    keys: dict[str, Any] = {"junction": junction, "cls": run, "scenario": f"11{run:02d}", "cfg": "C", "rotation": 0, "rule": rule}
+    keys |= {"control": "stop" if number % 2 else "lights", "driver": "mine.Pilot", "simulator": "mine"}
+    name = f"{junction}-class{run:02d}-as11{run:02d}-cfgC"
+    start = planned_record(f"{name}-{rule}", 0, "", keys, 3 + number % 2, more.pop("requirements", ()))
+    outcome = "skipped" if status == "NA" else "passed" if status == "PASS" else "failed"
+    verdict = {"status": status, "violated": "both in" if status == "FAIL" else "", "time": 1.0}
+    over = conclude(start, [verdict], "call", outcome, text=f"{rule} {status}", **more)
+    return replace(over, run=name, hash=f"{junction} {run}")
+
+
+def town(junctions: int, runs: int = 2, *, wrong: Collection[tuple[int, int]] = ()) -> list[Record]:
+    """Records of p1 and p2 at junctions 1 to n: p1 passes but in runs that are wrong, as (junction, run), p2 is about stops."""
+    return [
+        record(f"J{j}", run, rule, ("FAIL" if (j, run) in wrong else "PASS") if rule == "p1" else "PASS" if j % 2 else "NA")
+        for j in range(1, junctions + 1)
+        for run in range(1, runs + 1)
+        for rule in ("p1", "p2")
+    ]
+
+
+def rolled_up(report: Report) -> RollUp:
+    (block,) = (block for block in outline(report) if isinstance(block, RollUp))
+    return block
+
+
+def told(report: Report, width: int = 80, full: bool = False) -> str:
+    return summary(report, colour=False, width=width, unicode=False, full=full)
+
+
+def written(form: str, report: Report) -> str:
+    return "".join(FORMATS[form](report, Path()))
+
+
+@pytest.mark.parametrize(("junctions", "many"), [(4, False), (5, True)])
+def test_of_more_than_four_junctions_sums_are_told_in_place_of_tables(junctions: int, many: bool) -> None:
+    report = Report(tuple(town(junctions)))
+    for short in (True, False):
+        kinds = [type(block) for block in outline(report, short)]
+        assert (RollUp in kinds, Verdicts in kinds) == (many, not many)
+    both = [type(block) for block in outline(report, tables=True)]
+    assert (RollUp in both, both.count(Verdicts)) == (many, junctions), "who asks for the tables gets them"
+    assert "J3\n" in told(report, full=True)
+
+
+def test_the_sums_add_up_per_kind_rule_and_junction() -> None:
+    records = [*town(6, wrong=[(2, 1), (2, 2), (5, 1)]), record("J5", 3, "p1", "FAIL", known="I3: order")]
+    kinds, rules, junctions = rolled_up(Report(tuple(records))).sums
+    assert kinds.columns == ("kind", "junctions", "runs", "wrong", "pass", "fail", "known", "NA")
+    assert [kinds.cells(row) for row in kinds.rows] == [
+        ("3-way lights", "3", "6", "2", "4", "2", "", "6"),
+        ("4-way stop", "3", "7", "1", "11", "1", "1", ""),
+    ]
+    assert rules.columns[:3] == ("rule", "junctions", "wrong at")
+    assert [rules.cells(row) for row in rules.rows] == [
+        ("p1", "6", "2", "9", "3", "1", ""),
+        ("p2", "6", "0", "6", "", "", "6"),
+    ]
+    assert [junctions.cells(row)[:4] for row in junctions.rows] == [
+        ("J2", "3-way lights", "2", "2"),
+        ("J5", "4-way stop", "3", "1"),
+        ("J1", "4-way stop", "2", "0"),
+        ("J3", "4-way stop", "2", "0"),
+        ("J4", "3-way lights", "2", "0"),
+        ("J6", "3-way lights", "2", "0"),
+    ]
+    assert list(junctions.plain())[:2] == [
+        "junction J2: kind 3-way lights, runs 2, wrong 2: 2 fail, 2 NA",
+        "junction J5: kind 4-way stop, runs 3, wrong 1: 3 pass, 1 fail, 1 known failures",
+    ]
+
+
+def test_the_worst_is_where_the_largest_share_of_runs_went_wrong_then_most_then_the_first_by_number() -> None:
+    few, many = [(10, 1), (9, 1)], [(11, run) for run in (1, 2)]
+    records = [*town(12, 2, wrong=[*few, *many]), *(record("J12", run, "p1", "FAIL") for run in range(3, 7))]
+    names = [row.name for row in rolled_up(Report(tuple(records))).sums[2].rows]
+    assert names[:4] == ["J11", "J12", "J9", "J10"], "2 of 2, 4 of 6, 1 of 2 each"
+    assert names[4:] == [f"J{n}" for n in range(1, 9)]
+
+
+def test_a_summary_of_three_hundred_junctions_fits_a_screen_or_two_and_keeps_its_names() -> None:
+    report = Report(tuple(town(300, 5, wrong=[(n, 1) for n in range(1, 300, 7)])))
+    text = told(report)
+    assert len(text.splitlines()) < 60
+    table = text[: text.index("causes of failures")]
+    assert max(map(len, table.splitlines())) <= 80
+    rows = re.findall(r"^ (J\d+) ", table, re.MULTILINE)
+    assert rows == [f"J{n}" for n in range(1, 140, 7)], "each with one of five"
+    assert " ... and 280 more junctions: --rvads-summary=full shows them all" in text
+    assert "... and 296 more places, none worse" in text
+    whole = told(report, full=True)
+    assert set(re.findall(r"^ (J\d+) ", whole, re.MULTILINE)) == {f"J{n}" for n in range(1, 301)}
+
+
+@pytest.mark.parametrize("width", [30, 50, 80])
+def test_sums_are_as_narrow_as_the_terminal(width: int) -> None:
+    long = [replace(one, junction=f"a_town_with_a_long_name.{one.junction}") for one in town(6, wrong=[(2, 1)])]
+    table = told(Report(tuple(long)), width)
+    table = table[: table.index("causes of failures")]
+    assert max(map(len, table.splitlines())) <= width
+    columns = [re.split(r"[|+]", line)[0].strip() for line in table.splitlines()]
+    assert "".join(columns).count("a_town_with_a_long_name.J") >= 6, "folded where it is narrow, and never cut"
+
+
+def test_causes_say_at_how_many_junctions_where_sums_stand_for_tables() -> None:
+    wrong = [(1, 1), (1, 2), (2, 1)]
+    for junctions, line in ((4, "both in, in 3 runs"), (5, "both in, in 3 runs at 2 junctions")):
+        blocks = outline(Report(tuple(town(junctions, wrong=wrong))), short=True)
+        assert [block.causes[0].line for block in blocks if isinstance(block, Causes)] == [line]
+
+
+def test_lines_of_junctions_are_those_of_the_worst() -> None:
+    figures = outline(Report(tuple(town(9, wrong=[(7, 1), (3, 2)]))))[-1]
+    assert isinstance(figures, Figures)
+    lines = [line.partition(":")[0] for line in figures.lines if re.match(r"J\d|\.\.\.", line)]
+    assert lines == ["J3", "J7", "J1", "J2", "... and 5 more places, none worse"]
+
+
+def test_verdicts_that_are_too_many_for_tables_are_told_in_sums(monkeypatch: pytest.MonkeyPatch) -> None:
+    records = tuple(town(1, 6))
+    monkeypatch.setattr(matrix, "_MOST", 12)
+    assert Verdicts in map(type, outline(Report(records)))
+    monkeypatch.setattr(matrix, "_MOST", 11)
+    assert [type(block) for block in outline(Report(records), tables=True)] == [RollUp, Figures]
+
+
+def test_tables_of_a_session_together_keep_to_a_screen() -> None:
+    """Thirty tests at one junction, each with seven rows; the last two have something wrong."""
+    records = []
+    for test in range(30):
+        for cls in range(1, 8):
+            for bit in range(3):
+                bad = cls == 7 and test >= 28
+                status = "FAIL" if bad else "PASS" if cls >> bit & 1 else "NA"
+                nodeid = f"t.py::test_{test:02d}[class{cls:02d}-{bit}]"
+                records.append(replace(record("J1", cls, f"p{bit}", status), nodeid=nodeid, test=f"test_{test:02d}"))
+    report = Report(tuple(records))
+    text = told(report)
+    shown = re.findall(r"^J1   t.py::test_(\d+)$", text, re.MULTILINE)
+    assert shown == ["00", "01", "02", "03", "04", "05", "28", "29"], "twelve lines each"
+    assert "... and 22 more tables: --rvads-summary=full shows them all" in text
+    assert len(re.findall(r"^J1   t.py::test_(\d+)$", told(report, full=True), re.MULTILINE)) == 30
+
+
+def test_records_without_a_test_have_a_junction_for_a_title() -> None:
+    among = replace(record("J1", 1, "p1", "PASS"), traffic="hesitant")
+    titles = [block.title for block in outline(Report((record("J1", 1, "p1", "PASS"), among))) if isinstance(block, Verdicts)]
+    assert titles == ["J1", "J1 among hesitant traffic"]
+
+
+@pytest.mark.parametrize("form", [".md", ".html", ".json", ".csv", "terminal"])
+def test_the_command_that_runs_an_item_again_is_that_of_the_report(form: str) -> None:
+    report = Report(tuple(town(2, wrong=[(1, 1)])), again="rvads town T.xodr --only")
+    text = told(report) if form == "terminal" else written(form, report)
+    assert "rvads town T.xodr --only" in text
+    assert "pytest" not in text.replace("pytest_rvads", "")
+
+
+def content(report: Report) -> Any:
+    (data,) = re.findall('id="data">(.*)</script>', page(report, Path()))
+    return json.loads(data)
+
+
+def test_a_page_has_what_went_wrong_of_more_items_than_it_can_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pytest_rvads.report.page._ITEMS", 500)
+    wrong = [(j, run) for j in range(1, 31) for run in (1, 2)]
+    report = Report(tuple(town(60, 5, wrong=wrong)))
+    data = content(report)
+    assert (data["all"], len(data["items"])) == (600, 500)
+    assert sum(item["status"] == "FAIL" for item in data["items"]) == 60, "all of them"
+    assert len({(item["junction"], item["rule"]) for item in data["items"]}) == 120, "every rule at every junction"
+    places = {one.nodeid: number for number, one in enumerate(report.records)}
+    found = [places[item["id"]] for item in data["items"]]
+    assert found == sorted(found), "in their order"
+    whole = content(Report(tuple(town(50, 5))))
+    assert (whole["all"], len(whole["items"])) == (500, 500)
+
+
+def test_markdown_folds_the_junctions_that_are_not_the_worst() -> None:
+    text = markdown(Report(tuple(town(25, 1, wrong=[(25, 1)]))))
+    assert "<details><summary>5 more junctions</summary>\n\n| junction | kind |" in text
+    before, _, after = text.partition("<details>")
+    names = [re.findall(r"^\| (J\d+) \|", part, re.MULTILINE) for part in (before, after)]
+    assert (names[0][0], len(names[0]), names[1]) == ("J25", 20, [f"J{n}" for n in range(20, 25)])
+
+
+@dataclass
+class Stream(Collection[Record]):
+    """Records that are made whenever somebody goes through them."""
+
+    runs: int
+    passes: list[int] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return 2 * self.runs
+
+    def __contains__(self, one: object) -> bool:
+        raise AssertionError("nobody looks for a record")
+
+    def __iter__(self) -> Iterator[Record]:
+        self.passes.append(1)
+        for number in range(self.runs):
+            junction, run = f"J{number % 10}", number // 10 % 90
+            for rule, status in (("p1", "FAIL" if number % 20 == 3 else "PASS"), ("p2", "NA")):
+                one = record(junction, run, rule, status, requirements=(f"R{number % 3}",) if number % 2 else ())
+                yield replace(one, hash=f"{number:032x}")
+
+
+def test_an_outline_takes_one_pass() -> None:
+    stream = Stream(50)
+    outline(Report(stream))
+    assert len(stream.passes) == 1
+
+
+@pytest.mark.parametrize("form", [*FORMATS, "terminal"])
+def test_records_that_come_one_by_one_say_what_a_tuple_says(form: str) -> None:
+    lazy, whole = Report(Stream(200)), Report(tuple(Stream(200)))
+    if form == "terminal":
+        assert told(lazy) == told(whole)
+    else:
+        assert written(form, lazy) == written(form, whole)
+
+
+@pytest.mark.parametrize("form", [".json", ".csv", "terminal"])
+def test_memory_grows_by_a_fraction_of_what_the_records_take(form: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(matrix, "_MOST", 100)  # what tables and rows that wait take is bounded, but larger than this
+    monkeypatch.setattr(traceability, "_WAITING", 1000)
+
+    def peak(records: Collection[Record]) -> int:
+        report = Report(records)
+        tracemalloc.start()
+        try:
+            for _ in [told(report)] if form == "terminal" else FORMATS[form](report, Path()):
+                pass
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    def size(runs: int) -> int:
+        tracemalloc.start()
+        try:
+            kept = tuple(Stream(runs))
+            return tracemalloc.get_traced_memory()[0] if kept else 0
+        finally:
+            tracemalloc.stop()
+
+    peak(Stream(50))  # what is imported and cached on first use
+    assert peak(Stream(500)) - peak(Stream(100)) < (size(500) - size(100)) / 2
+
+
+def test_rows_that_wait_on_disk_come_out_in_the_order_of_requirements() -> None:
+    long = "x" * 2000
+    wanted = ["B", "A", "", "C"]
+    records = [
+        replace(record("J1", run, "p1", "PASS"), nodeid=f"{run}", message=long, requirements=(name,) if name else ())
+        for run in range(800)
+        for name in [wanted[run % 4]]
+    ]
+    rows = [row for row in csv.DictReader(io.StringIO(written(".csv", Report(tuple(records))))) if row["item"]]
+    assert [(row["requirement"], int(row["item"])) for row in rows] == [
+        *(("A", n) for n in range(1, 800, 4)),
+        *(("B", n) for n in range(0, 800, 4)),
+        *(("C", n) for n in range(3, 800, 4)),
+        *(("", n) for n in range(2, 800, 4)),
+    ]
+    assert {row["text"] for row in rows} == {long}
+    assert {row["control"] for row in rows} == {"stop"}
+
+
+def test_json_has_a_record_per_line() -> None:
+    report = Report(tuple(town(3)))
+    lines = [line.strip().rstrip(",") for line in written(".json", report).splitlines()]
+    found = [json.loads(line) for line in lines if line.startswith('{"nodeid"')]
+    assert [one["nodeid"] for one in found] == [one.nodeid for one in report.records]
+
+
+def found_by(tally: triage.ByText, records: list[Record]) -> list[triage.Cause]:
+    for one in records:
+        tally.add(one)
+    return tally.causes(True)
+
+
+def test_a_cause_counts_all_and_keeps_the_ids_of_the_first_thousand() -> None:
+    (cause,) = found_by(triage.causes(), [record("J1", run, "p1", "FAIL") for run in range(1200)])
+    assert (cause.count, cause.runs, len(cause.nodeids), cause.nodeids[0]) == (1200, 1200, 1000, cause.example)
+
+
+def test_reasons_beyond_a_thousand_are_told_as_one() -> None:
+    records = [replace(record("J1", run, "p1", "NA"), message=f"nobody within {run} m") for run in range(1100)]
+    causes = found_by(triage.idle(), records)
+    assert (len(causes), causes[0].text, causes[0].count) == (1001, "something else than the 1,000 causes told apart", 100)
+
+
+@given(st.permutations([(run, rule) for run in range(4) for rule in range(3)]))
+def test_causes_and_coverage_do_not_depend_on_what_comes_between_the_records_of_a_run(order: list[tuple[int, int]]) -> None:
+    """In each run rule 2 breaks first; in the last one it is the only one."""
+
+    def verdict(run: int, rule: int) -> Record:
+        status = "PASS" if run == 3 and rule < 2 else "FAIL"
+        one = record("J1", run, f"p{rule}", status)
+        told = {"violated": f"what p{rule} is about", "time": 5.0 - rule}
+        return replace(one, verdicts=tuple(replace(v, **told) for v in one.verdicts))
+
+    records = [verdict(*key) for key in order]
+    (cause,) = found_by(triage.causes(), records)
+    assert (cause.text, cause.count, cause.runs, cause.junctions) == ("what p2 is about", 10, 4, 1)
+    assert (cause.rules[0], set(cause.rules), set(cause.nodeids)) == (
+        "p2",
+        {"p0", "p1", "p2"},
+        {one.nodeid for one in records if one.failed},
+    )
+    assert str(measure(Report(tuple(records)))) == "12/12 cells exercised (100.0 %)"
