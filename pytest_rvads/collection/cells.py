@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.scenarios.selection import Selection
 
-__all__ = ["DEFAULT", "KEYS", "Cell", "Known", "RecordedCell", "Unfit", "cells_of", "runs_of"]
+__all__ = ["DEFAULT", "KEYS", "Cell", "Known", "RecordedCell", "Unfit", "cells_of", "id_of", "runs_of"]
 
 KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "traffic", "recording", "rule")
 """Keywords that select cells, in ``-m "rvads(cls=7)"`` and in ``@rvads.known(cls=7)``."""
@@ -100,10 +100,8 @@ class Unfit:
         self.first = self.first or error
 
 
-def runs_of(
-    selection: Selection, policies: Sequence[Policy | None], unfit: Unfit
-) -> Iterator[tuple[str, Scenario, Policy | None]]:
-    """Yield the runs of a selection: id, scenario, and what drives the traffic; there are thousands, so nothing is done twice.
+def runs_of(selection: Selection, policies: Sequence[Policy | None], unfit: Unfit) -> Iterator[tuple[Scenario, Policy | None]]:
+    """Yield the runs of a selection: scenario, and what drives the traffic.
 
     Args:
         selection: the scenarios.
@@ -111,13 +109,17 @@ def runs_of(
         unfit: takes the scenarios that are left out.
     """
     for scenario in selection.fitting(unfit.add):
-        name = scenario.name
-        for policy in policies:
-            yield name if policy is None or policy.name == DEFAULT else f"{name}-{policy.name}", scenario, policy
+        yield from ((scenario, policy) for policy in policies)
 
 
-def cells_of(run: str, scenario: Scenario, policy: Policy | None, axis: Sequence[tuple[Rule | None, Traced]]) -> Iterator[Cell]:
+def id_of(scenario: Scenario, policy: Policy | None) -> str:
+    """Return the id of a run, as in ids of items."""
+    return scenario.name if policy is None or policy.name == DEFAULT else f"{scenario.name}-{policy.name}"
+
+
+def cells_of(scenario: Scenario, policy: Policy | None, axis: Sequence[tuple[Rule | None, Traced]]) -> Iterator[Cell]:
     """Yield the cells of a run, one per rule of the axis; each rule comes with what it traces to there."""
+    run = id_of(scenario, policy)
     keys: dict[str, str | int] = {
         "junction": scenario.place.name,
         "cls": scenario.number,

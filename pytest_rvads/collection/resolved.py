@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
-from pytest_rvads.collection.cells import Cell, Traced, Unfit, cells_of, runs_of
+from pytest_rvads.collection.cells import Cell, Traced, Unfit, cells_of, id_of, runs_of
 from pytest_rvads.collection.misuse import told_at
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.stratified import draw
@@ -83,15 +83,18 @@ class Found:
 class PlannedRun(NamedTuple):
     """A run that a test asks for."""
 
-    name: str
-    """Its id, as in ids of items."""
     resolved: Resolved
     scenario: Scenario
     policy: Policy | None
 
     def cells(self) -> Iterator[Cell]:
         """Yield its cells, one per rule."""
-        return cells_of(self.name, self.scenario, self.policy, self.resolved.axis)
+        return cells_of(self.scenario, self.policy, self.resolved.axis)
+
+    @property
+    def name(self) -> str:
+        """Its id, as in ids of items."""
+        return id_of(self.scenario, self.policy)
 
     @property
     def stratum(self) -> tuple[str, str, str]:
@@ -132,9 +135,9 @@ class Runs:
         for resolved in self._resolved:
             unfit = Unfit()
             with told_at(f"{resolved.mark}: {self._test}"):
-                for name, scenario, policy in runs_of(resolved.selection, resolved.traffic, unfit):
-                    run = PlannedRun(name, resolved, scenario, policy)
-                    if self._twice and known.setdefault(name, run) is not run and known[name][2:] == run[2:]:
+                for scenario, policy in runs_of(resolved.selection, resolved.traffic, unfit):
+                    run = PlannedRun(resolved, scenario, policy)
+                    if self._twice and (first := known.setdefault(run.name, run)) is not run and first[1:] == run[1:]:
                         continue
                     self.total += 1
                     yield run

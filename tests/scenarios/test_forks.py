@@ -96,4 +96,4 @@ def test_what_does_not_fit_is_left_out_of_a_test_and_the_rest_stays() -> None:
     selection = Selection(FORK, explicit([3.0, 20.0], 0.0, 8), scenarios=(scenario(3, 3).directions,))
     unfit = Unfit()
     runs = list(runs_of(selection, [None], unfit))
-    assert ([scenario.distances[0] for _, scenario, _ in runs], unfit.count) == ([3.0], 1)
+    assert ([scenario.distances[0] for scenario, _ in runs], unfit.count) == ([3.0], 1)
