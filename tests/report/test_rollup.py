@@ -19,6 +19,7 @@ from pytest_rvads.report import matrix, traceability, triage
 from pytest_rvads.report.coverage import measure
 from pytest_rvads.report.files import FORMATS
 from pytest_rvads.report.markdown import markdown
+from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import Causes, Figures, RollUp, Verdicts, outline
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
@@ -117,7 +118,7 @@ def test_a_summary_of_three_hundred_junctions_fits_a_screen_or_two_and_keeps_its
     rows = re.findall(r"^ (J\d+) ", table, re.MULTILINE)
     assert rows == [f"J{n}" for n in range(1, 140, 7)], "each with one of five"
     assert " ... and 280 more junctions: --rvads-summary=full shows them all" in text
-    assert "... and 296 more places, none worse" in text
+    assert "... and 296 more junctions, none worse" in text
     whole = told(report, full=True)
     assert set(re.findall(r"^ (J\d+) ", whole, re.MULTILINE)) == {f"J{n}" for n in range(1, 301)}
 
@@ -143,7 +144,26 @@ def test_lines_of_junctions_are_those_of_the_worst() -> None:
     figures = outline(Report(tuple(town(9, wrong=[(7, 1), (3, 2)]))))[-1]
     assert isinstance(figures, Figures)
     lines = [line.partition(":")[0] for line in figures.lines if re.match(r"J\d|\.\.\.", line)]
-    assert lines == ["J3", "J7", "J1", "J2", "... and 5 more places, none worse"]
+    assert lines == ["J3", "J7", "J1", "J2", "... and 5 more junctions, none worse"]
+
+
+def test_of_few_junctions_no_line_is_left_out_where_runs_were_recorded_there_too() -> None:
+    records = town(4, 1)
+    there = [replace(one, recording="mon", nodeid=f"{one.nodeid}-mon") for one in records]
+    figures = outline(Report((*records, *there)))[-1]
+    assert isinstance(figures, Figures)
+    assert sum(bool(re.match(r"J\d", line)) for line in figures.lines) == 8
+
+
+def test_a_run_that_ended_in_an_error_is_one_whatever_rules_would_have_judged_it() -> None:
+    broken = [
+        replace(record("J9", 1, rule, "FAIL"), hash=None, status=Outcome.ERROR, message="ValueError: no gap")
+        for rule in ("p1", "p2")
+    ]
+    blocks = outline(Report((*town(5), *broken)), short=True)
+    (row,) = (row for block in blocks if isinstance(block, RollUp) for row in block.sums[2].rows if row.name == "J9")
+    assert row.told == ("4-way stop", "1", "1")
+    assert [(cause.count, cause.runs) for block in blocks if isinstance(block, Causes) for cause in block.causes] == [(2, 1)]
 
 
 def test_verdicts_that_are_too_many_for_tables_are_told_in_sums(monkeypatch: pytest.MonkeyPatch) -> None:
