@@ -192,6 +192,23 @@ def test_tables_of_a_session_together_keep_to_a_screen() -> None:
     assert len(re.findall(r"^J1   t.py::test_(\d+)$", told(report, full=True), re.MULTILINE)) == 30
 
 
+def test_a_table_that_is_wider_than_some_screens_is_cut_but_for_its_failures() -> None:
+    """Forty rules over twenty rows, the last of which fails one."""
+    records = [
+        record("J1", run, f"a_rule_with_number_{n:02d}", "FAIL" if (run, n) == (20, 39) else "PASS" if run & n else "NA")
+        for run in range(1, 21)
+        for n in range(40)
+    ]
+    text = told(Report(tuple(records)))
+    table = text[: text.index("causes of failures")]
+    assert len(table.splitlines()) < 110
+    shown = re.findall(r"a_rule_with_number_(\d\d)", table)
+    assert (shown[0], shown[-1], len(shown) < 20) == ("00", "39", True)
+    assert f" ... and {40 - len(shown)} more columns: --rvads-summary=full shows them all" in table
+    whole = told(Report(tuple(records)), full=True)
+    assert {f"{n:02d}" for n in range(40)} == set(re.findall(r"a_rule_with_number_(\d\d)", whole[: whole.index("causes of")]))
+
+
 def test_records_without_a_test_have_a_junction_for_a_title() -> None:
     among = replace(record("J1", 1, "p1", "PASS"), traffic="hesitant")
     titles = [block.title for block in outline(Report((record("J1", 1, "p1", "PASS"), among))) if isinstance(block, Verdicts)]
