@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from pytest_rvads.report import matrix, traceability, triage
 from pytest_rvads.report.coverage import measure
-from pytest_rvads.report.files import FORMATS
+from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import Causes, Figures, RollUp, Verdicts, outline
@@ -231,10 +231,14 @@ def content(report: Report) -> Any:
 def test_a_page_has_what_went_wrong_of_more_items_than_it_can_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pytest_rvads.report.page._ITEMS", 500)
     wrong = [(j, run) for j in range(1, 31) for run in (1, 2)]
-    report = Report(tuple(town(60, 5, wrong=wrong)))
+    known = [record("J1", run, "p1", "FAIL", known="I3: order") for run in range(6, 506)]
+    report = Report((*town(60, 5, wrong=wrong), *known))
     data = content(report)
-    assert (data["all"], len(data["items"])) == (600, 500)
-    assert sum(item["status"] == "FAIL" for item in data["items"]) == 60, "all of them"
+    assert (data["all"], len(data["items"])) == (1100, 500)
+    assert sum(item["status"] == "FAIL" and not item["known"] for item in data["items"]) == 60, "all of them"
+    monkeypatch.setattr("pytest_rvads.report.page._ITEMS", 1000)
+    data = content(report)
+    assert sum(item["known"] for item in data["items"]) == 500
     assert len({(item["junction"], item["rule"]) for item in data["items"]}) == 120, "every rule at every junction"
     places = {one.nodeid: number for number, one in enumerate(report.records)}
     found = [places[item["id"]] for item in data["items"]]
@@ -339,6 +343,14 @@ def test_json_has_a_record_per_line() -> None:
     lines = [line.strip().rstrip(",") for line in written(".json", report).splitlines()]
     found = [json.loads(line) for line in lines if line.startswith('{"nodeid"')]
     assert [one["nodeid"] for one in found] == [one.nodeid for one in report.records]
+
+
+def test_a_report_written_before_there_was_another_command_is_read(tmp_path: Path) -> None:
+    report = Report(tuple(town(1)))
+    content = json.loads(written(".json", report))
+    assert content.pop("again") == "pytest"
+    (tmp_path / "r.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
+    assert load(tmp_path / "r.json") == report
 
 
 def found_by(tally: triage.ByText, records: list[Record]) -> list[triage.Cause]:
