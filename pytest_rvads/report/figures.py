@@ -31,7 +31,7 @@ class Makers:
         for made in (("driven", record.driver), ("simulated", record.simulator)):
             if made[1]:
                 runs = self._runs.get(made) or self._runs.setdefault(made, set())
-                runs.add(record.hash or record.nodeid)
+                runs.add(record.ran_as)
 
     def lines(self) -> list[str]:
         """Return a line per system under test, and one per simulator: what it is called, and how many runs it made."""

@@ -5,14 +5,14 @@ Formats differ in how they show a block, never in which: what one of them says, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from pytest_rvads.report.at_junctions import FEW, AtJunction, AtJunctions
 from pytest_rvads.report.coverage import Cells, Requirements, dropped
 from pytest_rvads.report.figures import Extremes, Makers, Timing, slowest
 from pytest_rvads.report.matrix import Matrices, Matrix
-from pytest_rvads.report.places import FEW, Places
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.refused import refused
 from pytest_rvads.report.rollup import Sums, ranked, sums
@@ -141,20 +141,16 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
         tables: give the table of every junction also where there are more of them than a few, beside the sums that stand for
             them otherwise; none where nobody could read them.
     """
-    matrices, places, cells, requirements = (
-        Matrices(),
-        Places(report.totals, report.extents),
-        Cells(report.planned),
-        Requirements(),
-    )
+    at_junctions = AtJunctions(report.totals, report.extents)
+    matrices, cells, requirements = Matrices(), Cells(report.planned), Requirements()
     makers, extremes, timing = Makers(), Extremes(), Timing()
     groups = [(title, make()) for title, make in (_GROUPED[:-2] if short else _GROUPED)]
-    _fill(report.records, matrices, places, cells, requirements, makers, extremes, timing, *(group for _, group in groups))
-    many = places.many or matrices.too_many
+    _fill(report.records, matrices, at_junctions, cells, requirements, makers, extremes, timing, *(group for _, group in groups))
+    many = at_junctions.many or matrices.too_many
     blocks: list[Block] = [Notes(report.notes)] if report.notes else []
     if report.comparison:
         blocks.append(Changes(report.comparison))
-    blocks += [RollUp(sums(places.found))] if many else []
+    blocks += [RollUp(sums(at_junctions.found))] if many else []
     blocks += map(Verdicts, matrices.matrices()) if tables or not many else []
     for title, group in groups:
         blocks += [Causes(title, tuple(found), report.again)] if (found := group.causes(many)) else []
@@ -162,7 +158,7 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
     lines = (
         *makers.lines(),
         *extremes.lines(),
-        *_at_junctions(places, many),
+        *(_worst(at_junctions.found) if many else (one.line() for one in at_junctions.found)),
         *timing.lines(),
         *(slowest(report.seconds, 3, 1.0) if short else slowest(report.seconds, _SLOWEST)),
         *([] if short else requirements.lines()),
@@ -182,12 +178,8 @@ def _fill(records: Iterable[Record], *tallies: _Tally) -> None:
             add(record)
 
 
-def _at_junctions(places: Places, many: bool) -> Iterator[str]:
-    """Yield a line per junction, of many for the worst alone."""
-    if not many:
-        yield from (place.line() for place in places.found)
-        return
-    worst = ranked(places.found)
-    yield from (place.line() for place in worst[:FEW])
-    if len(worst) > FEW:
-        yield f"... and {len(worst) - FEW} more places, none worse"
+def _worst(found: Sequence[AtJunction]) -> Iterator[str]:
+    """Yield a line for each of the worst few junctions."""
+    yield from (one.line() for one in ranked(found)[:FEW])
+    if len(found) > FEW:
+        yield f"... and {len(found) - FEW} more junctions, none worse"

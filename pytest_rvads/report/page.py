@@ -57,9 +57,10 @@ def _chosen(report: Report) -> list[Record]:
 
     def ranked() -> Iterator[tuple[int, int, int, Record]]:
         for number, record in enumerate(report.records):
-            wrong = 0 if record.failed or record.status.bad else 1 if record.status.mark == "doubt" else 2
-            seen[wrong, record.junction, record.asks] += 1
-            yield wrong, seen[wrong, record.junction, record.asks], number, record
+            wrong = record.failed or (record.status.bad and not record.known)
+            key = 0 if wrong else 1 if record.known or record.status.mark == "doubt" else 2, record.junction, record.asks
+            seen[key] += 1
+            yield key[0], seen[key], number, record
 
     kept = nsmallest(_ITEMS, ranked(), key=lambda found: found[:3])
     return [record for *_, record in sorted(kept, key=lambda found: found[2])]

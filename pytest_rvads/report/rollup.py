@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from pytest_rvads.report.at_junctions import AtJunction
 from pytest_rvads.report.outcome import Tallied, counted, told_in
-from pytest_rvads.report.places import Place
 
 __all__ = ["WORST", "Row", "Sums", "ranked", "sums"]
 
@@ -67,51 +67,49 @@ class Sums:
             yield f"{self.corner} {row.name}: {told}: {counted(dict(zip(self.kinds, row.counts, strict=True)))}"
 
 
-def sums(places: Sequence[Place]) -> tuple[Sums, ...]:
+def sums(found: Sequence[AtJunction]) -> tuple[Sums, ...]:
     """Return a row per kind of junction, by name; per rule, what went wrong most often first; and per junction, as `ranked`."""
-    kinds: dict[str, list[Place]] = {}
-    junctions: dict[str, list[Place]] = {}
+    kinds: dict[str, list[AtJunction]] = {}
+    junctions: dict[str, list[AtJunction]] = {}
     rules: dict[str, dict[str, Counter[Tallied]]] = {}
-    for place in ranked(places):
-        kinds.setdefault(place.kind, []).append(place)
-        junctions.setdefault(place.junction, []).append(place)
-        for rule, counts in place.counts.items():
-            found = rules.setdefault(rule, {})
-            found[place.junction] = found.get(place.junction, Counter()) + counts
-    told = told_in(_total(place.tally for place in places))
+    for one in ranked(found):
+        kinds.setdefault(one.kind, []).append(one)
+        junctions.setdefault(one.junction, []).append(one)
+        for rule, counts in one.counts.items():
+            at = rules.setdefault(rule, {})
+            at[one.junction] = at.get(one.junction, Counter()) + counts
+    told = told_in(_total(one.tally for one in found))
+    of_rules = {rule: _total(at.values()) for rule, at in rules.items()}
 
-    def table(corner: str, headings: Sequence[str], rows: Iterable[tuple[str, tuple[object, ...], Counter[Tallied]]]) -> Sums:
-        made = (Row(name, tuple(map(str, texts)), tuple(counts[kind] for kind in told)) for name, texts, counts in rows)
-        return Sums(corner, tuple(headings), tuple(told), tuple(made))
+    def row(name: str, texts: Iterable[object], counts: Counter[Tallied]) -> Row:
+        return Row(name, tuple(map(str, texts)), tuple(counts[kind] for kind in told))
 
-    def runs(found: Sequence[Place]) -> tuple[int, int]:
-        return sum(len(place.runs | place.wrong) for place in found), sum(len(place.wrong) for place in found)
-
-    of_rules = {rule: _total(found.values()) for rule, found in rules.items()}
-    by_kind = sorted(kinds.items(), key=lambda entry: _natural(entry[0]))
-    by_rule = sorted(rules.items(), key=lambda entry: (-_bad(of_rules[entry[0]]), _natural(entry[0])))
+    of_kinds = [
+        row(kind, (len({one.junction for one in group}), *_runs(group)), _total(one.tally for one in group))
+        for kind, group in sorted(kinds.items(), key=lambda entry: _natural(entry[0]))
+    ]
+    by_rule = [
+        row(rule, (len(at), sum(_bad(counts) > 0 for counts in at.values())), of_rules[rule])
+        for rule, at in sorted(rules.items(), key=lambda entry: (-_bad(of_rules[entry[0]]), _natural(entry[0])))
+    ]
+    by_junction = [
+        row(name, (group[0].kind, *_runs(group)), _total(one.tally for one in group)) for name, group in junctions.items()
+    ]
     return (
-        table(
-            "kind",
-            ("junctions", "runs", "wrong"),
-            ((kind, (len({p.junction for p in found}), *runs(found)), _total(p.tally for p in found)) for kind, found in by_kind),
-        ),
-        table(
-            "rule",
-            ("junctions", "wrong at"),
-            ((rule, (len(found), sum(_bad(c) > 0 for c in found.values())), of_rules[rule]) for rule, found in by_rule),
-        ),
-        table(
-            "junction",
-            ("kind", "runs", "wrong"),
-            ((name, (found[0].kind, *runs(found)), _total(p.tally for p in found)) for name, found in junctions.items()),
-        ),
+        Sums("kind", ("junctions", "runs", "wrong"), tuple(told), tuple(of_kinds)),
+        Sums("rule", ("junctions", "wrong at"), tuple(told), tuple(by_rule)),
+        Sums("junction", ("kind", "runs", "wrong"), tuple(told), tuple(by_junction)),
     )
 
 
-def ranked(places: Iterable[Place]) -> list[Place]:
-    """Return places, the worst first: where something went wrong in a larger share of the runs, then in more, then by name."""
-    return sorted(places, key=lambda place: (-place.share, -len(place.wrong), _natural(place.junction)))
+def ranked(found: Iterable[AtJunction]) -> list[AtJunction]:
+    """Return what was found, the worst first: where something went wrong in a larger share of the runs, in more, then by name."""
+    return sorted(found, key=lambda one: (-one.share, -len(one.wrong), _natural(one.junction)))
+
+
+def _runs(found: Sequence[AtJunction]) -> tuple[int, int]:
+    """Return how many runs there were, and in how many something went wrong."""
+    return sum(len(one.runs | one.wrong) for one in found), sum(len(one.wrong) for one in found)
 
 
 def _total(counts: Iterable[Counter[Tallied]]) -> Counter[Tallied]:

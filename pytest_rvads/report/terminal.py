@@ -45,7 +45,7 @@ def summary(report: Report, *, colour: bool, width: int, unicode: bool, full: bo
     screen = _Screen(colour, width, unicode, full, report.again)
     blocks = outline(report, short=not full, tables=full)
     tables = [block for block in blocks if isinstance(block, Verdicts)]
-    shown = tables if full else _fitting(tables)
+    shown = tables if full else _fitting(tables, width)
     for block in blocks:
         if block not in tables or block in shown:
             screen.show(block)
@@ -54,13 +54,14 @@ def summary(report: Report, *, colour: bool, width: int, unicode: bool, full: bo
     return screen.text()
 
 
-def _fitting(tables: Sequence[Verdicts]) -> list[Verdicts]:
+def _fitting(tables: Sequence[Verdicts], width: int) -> list[Verdicts]:
     """Return as many tables as fit, one at least: those in which something is wrong, then the first ones."""
     right = [not any(entry.bad for _, entries in table.matrix.rows for entry in entries) for table in tables]
     kept: list[Verdicts] = []
     lines = 0
     for number in sorted(range(len(tables)), key=right.__getitem__):
-        lines += min(len(tables[number].matrix.rows), _ROWS) + 5  # title, headings, a line below each
+        matrix = tables[number].matrix.shortened(_ROWS)
+        lines += len(_telling(matrix, _layout(matrix, width)[1])) * _height(matrix) + 1
         if kept and lines > _LINES:
             break
         kept.append(tables[number])
@@ -143,15 +144,36 @@ class _Screen:
     def _matrix(self, whole: Matrix) -> None:
         matrix = whole if self._rows is None else whole.shortened(self._rows)
         self._line(matrix.title, "bold")
-        long = [label for label in dict.fromkeys(cfg for cfg, _ in matrix.columns) if len(label) > _LONG]
-        short = {label: f"#{n}" for n, label in enumerate(long, start=1)}
-        for columns in _pages(matrix, short, self._width) if matrix.rows else ():
+        short, pages = _layout(matrix, self._width)
+        shown = pages if self._rows is None else _telling(matrix, pages)
+        for columns in shown:
             self._console.print(_filled(self._new_table(), matrix, columns, short, self._width))
-        if len(matrix.rows) < len(whole.rows):
-            self._line(f" ... and {len(whole.rows) - len(matrix.rows)} more rows: {self._all}")
-        for label in long:
-            self._line(f" {short[label]} = {label}")
+        more = len(whole.rows) - len(matrix.rows), sum(map(len, pages)) - sum(map(len, shown))
+        for count, what in zip(more, ("rows", "columns"), strict=True):
+            if count:
+                self._line(f" ... and {count} more {what}: {self._all}")
+        for label, number in short.items():
+            self._line(f" {number} = {label}")
         self._line("")
+
+
+def _layout(matrix: Matrix, width: int) -> tuple[dict[str, str], list[list[int]]]:
+    """Return the numbers that stand for long configurations, and the columns of each table that a matrix is split into."""
+    long = [label for label in dict.fromkeys(cfg for cfg, _ in matrix.columns) if len(label) > _LONG]
+    short = {label: f"#{n}" for n, label in enumerate(long, start=1)}
+    return short, _pages(matrix, short, width) if matrix.rows else []
+
+
+def _telling(matrix: Matrix, pages: list[list[int]]) -> list[list[int]]:
+    """Return as many of the tables as fit, one at least: those in which something is wrong, then the first ones."""
+    right = [not any(entries[i].bad for _, entries in matrix.rows for i in page) for page in pages]
+    kept = sorted(range(len(pages)), key=right.__getitem__)[: max(1, _LINES // _height(matrix))]
+    return [pages[k] for k in sorted(kept)]
+
+
+def _height(matrix: Matrix) -> int:
+    """Return how many lines a table takes: headings, rows, and what stands above and below."""
+    return len(matrix.rows) + 4
 
 
 def _pages(matrix: Matrix, short: dict[str, str], width: int) -> list[list[int]]:

@@ -74,12 +74,8 @@ class _Part:
         self.signature, self.text = signature, text
         self.verdict, self.time = verdict is not None, _time(record)
         self.roles = verdict.roles if verdict else ""
-        self.example, self.rule, self.run, self.junction = (
-            record.nodeid,
-            record.asks,
-            record.hash or record.nodeid,
-            record.junction,
-        )
+        self.example, self.rule = record.nodeid, record.asks
+        self.run, self.junction = record.ran_as, record.junction
         self.rules, self.ids, self.count, self.number = {record.asks: None}, [record.nodeid], 1, 0
 
     def joined(self, other: _Part) -> _Part:
@@ -114,8 +110,8 @@ class _Group:
         self._runs.add(part.run)
         self._junctions.add(part.junction)
 
-    def cause(self, places: bool) -> Cause:
-        """Return what is told of them, and where `places` at how many junctions."""
+    def cause(self, junctions: bool) -> Cause:
+        """Return what is told of them, and where `junctions` at how many."""
         text, roles = self.first.text, self.first.roles
         if len(self._roles) == 1 and roles:
             text = f"{text} ({roles})"
@@ -128,7 +124,7 @@ class _Group:
             runs=len(self._runs),
             example=self.first.example,
             roles=most,
-            junctions=len(self._junctions) if places else 0,
+            junctions=len(self._junctions) if junctions else 0,
         )
 
 
@@ -160,10 +156,10 @@ class ByText:
         group = self._groups.get(part.signature) or self._groups.setdefault(part.signature, _Group(part))
         group.take(part)
 
-    def causes(self, places: bool = False) -> list[Cause]:
-        """Return the causes, the most frequent first; where `places` with the number of junctions."""
+    def causes(self, junctions: bool = False) -> list[Cause]:
+        """Return the causes, the most frequent first; where `junctions` with at how many."""
         ranked = sorted(self._groups.values(), key=lambda group: (-group.count, group.first.number))
-        return [group.cause(places) for group in ranked]
+        return [group.cause(junctions) for group in ranked]
 
 
 class ByCause(ByText):
@@ -193,12 +189,12 @@ class ByCause(ByText):
             if len(self._open) > _OPEN:
                 self._take(self._open.pop(next(iter(self._open))))
 
-    def causes(self, places: bool = False) -> list[Cause]:
-        """Return the causes, the most frequent first; where `places` with the number of junctions."""
+    def causes(self, junctions: bool = False) -> list[Cause]:
+        """Return the causes, the most frequent first; where `junctions` with at how many."""
         for part in self._open.values():
             self._take(part)
         self._open.clear()
-        return super().causes(places)
+        return super().causes(junctions)
 
 
 def causes() -> ByCause:

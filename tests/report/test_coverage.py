@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from msgspec import structs
 
+from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.coverage import dropped, measure, shortfall
 from pytest_rvads.report.merge import merge
 from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.places import Places
 from pytest_rvads.report.record import AgentRecord, Record, conclude, planned_record
 from pytest_rvads.report.session_report import Extent, Report
 
@@ -18,7 +18,7 @@ from pytest_rvads.report.session_report import Extent, Report
 def at_junctions(
     records: Iterable[Record], totals: dict[int, tuple[int, int]], extents: dict[str, Extent] | None = None
 ) -> list[str]:
-    places = Places(totals, extents)
+    places = AtJunctions(totals, extents)
     for one in records:
         places.add(one)
     return [place.line() for place in places.found]

@@ -16,13 +16,13 @@ from msgspec.structs import replace
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.report import triage
+from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.figures import Extremes
 from pytest_rvads.report.files import load, save
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.page import page
-from pytest_rvads.report.places import Places
 from pytest_rvads.report.record import Indicators, Record, conclude, planned_record, properties
 from pytest_rvads.report.session_report import Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
@@ -49,7 +49,7 @@ def causes(records: Iterable[Record]) -> list[Cause]:
 
 
 def at_junctions(records: Iterable[Record], totals: dict[int, tuple[int, int]]) -> list[str]:
-    return [place.line() for place in filled(Places(totals), records).found]
+    return [place.line() for place in filled(AtJunctions(totals), records).found]
 
 
 def extremes(records: Iterable[Record]) -> list[str]:

@@ -17,8 +17,9 @@ from msgspec.structs import replace
 
 from pytest_rvads.report import matrix, traceability, triage
 from pytest_rvads.report.coverage import measure
-from pytest_rvads.report.files import FORMATS
+from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.markdown import markdown
+from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import Causes, Figures, RollUp, Verdicts, outline
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
@@ -117,7 +118,7 @@ def test_a_summary_of_three_hundred_junctions_fits_a_screen_or_two_and_keeps_its
     rows = re.findall(r"^ (J\d+) ", table, re.MULTILINE)
     assert rows == [f"J{n}" for n in range(1, 140, 7)], "each with one of five"
     assert " ... and 280 more junctions: --rvads-summary=full shows them all" in text
-    assert "... and 296 more places, none worse" in text
+    assert "... and 296 more junctions, none worse" in text
     whole = told(report, full=True)
     assert set(re.findall(r"^ (J\d+) ", whole, re.MULTILINE)) == {f"J{n}" for n in range(1, 301)}
 
@@ -143,7 +144,26 @@ def test_lines_of_junctions_are_those_of_the_worst() -> None:
     figures = outline(Report(tuple(town(9, wrong=[(7, 1), (3, 2)]))))[-1]
     assert isinstance(figures, Figures)
     lines = [line.partition(":")[0] for line in figures.lines if re.match(r"J\d|\.\.\.", line)]
-    assert lines == ["J3", "J7", "J1", "J2", "... and 5 more places, none worse"]
+    assert lines == ["J3", "J7", "J1", "J2", "... and 5 more junctions, none worse"]
+
+
+def test_of_few_junctions_no_line_is_left_out_where_runs_were_recorded_there_too() -> None:
+    records = town(4, 1)
+    there = [replace(one, recording="mon", nodeid=f"{one.nodeid}-mon") for one in records]
+    figures = outline(Report((*records, *there)))[-1]
+    assert isinstance(figures, Figures)
+    assert sum(bool(re.match(r"J\d", line)) for line in figures.lines) == 8
+
+
+def test_a_run_that_ended_in_an_error_is_one_whatever_rules_would_have_judged_it() -> None:
+    broken = [
+        replace(record("J9", 1, rule, "FAIL"), hash=None, status=Outcome.ERROR, message="ValueError: no gap")
+        for rule in ("p1", "p2")
+    ]
+    blocks = outline(Report((*town(5), *broken)), short=True)
+    (row,) = (row for block in blocks if isinstance(block, RollUp) for row in block.sums[2].rows if row.name == "J9")
+    assert row.told == ("4-way stop", "1", "1")
+    assert [(cause.count, cause.runs) for block in blocks if isinstance(block, Causes) for cause in block.causes] == [(2, 1)]
 
 
 def test_verdicts_that_are_too_many_for_tables_are_told_in_sums(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,6 +192,23 @@ def test_tables_of_a_session_together_keep_to_a_screen() -> None:
     assert len(re.findall(r"^J1   t.py::test_(\d+)$", told(report, full=True), re.MULTILINE)) == 30
 
 
+def test_a_table_that_is_wider_than_some_screens_is_cut_but_for_its_failures() -> None:
+    """Forty rules over twenty rows, the last of which fails one."""
+    records = [
+        record("J1", run, f"a_rule_with_number_{n:02d}", "FAIL" if (run, n) == (20, 39) else "PASS" if run & n else "NA")
+        for run in range(1, 21)
+        for n in range(40)
+    ]
+    text = told(Report(tuple(records)))
+    table = text[: text.index("causes of failures")]
+    assert len(table.splitlines()) < 110
+    shown = re.findall(r"a_rule_with_number_(\d\d)", table)
+    assert (shown[0], shown[-1], len(shown) < 20) == ("00", "39", True)
+    assert f" ... and {40 - len(shown)} more columns: --rvads-summary=full shows them all" in table
+    whole = told(Report(tuple(records)), full=True)
+    assert {f"{n:02d}" for n in range(40)} == set(re.findall(r"a_rule_with_number_(\d\d)", whole[: whole.index("causes of")]))
+
+
 def test_records_without_a_test_have_a_junction_for_a_title() -> None:
     among = replace(record("J1", 1, "p1", "PASS"), traffic="hesitant")
     titles = [block.title for block in outline(Report((record("J1", 1, "p1", "PASS"), among))) if isinstance(block, Verdicts)]
@@ -194,10 +231,14 @@ def content(report: Report) -> Any:
 def test_a_page_has_what_went_wrong_of_more_items_than_it_can_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pytest_rvads.report.page._ITEMS", 500)
     wrong = [(j, run) for j in range(1, 31) for run in (1, 2)]
-    report = Report(tuple(town(60, 5, wrong=wrong)))
+    known = [record("J1", run, "p1", "FAIL", known="I3: order") for run in range(6, 506)]
+    report = Report((*town(60, 5, wrong=wrong), *known))
     data = content(report)
-    assert (data["all"], len(data["items"])) == (600, 500)
-    assert sum(item["status"] == "FAIL" for item in data["items"]) == 60, "all of them"
+    assert (data["all"], len(data["items"])) == (1100, 500)
+    assert sum(item["status"] == "FAIL" and not item["known"] for item in data["items"]) == 60, "all of them"
+    monkeypatch.setattr("pytest_rvads.report.page._ITEMS", 1000)
+    data = content(report)
+    assert sum(item["known"] for item in data["items"]) == 500
     assert len({(item["junction"], item["rule"]) for item in data["items"]}) == 120, "every rule at every junction"
     places = {one.nodeid: number for number, one in enumerate(report.records)}
     found = [places[item["id"]] for item in data["items"]]
@@ -302,6 +343,14 @@ def test_json_has_a_record_per_line() -> None:
     lines = [line.strip().rstrip(",") for line in written(".json", report).splitlines()]
     found = [json.loads(line) for line in lines if line.startswith('{"nodeid"')]
     assert [one["nodeid"] for one in found] == [one.nodeid for one in report.records]
+
+
+def test_a_report_written_before_there_was_another_command_is_read(tmp_path: Path) -> None:
+    report = Report(tuple(town(1)))
+    content = json.loads(written(".json", report))
+    assert content.pop("again") == "pytest"
+    (tmp_path / "r.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
+    assert load(tmp_path / "r.json") == report
 
 
 def found_by(tally: triage.ByText, records: list[Record]) -> list[triage.Cause]:

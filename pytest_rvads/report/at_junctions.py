@@ -10,13 +10,13 @@ from pytest_rvads.report.outcome import Outcome, Tallied, counted
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Extent, Move
 
-__all__ = ["FEW", "Place", "Places"]
+__all__ = ["FEW", "AtJunction", "AtJunctions"]
 
 FEW = 4
 """Junctions that are told one by one; of more of them sums are told, and the worst."""
 
 
-class Places:
+class AtJunctions:
     """Takes records in and tells of each junction what was exercised and found there, what was recorded apart.
 
     Args:
@@ -26,18 +26,18 @@ class Places:
 
     def __init__(self, totals: Mapping[int, tuple[int, int]], extents: Mapping[str, Extent] | None = None) -> None:
         self._totals, self._extents = totals, extents or {}
-        self._found: dict[tuple[str, bool], Place] = {}
+        self._found: dict[tuple[str, bool], AtJunction] = {}
 
     def add(self, record: Record) -> None:
         """Take a record in."""
         key = record.junction, bool(record.recording)
-        place = self._found.get(key) or self._found.setdefault(key, self._new(record))
-        place.add(record)
+        one = self._found.get(key) or self._found.setdefault(key, self._new(record))
+        one.add(record)
 
-    def _new(self, record: Record) -> Place:
+    def _new(self, record: Record) -> AtJunction:
         if record.recording:
-            return Place(record)
-        return Place(record, self._totals.get(record.ways, ("?", "?")), self._extents.get(record.junction))
+            return AtJunction(record)
+        return AtJunction(record, self._totals.get(record.ways, ("?", "?")), self._extents.get(record.junction))
 
     @property
     def many(self) -> bool:
@@ -45,12 +45,12 @@ class Places:
         return len({junction for junction, _ in self._found}) > FEW
 
     @property
-    def found(self) -> list[Place]:
+    def found(self) -> list[AtJunction]:
         """All of them, in the order of their first records."""
         return list(self._found.values())
 
 
-class Place:
+class AtJunction:
     """What was exercised and found at a junction, or recorded there.
 
     Args:
@@ -66,7 +66,7 @@ class Place:
         self.runs: set[str] = set()
         """Those that were judged."""
         self.wrong: set[str] = set()
-        """Those in which something went wrong that was not known, or would have gone."""
+        """Those in which something went wrong that was not known."""
         self._totals, self._extent = totals, extent
         self._turns = extent.turns if extent else first.ways
         self._full = {"arms": _Full(), "lanes": _Full()}
