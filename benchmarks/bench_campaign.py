@@ -38,7 +38,8 @@ def main(runs: int = 20_000, processes: int = 2, duration: float = 1.0) -> None:
             now = time.perf_counter()
             held = [resident(process.pid) for process in multiprocessing.active_children() if process.pid]
             others = " ".join(f"{size:6.1f}" for size in held)
-            print(f"{done:6} runs  {1000 * (now - began[0]) / EVERY:7.2f} ms each  {resident(os.getpid()):6.1f} MB  {others}", flush=True)
+            each = 1000 * (now - began[0]) / EVERY
+            print(f"{done:6} runs  {each:7.2f} ms each  {resident(os.getpid()):6.1f} MB  {others}", flush=True)
             began[0] = now
 
     with rvads.campaign(cases(runs, duration), executor=processes, progress=tell, total=runs) as results:

@@ -17,7 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 import pytest_rvads as rvads
-from pytest_rvads.campaigns import judging
+from pytest_rvads.campaigns import answering
 from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.cli import main
 from pytest_rvads.drivers.interface import Observation
@@ -92,7 +92,7 @@ def test_what_has_a_result_is_not_run_again(tmp_path: Path, alone: list[Judged],
         run.append(case.scenario.name)
         return rvads.simulate(case, simulator)
 
-    monkeypatch.setattr(judging, "simulate", counted)
+    monkeypatch.setattr(answering, "simulate", counted)
     rvads.campaign(list(cases())[:4], executor=1, results=path).close()
     with rvads.campaign(cases(), executor=1, results=path) as results:
         assert list(results) == alone
@@ -214,9 +214,9 @@ def test_rules_and_words_of_users_travel() -> None:
 
 
 def test_a_worker_with_other_code_answers_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    question = judging.Question(("no_collision",), rvads.bullet, Limits(), "0" * 64, {"pytest-rvads": "0.0"})
+    question = answering.Question(("no_collision",), rvads.bullet, Limits(), "0" * 64, {"pytest-rvads": "0.0"})
     with pytest.raises(rvads.RvadsError, match=r"a worker has other code .*install the same version"):
-        judging.judge(question, judging.Job(0, "0" * 64, next(cases()), "driver", None))
+        answering.judge(question, answering.Job(0, "0" * 64, next(cases()), "driver", None))
 
 
 @pytest.mark.parametrize("wrong", ["stop4", [1], [rvads.find("stop4")]])
@@ -265,6 +265,31 @@ def test_what_is_no_file_of_results_is_refused(tmp_path: Path, content: bytes, c
         with pytest.raises(rvads.RvadsError, match="holds no results"):
             rvads.campaign(cases(), executor=1, results=path)
         assert path.read_bytes() == content
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files")
+def test_a_full_disk_ends_a_campaign_that_goes_on_when_there_is_room(tmp_path: Path, alone: list[Judged]) -> None:
+    import resource
+
+    path, usual = tmp_path / "results.jsonl", resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, usual[1]))
+    try:
+        with pytest.raises(rvads.RvadsError, match=r"can't be added to .*make room, then run the campaign again"):
+            rvads.campaign(cases(), executor=1, results=path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    with rvads.Results(path) as half:
+        assert 0 < len(half) < FEW
+    with rvads.campaign(cases(), executor=1, results=path) as results:
+        assert list(results) == alone
+
+
+def test_results_are_not_written_to_what_is_no_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(rvads.RvadsError, match="is no regular file"):
+        rvads.campaign(cases(), executor=1, results=tmp_path / "pipe")
+    with pytest.raises(OSError, match="expected a regular file"):
+        rvads.Results(tmp_path / "pipe")
 
 
 HASHES = """
