@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -117,6 +118,20 @@ def test_an_interrupted_campaign_goes_on_where_it_was(tmp_path: Path, alone: lis
     with rvads.campaign(cases(), executor=1, results=path) as results:
         assert list(results) == alone
         assert results.exitstatus == 0
+
+
+def test_a_worker_keeps_one_junction_however_many_batches_bring_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    met = []
+
+    def noted(case: rvads.Case, simulator: rvads.Simulator) -> rvads.Run:
+        met.append(case.scenario)
+        return rvads.simulate(case, simulator)
+
+    monkeypatch.setattr(answering, "simulate", noted)
+    sent = [pickle.loads(pickle.dumps(case)) for case in cases()]
+    rvads.campaign(sent, "no_collision", executor=1).close()
+    assert met == [case.scenario for case in sent]
+    assert len({id(scenario.place) for scenario in met}) == 1 < len({id(case.scenario.place) for case in sent})
 
 
 def test_progress_counts_cases_done_before_and_left_out(tmp_path: Path) -> None:
