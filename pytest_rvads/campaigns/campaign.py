@@ -143,15 +143,16 @@ class _Campaign:
     def _named(self, case: Case) -> tuple[str, str | None]:
         """Return the names of what drives, and have the file know them."""
         head = self._results.head
-        made = [self._keys.known(one) for one in (case.driver, case.traffic) if one is not None]
-        changed = next((one.name for one in made if head.drivers.get(one.name, one.identity) != one.identity), None)
+        driver, traffic = self._keys.known(case.driver), case.traffic and self._keys.known(case.traffic)
+        # A policy may be the driver's class with other numbers, so it has a name of its own.
+        made = {driver.name: driver.identity} | ({f"{traffic.policy} traffic": traffic.identity} if traffic else {})
+        changed = next((name for name, known in made.items() if head.drivers.get(name, known) != known), None)
         if changed is not None:
             raise RvadsError(
                 f"two drivers of a campaign are called {changed} and are not the same: give each a name of its own, or a campaign"
             )
-        drivers = head.drivers | {one.name: one.identity for one in made}
-        self._results.tell(msgspec.structs.replace(head, drivers=drivers, cases=None))
-        return made[0].name, None if case.traffic is None else made[1].policy
+        self._results.tell(msgspec.structs.replace(head, drivers=head.drivers | made, cases=None))
+        return driver.name, traffic.policy if traffic else None
 
     def _tell(self) -> None:
         self._done += 1

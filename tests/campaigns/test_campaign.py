@@ -162,6 +162,17 @@ def test_results_of_something_else_are_not_mixed_in(tmp_path: Path) -> None:
         rvads.campaign(two, executor=1)
 
 
+def test_a_policy_may_be_the_class_of_the_driver_with_other_numbers() -> None:
+    seated = [
+        rvads.Case(case.scenario.but(subject=0), rvads.Reference, traffic=rvads.traffic(name))
+        for name in ("reference", "hesitant")
+        for case in cases(distances=[4])
+    ]
+    usual, hesitant = rvads.campaign(seated, "no_collision", executor=2)
+    assert (usual.name, usual.traffic, usual.seat) == (seated[0].scenario.name, "reference", 0)
+    assert (hesitant.name, hesitant.traffic) == (f"{seated[1].scenario.name}-hesitant", "hesitant")
+
+
 class Renamed:
     """The usual simulator under another name."""
 
