@@ -13,8 +13,8 @@ from typing import Any
 
 import msgspec
 
+from pytest_rvads.campaigns.answering import Job, Question, judge, undecided
 from pytest_rvads.campaigns.head import Head
-from pytest_rvads.campaigns.judging import Job, Question, judge, undecided
 from pytest_rvads.campaigns.keys import Keys, bodies
 from pytest_rvads.campaigns.resultsfile import Results
 from pytest_rvads.decoding import encode

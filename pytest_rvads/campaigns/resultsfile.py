@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Sequence
 from io import BufferedReader, FileIO
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Annotated
+from typing import Annotated, cast
 
 import msgspec
 import numpy as np
@@ -22,6 +22,7 @@ from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Count, Record
 from pytest_rvads.report.session_report import UNFINISHED, Report
+from pytest_rvads.storage import open_file
 
 try:
     import fcntl
@@ -272,8 +273,10 @@ def _opened(path: Path | None, add: bool) -> FileIO:
     if path is None:
         return TemporaryFile(buffering=0)
     if not add:
-        return FileIO(os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0)), "rb")
+        return cast(BufferedReader, open_file(path)).detach()  # type: ignore[return-value]
     path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists() and not path.is_file():
+        raise RvadsError(f"{path} is no regular file, so nothing can be read back from it: name another file for results")
     file = FileIO(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666), "r+b")
     until = time.monotonic() + _PATIENCE
     while fcntl:

@@ -6,6 +6,7 @@ Imports no simulator, because every session of pytest makes a choice, also where
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from numbers import Real
@@ -28,6 +29,9 @@ class Choice(NamedTuple):
 _CHOICES: list[list[Choice]] = [[Choice()]]
 """One entry per open session, a list of its own so that a session takes back its own choice, whoever ends first."""
 
+_LOCK = threading.Lock()
+"""Runs may be made in several threads, each of which chooses."""
+
 
 def choice() -> Choice:
     """Return the choice of the session."""
@@ -38,11 +42,13 @@ def choice() -> Choice:
 def choosing(made: Choice) -> Iterator[None]:
     """Have a choice hold."""
     own = [made]
-    _CHOICES.append(own)
+    with _LOCK:
+        _CHOICES.append(own)
     try:
         yield
     finally:
-        _CHOICES[:] = [entry for entry in _CHOICES if entry is not own]
+        with _LOCK:
+            _CHOICES[:] = [entry for entry in _CHOICES if entry is not own]
 
 
 @contextmanager

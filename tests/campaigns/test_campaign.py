@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -17,7 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 import pytest_rvads as rvads
-from pytest_rvads.campaigns import judging
+from pytest_rvads.campaigns import answering
 from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.cli import main
 from pytest_rvads.drivers.interface import Observation
@@ -92,7 +93,7 @@ def test_what_has_a_result_is_not_run_again(tmp_path: Path, alone: list[Judged],
         run.append(case.scenario.name)
         return rvads.simulate(case, simulator)
 
-    monkeypatch.setattr(judging, "simulate", counted)
+    monkeypatch.setattr(answering, "simulate", counted)
     rvads.campaign(list(cases())[:4], executor=1, results=path).close()
     with rvads.campaign(cases(), executor=1, results=path) as results:
         assert list(results) == alone
@@ -117,6 +118,20 @@ def test_an_interrupted_campaign_goes_on_where_it_was(tmp_path: Path, alone: lis
     with rvads.campaign(cases(), executor=1, results=path) as results:
         assert list(results) == alone
         assert results.exitstatus == 0
+
+
+def test_a_worker_keeps_one_junction_however_many_batches_bring_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    met = []
+
+    def noted(case: rvads.Case, simulator: rvads.Simulator) -> rvads.Run:
+        met.append(case.scenario)
+        return rvads.simulate(case, simulator)
+
+    monkeypatch.setattr(answering, "simulate", noted)
+    sent = [pickle.loads(pickle.dumps(case)) for case in cases()]
+    rvads.campaign(sent, "no_collision", executor=1).close()
+    assert met == [case.scenario for case in sent]
+    assert len({id(scenario.place) for scenario in met}) == 1 < len({id(case.scenario.place) for case in sent})
 
 
 def test_progress_counts_cases_done_before_and_left_out(tmp_path: Path) -> None:
@@ -145,6 +160,17 @@ def test_results_of_something_else_are_not_mixed_in(tmp_path: Path) -> None:
     two = [*cases(partial(Steady, 7.0), [4]), *cases(partial(Steady, 8.0), [4])]
     with pytest.raises(rvads.RvadsError, match=r"two drivers of a campaign are called .*Steady and are not the same"):
         rvads.campaign(two, executor=1)
+
+
+def test_a_policy_may_be_the_class_of_the_driver_with_other_numbers() -> None:
+    seated = [
+        rvads.Case(case.scenario.but(subject=0), rvads.Reference, traffic=rvads.traffic(name))
+        for name in ("reference", "hesitant")
+        for case in cases(distances=[4])
+    ]
+    usual, hesitant = rvads.campaign(seated, "no_collision", executor=2)
+    assert (usual.name, usual.traffic, usual.seat) == (seated[0].scenario.name, "reference", 0)
+    assert (hesitant.name, hesitant.traffic) == (f"{seated[1].scenario.name}-hesitant", "hesitant")
 
 
 class Renamed:
@@ -214,9 +240,9 @@ def test_rules_and_words_of_users_travel() -> None:
 
 
 def test_a_worker_with_other_code_answers_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    question = judging.Question(("no_collision",), rvads.bullet, Limits(), "0" * 64, {"pytest-rvads": "0.0"})
+    question = answering.Question(("no_collision",), rvads.bullet, Limits(), "0" * 64, {"pytest-rvads": "0.0"})
     with pytest.raises(rvads.RvadsError, match=r"a worker has other code .*install the same version"):
-        judging.judge(question, judging.Job(0, "0" * 64, next(cases()), "driver", None))
+        answering.judge(question, answering.Job(0, "0" * 64, next(cases()), "driver", None))
 
 
 @pytest.mark.parametrize("wrong", ["stop4", [1], [rvads.find("stop4")]])
@@ -265,6 +291,31 @@ def test_what_is_no_file_of_results_is_refused(tmp_path: Path, content: bytes, c
         with pytest.raises(rvads.RvadsError, match="holds no results"):
             rvads.campaign(cases(), executor=1, results=path)
         assert path.read_bytes() == content
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files")
+def test_a_full_disk_ends_a_campaign_that_goes_on_when_there_is_room(tmp_path: Path, alone: list[Judged]) -> None:
+    import resource
+
+    path, usual = tmp_path / "results.jsonl", resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, usual[1]))
+    try:
+        with pytest.raises(rvads.RvadsError, match=r"can't be added to .*make room, then run the campaign again"):
+            rvads.campaign(cases(), executor=1, results=path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    with rvads.Results(path) as half:
+        assert 0 < len(half) < FEW
+    with rvads.campaign(cases(), executor=1, results=path) as results:
+        assert list(results) == alone
+
+
+def test_results_are_not_written_to_what_is_no_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(rvads.RvadsError, match="is no regular file"):
+        rvads.campaign(cases(), executor=1, results=tmp_path / "pipe")
+    with pytest.raises(OSError, match="expected a regular file"):
+        rvads.Results(tmp_path / "pipe")
 
 
 HASHES = """

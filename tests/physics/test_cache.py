@@ -135,10 +135,10 @@ def test_what_is_no_small_regular_file_is_neither_read_nor_written_to_but_replac
 
 
 def test_a_full_disk_costs_no_number(where: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(_: Path, content: bytes) -> None:
+    def full(_: Path, target: Path) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(Path, "replace", full)
     assert cache.cached({"a": 1}, Counter(0.5)) == 0.5
     assert list(where.iterdir()) == []
 

@@ -6,6 +6,7 @@ import multiprocessing
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 
 import msgspec
 
@@ -14,6 +15,7 @@ from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.decoding import encode
 from pytest_rvads.drivers.traffic import DEFAULT
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
@@ -67,7 +69,7 @@ def judge(question: Question, job: Job) -> bytes:
     Raises:
         RvadsError: this process has other code or other versions than the one that asks.
     """
-    mine = versions(*(name for name in question.versions if name not in ("pytest-rvads", "numpy", "python")))
+    mine = _versions(tuple(question.versions))
     if (code(), mine) != (question.code, question.versions):
         raise RvadsError(
             f"a worker has other code ({code()[:8]}, {_listed(mine)}) than who asks it ({question.code[:8]}, "
@@ -78,7 +80,7 @@ def judge(question: Question, job: Job) -> bytes:
     limits = question.limits._replace(dump=_STANDARD_ERROR) if ends else question.limits
     try:
         with choosing(Choice(question.simulator, limits)):
-            run = simulate(job.case, question.simulator)
+            run = simulate(_at_home(job.case), question.simulator)
     except Exception as error:
         return encode(undecided(question, job, _told(error)))
     return encode(
@@ -92,6 +94,23 @@ def judge(question: Question, job: Job) -> bytes:
             verdicts=tuple(_verdict(run, rule) for rule in _rules(question, job)),
         )
     )
+
+
+def _at_home(case: Case) -> Case:
+    """Return a case at its junction as that came first: every batch brings one, and caches would keep what they know of each."""
+    place = _first(case.scenario.place)
+    return case if place is case.scenario.place else case.but(place=place)
+
+
+@lru_cache(maxsize=256)
+def _first(place: Junction) -> Junction:
+    return place
+
+
+@lru_cache(maxsize=8)
+def _versions(names: tuple[str, ...]) -> dict[str, str]:
+    """Return the versions of packages in this process; to look them up takes as long as to judge a run."""
+    return {name: version for name, version in versions(*names).items() if name in names}
 
 
 def started(question: Question, job: Job) -> Judged:

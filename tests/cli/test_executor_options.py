@@ -1,0 +1,52 @@
+"""The options that say on what a command works."""
+
+import argparse
+from importlib import util
+from typing import Any
+
+import pytest
+
+from pytest_rvads.cli import executor_options, main
+from pytest_rvads.errors import RvadsError
+
+
+def parsed(*arguments: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    executor_options.declare(parser)
+    return parser.parse_args(arguments)
+
+
+@pytest.mark.parametrize(("arguments", "executor"), [((), None), (("-j", "3"), 3), (("--workers", "1"), 1)])
+def test_processes_are_counted(arguments: tuple[str, ...], executor: int | None) -> None:
+    with executor_options.opened(parsed(*arguments)) as opened:
+        assert opened == executor
+
+
+@pytest.mark.parametrize("command", [("power",), ("paper",), ("compare-simulators", "bullet", "mujoco")])
+def test_a_command_takes_processes_or_a_scheduler(command: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*command, "-j", "0"]) == 2
+    assert "--workers must be at least 1, got 0" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        main([*command, "-j", "2", "--dask", "tcp://127.0.0.1:8786"])
+    assert "not allowed with argument" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere at all"])
+def test_where_no_scheduler_answers_it_is_said(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(executor_options, "_PATIENCE", 0.5)
+    with (
+        pytest.raises(RvadsError, match=f"no Dask scheduler answers at '{address}' .*expected an address"),
+        executor_options.opened(parsed("--dask", address)),
+    ):
+        pass
+
+
+def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def find(name: str, *rest: Any) -> Any:
+        return None
+
+    monkeypatch.setattr(executor_options, "find_spec", find)
+    assert util.find_spec is not find
+    with pytest.raises(RvadsError, match=r"pip install 'pytest-rvads\[dask\]'"), executor_options.opened(parsed("--dask", "x")):
+        pass
