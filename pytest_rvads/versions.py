@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 
 from pytest_rvads import __version__
@@ -22,7 +23,12 @@ def versions(*libraries: str) -> dict[str, str]:
     found = {"pytest-rvads": __version__}
     for library in libraries:
         try:
-            found[library] = version(library)
+            found[library] = _version(library)
         except PackageNotFoundError:
             continue
-    return found | {"numpy": version("numpy"), "python": platform.python_version()}
+    return found | {"numpy": _version("numpy"), "python": platform.python_version()}
+
+
+@lru_cache(maxsize=64)  # every run tells them, and finding one reads a file of thousands of lines
+def _version(library: str) -> str:
+    return version(library)

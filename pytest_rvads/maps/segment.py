@@ -140,9 +140,10 @@ class Segment:
             px, py, ux, uy, _ = pieces[i]
             dx, dy = x - px, y - py
             along = dx * ux + dy * uy
-            low = -math.inf if i == 0 else 0.0
-            high = math.inf if i == last else stations[i + 1] - stations[i]
-            along = low if along < low else high if along > high else along
+            if along < 0.0:
+                along = 0.0 if i else along
+            elif i < last and along > stations[i + 1] - stations[i]:
+                along = stations[i + 1] - stations[i]
             ex, ey = dx - along * ux, dy - along * uy
             error = ex * ex + ey * ey
             if error < best:

@@ -205,7 +205,8 @@ class Loop:
                 forces += control
             else:
                 _, _, _, vx, vy, rate = motion
-                forces += body.dynamics.forces(body.cos, body.sin, vx, vy, rate, *control)
+                throttle, brake, steering = control
+                forces += body.dynamics.forces(body.cos, body.sin, vx, vy, rate, throttle, brake, steering)
         self.world.step(forces)
         for pair in self.world.contacts():
             one, two = (self._motions[column] for column in pair)

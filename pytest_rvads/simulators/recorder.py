@@ -27,7 +27,7 @@ class Recorder:
     def __init__(self, agents: Sequence[Agent]) -> None:
         self._agents = tuple(agents)
         self._zones: list[Zone] = []
-        self._motions: list[float] = []
+        self._motions: list[Any] = []
         self._lights: list[tuple[Colour, ...]] = []
         self._controls: list[float] = []
 
