@@ -1,7 +1,7 @@
 """What a campaign spends its time on: simulating and judging the same 40 cases in both engines, and on two processes against one.
 
-Run with ``pytest -s benchmarks/bench_campaign.py``; a minute or two. It prints shares and ratios. The engines take turns, and time
-is that of the process on the processor, so what else the machine does meets both; two processes want an idle machine.
+Run with ``pytest -s benchmarks/bench_campaign.py``; a minute or two. It prints shares and ratios. The engines take turns, and
+time is that of the process on the processor, so what else the machine does meets both; two processes want an idle machine.
 """
 
 import multiprocessing

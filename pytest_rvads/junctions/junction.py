@@ -354,12 +354,12 @@ class Junction:
             raise MapError(f"junction {self.name!r} comes from a recording without positions, so nothing can be placed there")
         return line
 
-    @cached_property
+    @property
     def near(self) -> Turn:
         """The turn that crosses nobody's way: right where traffic keeps right."""
         return Turn.LEFT if self.left_hand else Turn.RIGHT
 
-    @cached_property
+    @property
     def far(self) -> Turn:
         """The turn across oncoming traffic: left where traffic keeps right."""
         return Turn.RIGHT if self.left_hand else Turn.LEFT
