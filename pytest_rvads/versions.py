@@ -25,10 +25,10 @@ def versions(*libraries: str) -> dict[str, str]:
     found = {"pytest-rvads": __version__}
     for library in libraries:
         try:
-            found[library] = version(library)
+            found[library] = _version(library)
         except PackageNotFoundError:
             continue
-    return found | {"numpy": version("numpy"), "python": platform.python_version()}
+    return found | {"numpy": _version("numpy"), "python": platform.python_version()}
 
 
 @lru_cache(maxsize=1)
@@ -39,3 +39,8 @@ def code() -> str:
     for path in sorted(root.rglob("*.py")):
         digest.update(f"{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
     return digest.hexdigest()
+
+
+@lru_cache(maxsize=64)  # every run tells them, and finding one reads a file of thousands of lines
+def _version(library: str) -> str:
+    return version(library)

@@ -76,7 +76,7 @@ class Light:
 
     def _remember(self, seen: Observation, prior: list[VehicleState]) -> None:
         """Keep whom to let in first: once both were at their entrances, it stays so whatever the lights show."""
-        if seen.me.zone is ENTRANCE:
+        if prior and seen.me.zone is ENTRANCE:
             self._owed |= {other.name for other in prior if other.zone is ENTRANCE}
         if self._owed:
             self._owed &= {other.name for other in seen.others if other.zone is ENTRANCE}
@@ -86,14 +86,16 @@ class Light:
             self._owed -= self._parked - {other.name for other in prior}
 
     def _watch(self, seen: Observation) -> None:
+        idle, parked = self._idle, self._parked
         for other in seen.others:
-            if other.zone is not ENTRANCE or other.speed > STANDING:
-                self._idle.pop(other.name, None)
-                self._parked.discard(other.name)
-            elif seen.lights[other.entrance] is not _GREEN:
-                self._idle.pop(other.name, None)
-            elif seen.time - self._idle.setdefault(other.name, seen.time) >= PARKED:
-                self._parked.add(other.name)
+            stands = other.zone is ENTRANCE and other.speed <= STANDING
+            if parked and not stands:
+                parked.discard(other.name)
+            if stands and seen.lights[other.entrance] is _GREEN:
+                if seen.time - idle.setdefault(other.name, seen.time) >= PARKED:
+                    parked.add(other.name)
+            elif idle:
+                idle.pop(other.name, None)
 
 
 def _leaves_time(seen: Observation, other: VehicleState) -> bool:

@@ -6,10 +6,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.way_ahead import Track
+from pytest_rvads.drivers.way_ahead import track
 from pytest_rvads.junctions.conflicts import Key, Shared
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION, VehicleState
 
 __all__ = ["Meeting", "Meetings", "ahead_in_lane", "conflicts", "exit_blocked", "in_the_way", "runs_through"]
@@ -64,7 +64,7 @@ class Meetings:
 
 @lru_cache(maxsize=4096)
 def _bend_speed(junction: Junction, key: Key) -> float:
-    return Track(Itinerary.through(junction, *key), 0.0).slowest(junction.movements[key].length)
+    return track(itinerary(junction, *key), 0.0).slowest(junction.movements[key].length)
 
 
 def ahead_in_lane(seen: Observation) -> VehicleState | None:

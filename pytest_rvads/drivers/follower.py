@@ -9,7 +9,7 @@ import math
 
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.pursuit import lookahead, pursue
-from pytest_rvads.drivers.way_ahead import Track
+from pytest_rvads.drivers.way_ahead import Track, track
 from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
 
 __all__ = ["STANDING", "Follower", "resistance"]
@@ -83,7 +83,7 @@ class Follower(Autopilot):
     def track(self, seen: Observation) -> Track:
         """Return what is known of the way ahead; worked out once."""
         if self._track is None:
-            self._track = Track(seen.itinerary, seen.vehicle.rear_axle_offset)
+            self._track = track(seen.itinerary, seen.vehicle.rear_axle_offset)
             self._narrow = self._track.radius < (NARROW_LANE if seen.junction.lane_width < LANE else NARROW)
         return self._track
 

@@ -95,7 +95,8 @@ class Reference(Follower):
         if seen.others and wanted > -math.inf:
             if not stops:
                 # Whoever leads is past the line; before it there is nobody to follow but in the own lane.
-                wanted = min(wanted, behind_leader(seen))
+                gap = behind_leader(seen)
+                wanted = gap if gap < wanted else wanted
             if leader is not None:
                 wanted = min(wanted, behind(seen, leader))
             gap = clear_of_bodies(seen, self._track or self.track(seen), leader, foresees=self._meetings is not None)

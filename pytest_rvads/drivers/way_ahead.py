@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 from pytest_rvads.runs.itineraries import Itinerary
 
-__all__ = ["Track"]
+__all__ = ["Track", "track"]
 
 BEND = 2.5
 """Lateral acceleration that bends are taken with [m/s^2]."""
@@ -57,3 +58,9 @@ class Track:
         """Return the places (x, y) [m] by the metre, beginning less than 1 m after `station`, up to `reach` beyond it [m]."""
         k = max(int(station - self._first) + 1, 0)
         return self._places[k : k + int(reach)]
+
+
+@lru_cache(maxsize=256)  # the same ways are driven again and again
+def track(itinerary: Itinerary, axle: float) -> Track:
+    """Return an itinerary looked up by the metre, built once; see `Track`."""
+    return Track(itinerary, axle)

@@ -113,7 +113,7 @@ class Segment:
     def piece(self, station: float) -> tuple[float, float, float, float, float, float, float]:
         """Return the straight piece at `station` [m]: its two stations, where it starts, its unit vector, its heading."""
         stations, pieces = self._table or self._fill()
-        i = min(max(bisect_right(stations, station) - 1, 0), len(pieces) - 1)
+        i = bisect_right(stations, station, 1, len(pieces)) - 1
         return stations[i], stations[i + 1], *pieces[i]
 
     def project(self, x: float, y: float, near: float, window: float = 5.0) -> tuple[float, float]:
@@ -133,16 +133,17 @@ class Segment:
         """
         stations, pieces = self._table or self._fill()
         last = len(pieces) - 1
-        i = min(max(bisect_right(stations, near - window) - 1, 0), last)
-        stop = min(max(bisect_right(stations, near + window) - 1, 0), last)
+        i = bisect_right(stations, near - window, 1, last + 1) - 1
+        stop = bisect_right(stations, near + window, i + 1, last + 1) - 1
         best, found = math.inf, (near, 0.0)
         while i <= stop:
             px, py, ux, uy, _ = pieces[i]
             dx, dy = x - px, y - py
             along = dx * ux + dy * uy
-            low = -math.inf if i == 0 else 0.0
-            high = math.inf if i == last else stations[i + 1] - stations[i]
-            along = low if along < low else high if along > high else along
+            if along < 0.0:
+                along = 0.0 if i else along
+            elif i < last and along > stations[i + 1] - stations[i]:
+                along = stations[i + 1] - stations[i]
             ex, ey = dx - along * ux, dy - along * uy
             error = ex * ex + ey * ey
             if error < best:

@@ -48,7 +48,7 @@ class Body:
         self._along = station + itinerary.origin
         self._ahead = vehicle.gravity_offset
         self._length, self._width = vehicle.length, vehicle.width
-        self._who = agent.name, agent.entrance, agent.turn
+        self._name, self._entrance, self._turn, self._kind = agent.name, agent.entrance, agent.turn, agent.kind
         self._motion: Motion | None = None
 
     def sample(self, motion: Motion) -> VehicleState:
@@ -81,7 +81,9 @@ class Body:
         if not -MAX_OFFSET <= offset <= MAX_OFFSET:
             self.strayed = beside(self.itinerary, x, y, yaw, station, self._length)
         self.state = VehicleState(
-            *self._who,
+            self._name,
+            self._entrance,
+            self._turn,
             self.itinerary.zone(station),
             station,
             x,
@@ -91,7 +93,7 @@ class Body:
             (speed - self.state.speed) / DT if before is not None else 0.0,
             self._length,
             self._width,
-            self.agent.kind,
+            self._kind,
         )
         return self.state
 

@@ -42,9 +42,10 @@ class BulletWorld:
         # A reset also resets the solver, so its settings are given again.
         bullet.setPhysicsEngineParameter(fixedTimeStep=DT, numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=client)
         bullet.setGravity(0, 0, 0, physicsClientId=client)
-        self._groups = [self._build(vehicles[first : first + _MOST]) for first in range(0, len(vehicles), _MOST)]
-        """Per multibody its number and its joints; it holds the next `_MOST` vehicles."""
-        self._first = {group: first for (group, _), first in zip(self._groups, range(0, len(vehicles), _MOST), strict=True)}
+        firsts = range(0, len(vehicles), _MOST)
+        self._groups = [(*self._build(vehicles[k : k + _MOST]), slice(3 * k, 3 * (k + _MOST))) for k in firsts]
+        """Per multibody its number, its joints, and which forces are theirs; it holds the next `_MOST` vehicles."""
+        self._first = {group: first for (group, _, _), first in zip(self._groups, firsts, strict=True)}
         """First vehicle of each multibody."""
         for body, start in enumerate(starts):
             group, link = self._link(body)
@@ -105,7 +106,7 @@ class BulletWorld:
         """Return the motion of every body, in the order in which they were given."""
         self._check()
         states = self._bullet.getJointStates
-        found = [states(group, joints, physicsClientId=self._client) for group, joints in self._groups]
+        found = [states(group, joints, physicsClientId=self._client) for group, joints, _ in self._groups]
         return [
             Motion(x, y, yaw, vx, vy, rate)
             for joints in found
@@ -116,8 +117,8 @@ class BulletWorld:
         """Advance by one step under `forces` (x [N], y [N], moment [N m] of every body, flat)."""
         self._check()
         drive, kind = self._bullet.setJointMotorControlArray, self._bullet.TORQUE_CONTROL
-        for (group, joints), first in zip(self._groups, range(0, len(forces), 3 * _MOST), strict=True):
-            drive(group, joints, kind, forces=forces[first : first + 3 * _MOST], physicsClientId=self._client)
+        for group, joints, theirs in self._groups:
+            drive(group, joints, kind, forces=forces[theirs], physicsClientId=self._client)
         self._bullet.stepSimulation(physicsClientId=self._client)
 
     def contacts(self) -> list[tuple[int, int]]:

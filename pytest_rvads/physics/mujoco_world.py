@@ -35,8 +35,9 @@ class MujocoWorld:
             raise RunError(needs("the world of mujoco", "mujoco", "mujoco")) from None
         self._model = _model(mujoco, vehicles)
         self._data = data = mujoco.MjData(self._model)
-        data.qpos[:] = [number for start in starts for number in start[:3]]
-        data.qvel[:] = [number for start in starts for number in start[3:]]
+        self._places, self._velocities, self._forces = data.qpos, data.qvel, data.qfrc_applied
+        self._places[:] = [number for start in starts for number in start[:3]]
+        self._velocities[:] = [number for start in starts for number in start[3:]]
         # `mj_step` would be the first two with checks around them that write a log file into the working directory.
         self._forward, self._integrate = mujoco.mj_forward, mujoco.mj_Euler
         self._filter, self._set_filter = mujoco.get_mjcb_contactfilter, mujoco.set_mjcb_contactfilter
@@ -46,14 +47,14 @@ class MujocoWorld:
 
     def motions(self) -> list[Motion]:
         """Return the motion of every body, in the order in which they were given."""
-        data = self._opened()
-        place, velocity = iter(data.qpos.tolist()), iter(data.qvel.tolist())
-        return [Motion(*numbers) for numbers in zip(place, place, place, velocity, velocity, velocity, strict=True)]
+        self._opened()
+        place, velocity = iter(self._places.tolist()), iter(self._velocities.tolist())
+        return list(map(Motion, place, place, place, velocity, velocity, velocity))
 
     def step(self, forces: Sequence[float]) -> None:
         """Advance by one step under `forces` (x [N], y [N], moment [N m] of every body, flat)."""
         data = self._opened()
-        data.qfrc_applied[:] = forces
+        self._forces[:] = forces
         self._unfiltered(self._forward)
         self._integrate(self._model, data)
 
@@ -67,13 +68,13 @@ class MujocoWorld:
 
     def remove(self, body: int) -> None:
         """Take `body` out of the world: it stands still and touches nothing any more."""
-        data = self._opened()
+        self._opened()
         self._model.geom_contype[body] = self._model.geom_conaffinity[body] = _NONE
-        data.qvel[3 * body : 3 * body + 3] = 0.0
+        self._velocities[3 * body : 3 * body + 3] = 0.0
 
     def close(self) -> None:
         """Free the world."""
-        self._model = self._data = None
+        self._model = self._data = self._places = self._velocities = self._forces = None
 
     def _unfiltered(self, function: Any) -> None:
         """Call a function that finds contacts without the filter that a driver which uses MuJoCo may have set for all models."""

@@ -83,7 +83,7 @@ class Itinerary:
         """Return the points of the centre line at stations, and the direction there, each of shape ``(steps, 2)``."""
         points, arc = self.path.points, self.path.stations
         along = station + self.origin
-        piece = np.clip(np.searchsorted(arc, along, side="right") - 1, 0, len(arc) - 2)
+        piece = np.searchsorted(arc[1:-1], along, side="right")
         ahead = _directions(self.path)[piece]
         return points[piece] + (along - arc[piece])[:, None] * ahead, ahead
 

@@ -7,10 +7,12 @@ from functools import lru_cache
 
 from pytest_rvads.runs.states import Colour
 
-__all__ = ["SignalPlan"]
+__all__ = ["STEADY", "SignalPlan"]
 
 GREEN, YELLOW, CLEARANCE = 15.0, 3.0, 2.0
 """Durations [s] of the recorded junctions: green, yellow, all red before the next group."""
+STEADY = 1.0
+"""Colours change at whole multiples of this and at no other time [s]."""
 _SLOT = GREEN + YELLOW + CLEARANCE
 _NONE, *_PHASES = Colour  # green, yellow, red
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from pytest_rvads.errors import ScenarioError, require
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.vehicle import Vehicle
@@ -287,7 +287,7 @@ class Scenario:
 
     def itineraries(self) -> tuple[Itinerary, ...]:
         """Return the itineraries of `agents`, in the same order."""
-        return tuple(Itinerary.through(self.place, *a.route.key) for a in self.agents())
+        return tuple(itinerary(self.place, *a.route.key) for a in self.agents())
 
     def signals(self) -> SignalPlan:
         """Return the signal plan, see `first_green`."""

@@ -14,6 +14,7 @@ from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.physics.body import Body, start
 from pytest_rvads.physics.world import World, WorldMaker
+from pytest_rvads.runs.lights import STEADY
 from pytest_rvads.runs.run import DT, LATE, Collision, Facts, Fault, Halt, Run
 from pytest_rvads.runs.states import GONE, Colour
 from pytest_rvads.scenarios.case import Case
@@ -146,15 +147,18 @@ class Loop:
 
     def _over(self) -> bool:
         """Tell whether the run is over before its time, and note why."""
-        strayed = [column for column in self._active if self._bodies[column].strayed]
-        if strayed:
+        bodies = self._bodies
+        if strayed := [column for column in self._active if bodies[column].strayed]:
             self.strayed = tuple(self._agents[column].name for column in sorted(strayed))
             self.end = "route"
         elif self.collisions:
             self.end = "collision"
-        elif all(body.state.station >= body.itinerary.leave for body in self._bodies):
+        else:
+            for body in bodies:
+                if body.state.station < body.itinerary.leave:
+                    return False
             self.end = "left"
-        return self.end != "duration"
+        return True
 
     def _sample(self) -> None:
         """Take and record the current state of every vehicle; one that is gone stays as it was last seen."""
@@ -163,14 +167,15 @@ class Loop:
         for column in gone:
             self._active.remove(column)
             self.world.remove(column)
-        self._lights = self._signals.colours(self._step * DT, len(self.junction.entrances))
+        if self._step % _STEADY == 0:
+            self._lights = self._signals.colours(self._step * DT, len(self.junction.entrances))
         self.recorder.state([body.state for body in bodies], self._lights)
 
     def _decide(self) -> list[Control]:
         """Ask every autopilot and return the controls by column; whom the world drives is not asked."""
-        bodies, scenario = self._bodies, self.scenario
+        bodies, scenario, step, lights, junction = self._bodies, self.scenario, self._step, self._lights, self.junction
         controls = [_IDLE] * len(bodies)
-        time = self._step * DT
+        time = step * DT
         seen = tuple([bodies[column].state for column in self._active])
         for i, column in enumerate(self._active):
             if column in self._elsewhere:
@@ -179,28 +184,29 @@ class Loop:
                 time,
                 seen[i],
                 seen[:i] + seen[i + 1 :],
-                self._lights,
+                lights,
                 bodies[column].itinerary,
-                self.junction,
+                junction,
                 self._vehicles[column],
                 SPEED_LIMIT,
                 scenario.aggression,
                 scenario.wait,
                 i,
             )
-            controls[column] = self._seats[column].command(self._step, view)
+            controls[column] = self._seats[column].command(step, view)
         self.recorder.control(controls)
         return controls
 
     def _advance(self, controls: list[Control]) -> None:
         """Move the world on by one step and note who touched whom."""
-        forces = [0.0] * (3 * len(controls))
-        for column in self._active:
-            body, control = self._bodies[column], controls[column]
-            _, _, _, vx, vy, rate = self._motions[column]
-            forces[3 * column : 3 * column + 3] = (
-                control if self._controlled else body.dynamics.forces(body.cos, body.sin, vx, vy, rate, *control)
-            )
+        forces: list[float] = []
+        for body, motion, control in zip(self._bodies, self._motions, controls, strict=True):
+            if self._controlled or body.state.zone is GONE:
+                forces += control
+            else:
+                _, _, _, vx, vy, rate = motion
+                throttle, brake, steering = control
+                forces += body.dynamics.forces(body.cos, body.sin, vx, vy, rate, throttle, brake, steering)
         self.world.step(forces)
         for pair in self.world.contacts():
             one, two = (self._motions[column] for column in pair)
@@ -212,3 +218,5 @@ class Loop:
 
 
 _IDLE = Control()
+_STEADY = round(STEADY / DT)
+"""Lights are looked at every so many steps."""

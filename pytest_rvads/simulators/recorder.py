@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pytest_rvads.drivers.interface import Control
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run
-from pytest_rvads.runs.states import Agent, Colour, VehicleState
+from pytest_rvads.runs.states import Agent, Colour, VehicleState, Zone
 
 __all__ = ["Recorder"]
 
@@ -21,22 +19,30 @@ _SPEED = VehicleState._fields.index("speed")
 
 
 class Recorder:
-    """Rows of states and controls, one column per agent."""
+    """Rows of states and controls, one column per agent.
+
+    Plain numbers are kept, one after the other: tuples by the ten thousand would have the garbage collector at work.
+    """
 
     def __init__(self, agents: Sequence[Agent]) -> None:
         self._agents = tuple(agents)
-        self._states: list[VehicleState] = []
+        self._zones: list[Zone] = []
+        self._motions: list[Any] = []
         self._lights: list[tuple[Colour, ...]] = []
-        self._controls: list[Control] = []
+        self._controls: list[float] = []
 
     def state(self, states: Sequence[VehicleState], lights: tuple[Colour, ...]) -> None:
         """Add a state: one `VehicleState` per agent, one colour per entrance."""
-        self._states += states
+        zones, motions = self._zones, self._motions
+        for state in states:
+            zones.append(state.zone)
+            motions += state[_STATION : _SPEED + 1]
         self._lights.append(lights)
 
     def control(self, controls: Sequence[Control]) -> None:
         """Add what was commanded in the step after the last state, per agent."""
-        self._controls += controls
+        for control in controls:
+            self._controls += control
 
     def run(
         self,
@@ -50,26 +56,21 @@ class Recorder:
         """Return the run. No step follows its last state, so the controls of the step before stand there again."""
         steps, count = len(self._lights), len(self._agents)
         # Station, x, y, heading and speed are neighbours in a VehicleState.
-        motion = _numbers([s[_STATION : _SPEED + 1] for s in self._states]).reshape(steps, count, 5)
-        held = self._controls[-count:] or [Control()] * count
-        controls = (self._controls + held)[: len(self._states)]
+        motion = np.fromiter(self._motions, dtype=np.float64).reshape(steps, count, 5)
+        numbers = 3 * count
+        controls = self._controls + (self._controls[-numbers:] or [0.0] * numbers)
         return Run(
             label=label,
             junction=junction,
             agents=self._agents,
-            zone=np.frombuffer(bytes([s.zone for s in self._states]), dtype=np.int8).reshape(steps, count),
+            zone=np.frombuffer(bytes(self._zones), dtype=np.int8).reshape(steps, count),
             lights=np.frombuffer(b"".join(map(bytes, self._lights)), dtype=np.int8).reshape(steps, len(junction.entrances)),
             station=motion[:, :, 0],
             speed=motion[:, :, 4],
             pose=motion[:, :, 1:4],
-            controls=_numbers(controls).reshape(steps, count, 3),
+            controls=np.fromiter(controls[: steps * numbers], dtype=np.float64).reshape(steps, count, 3),
             collisions=collisions,
             fault=fault,
             facts=facts,
             provenance=provenance,
         )
-
-
-def _numbers(rows: Sequence[tuple[Any, ...]]) -> NDArray[np.float64]:
-    """Return the numbers of all rows, one after the other; `numpy.array` takes several times as long for as many tuples."""
-    return np.fromiter(chain.from_iterable(rows), dtype=np.float64)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.itineraries import Itinerary
-from pytest_rvads.runs.lights import SignalPlan
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.lights import STEADY, SignalPlan
+from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 from pytest_rvads.runs.vehicle import Vehicle
 
@@ -63,6 +63,15 @@ def test_poses_and_projection_are_inverse(itinerary: Itinerary) -> None:
         assert offset == pytest.approx(0.3, abs=0.01)
 
 
+@pytest.mark.parametrize("beyond", [0.5, 3.0, 400.0])
+def test_beyond_both_ends_a_line_goes_on_straight(itinerary: Itinerary, beyond: float) -> None:
+    path = itinerary.path
+    for station, end, sign in ((-beyond, path.points[0], -1.0), (path.length + beyond, path.points[-1], 1.0)):
+        x, y, heading = path.pose(station)
+        assert (x, y) == pytest.approx((end[0] + sign * beyond * math.cos(heading), end[1] + sign * beyond * math.sin(heading)))
+        assert path.project(x, y, station) == pytest.approx((station, 0.0), abs=1e-6)
+
+
 def test_a_recorded_junction_has_nowhere_to_drive() -> None:
     junction = find("stop4")
     recorded = replace(junction, movements={key: replace(m, path=None) for key, m in junction.movements.items()})
@@ -92,6 +101,13 @@ def test_never_two_groups_move(count: int, time: float) -> None:
     assert sum(c is not Colour.RED for c in plan.colours(time, count)) <= 1
     assert plan.colours(time, count + 1)[count] is Colour.NONE, "an entrance in no group has no light"
     assert plan.colours(round(time, 2), count) == plan.colours(round(time, 2) + 20.0 * count, count)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_between_looks_at_the_lights_no_colour_changes(count: int) -> None:
+    plan, every = SignalPlan(tuple(frozenset({g}) for g in range(count)), count - 1), round(STEADY / DT)
+    for step in range(round(20.0 * count / DT) + every):
+        assert plan.colours(step * DT, count) == plan.colours(step // every * every * DT, count)
 
 
 @given(st.lists(st.lists(st.integers(0, 4), min_size=2, max_size=2), min_size=1, max_size=60))

@@ -16,7 +16,7 @@ from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, itinerary
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 
-__all__ = ["LONG_AGO", "Crossings", "Event", "crossings"]
+__all__ = ["FINE", "LONG_AGO", "Crossings", "Event", "crossings"]
 
 FINE = 0.02
 """Of runs with steps up to this the states say enough [s]: on the runs of the paper's authors no verdict changes up to there, and

@@ -86,9 +86,10 @@ def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
     found = [Judgement(template, Status.NA) for template in templates]
     for i, begin, end, states in _walked(templates, values):
         outputs = templates[i].machine.output[states]
-        failed = int(np.argmax(outputs == Truth.FALSE)) if outputs[-1] == Truth.FALSE else None
+        last = int(outputs[-1])
+        failed = int(np.argmax(outputs == last)) if last == Truth.FALSE else None
         before = int(states[failed - 1]) if failed else 0
-        judged = _judge(templates[i], values.within(begin, end), failed, before, bool(outputs[-1] == Truth.TRUE))
+        judged = _judge(templates[i], values.within(begin, end), failed, before, last == Truth.TRUE)
         found[i] = _placed(judged, begin, end, values.steps)
     return found
 
