@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -9,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads import versions
 from pytest_rvads.physics import braking, cache
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.runs.vehicle import Vehicle
@@ -134,12 +134,13 @@ def test_what_is_no_small_regular_file_is_neither_read_nor_written_to_but_replac
     assert not elsewhere.exists() or elsewhere.read_text() == "to be kept"
 
 
-def test_a_full_disk_costs_no_number(where: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(_: Path, target: Path) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", full)
-    assert cache.cached({"a": 1}, Counter(0.5)) == 0.5
+def test_a_full_disk_costs_no_number(where: Path) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))  # no file may have anything in it
+    try:
+        assert cache.cached({"a": 1}, Counter(0.5)) == 0.5
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert list(where.iterdir()) == []
 
 
@@ -154,7 +155,7 @@ def test_an_error_is_not_kept() -> None:
 
 def test_other_code_and_other_versions_are_other_keys(where: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cache.cached({"a": 1}, Counter(0.5))
-    monkeypatch.setattr(cache, "code", lambda: "changed")
+    monkeypatch.setattr(cache, "_code", lambda: "changed")
     assert cache.cached({"a": 1}, Counter(0.7)) == 0.7
     monkeypatch.setattr(cache, "versions", lambda: {"pybullet": "99"})
     assert cache.cached({"a": 1}, Counter(0.9)) == 0.9
@@ -166,8 +167,8 @@ def test_the_code_is_told_by_a_checksum_of_every_module(monkeypatch: pytest.Monk
     for text in ("x = 1", "x = 2"):
         (tmp_path / "package" / "room").mkdir(parents=True, exist_ok=True)
         (tmp_path / "package" / "module.py").write_text(text)
-        monkeypatch.setattr(versions, "__file__", str(tmp_path / "package" / "versions.py"))
-        found.append(versions.code.__wrapped__())
+        monkeypatch.setattr(cache, "__file__", str(tmp_path / "package" / "room" / "cache.py"))
+        found.append(cache._code.__wrapped__())
     assert all(len(checksum) == 64 for checksum in found)
     assert found[0] != found[1]
 
