@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.campaigns import judging, replays
+from pytest_rvads.campaigns import answering, replays
 from pytest_rvads.cli import main
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.report.files import load
@@ -98,7 +98,7 @@ def test_a_town_is_judged_once_and_not_again(
     def never(*_: object) -> None:
         raise AssertionError("it was judged before")
 
-    monkeypatch.setattr(judging, "simulate", never)
+    monkeypatch.setattr(answering, "simulate", never)
     status, _, err = ran(capsys, *words)
     assert status == 0
     assert "is not simulated again" in err
