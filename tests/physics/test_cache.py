@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from pytest_rvads import versions
 from pytest_rvads.physics import braking, cache
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.runs.vehicle import Vehicle
@@ -155,7 +156,7 @@ def test_an_error_is_not_kept() -> None:
 
 def test_other_code_and_other_versions_are_other_keys(where: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cache.cached({"a": 1}, Counter(0.5))
-    monkeypatch.setattr(cache, "_code", lambda: "changed")
+    monkeypatch.setattr(cache, "code", lambda: "changed")
     assert cache.cached({"a": 1}, Counter(0.7)) == 0.7
     monkeypatch.setattr(cache, "versions", lambda: {"pybullet": "99"})
     assert cache.cached({"a": 1}, Counter(0.9)) == 0.9
@@ -167,8 +168,8 @@ def test_the_code_is_told_by_a_checksum_of_every_module(monkeypatch: pytest.Monk
     for text in ("x = 1", "x = 2"):
         (tmp_path / "package" / "room").mkdir(parents=True, exist_ok=True)
         (tmp_path / "package" / "module.py").write_text(text)
-        monkeypatch.setattr(cache, "__file__", str(tmp_path / "package" / "room" / "cache.py"))
-        found.append(cache._code.__wrapped__())
+        monkeypatch.setattr(versions, "__file__", str(tmp_path / "package" / "versions.py"))
+        found.append(versions.code.__wrapped__())
     assert all(len(checksum) == 64 for checksum in found)
     assert found[0] != found[1]
 

@@ -220,7 +220,7 @@ def test_a_record_that_can_t_be_read_costs_one_item(tests: pytest.Pytester) -> N
     """)
     result = tests.runpytest("--rvads-report=out.json")
     assert result.ret == pytest.ExitCode.TESTS_FAILED
-    records = load(Path("out.json")).records
+    records = list(load(Path("out.json")).records)
     assert Counter(record.status for record in records) == {"PASS": 3, "ERROR": 1}
     assert "the record of this item can't be read" in records[1].message
 
