@@ -37,7 +37,7 @@ class AtJunctions:
     def _new(self, record: Record) -> AtJunction:
         if record.recording:
             return AtJunction(record)
-        return AtJunction(record, self._totals.get(record.ways, ("?", "?")), self._extents.get(record.junction))
+        return AtJunction(record, self._totals.get(record.ways), self._extents.get(record.junction))
 
     @property
     def many(self) -> bool:
@@ -55,11 +55,11 @@ class AtJunction:
 
     Args:
         first: the first of its records.
-        totals: how many classes and full scenarios exist; None of what was recorded.
+        totals: how many classes and full scenarios exist, where that is known.
         extent: how much there is to cover, where that does not tell.
     """
 
-    def __init__(self, first: Record, totals: tuple[int | str, int | str] | None = None, extent: Extent | None = None) -> None:
+    def __init__(self, first: Record, totals: tuple[int, int] | None = None, extent: Extent | None = None) -> None:
         self.junction, self.kind = first.junction, first.kind
         self.counts: dict[str, Counter[Tallied]] = {}
         """By rule how many verdicts there are of a kind."""
@@ -67,7 +67,7 @@ class AtJunction:
         """Those that were judged."""
         self.wrong: set[str] = set()
         """Those in which something went wrong that was not known."""
-        self._totals, self._extent = totals, extent
+        self._recorded, self._totals, self._extent = bool(first.recording), totals, extent
         self._turns = extent.turns if extent else first.ways
         self._full = {"arms": _Full(), "lanes": _Full()}
         """Of full scenarios, by occupancy; together in the first where there is one way to occupy a junction."""
@@ -82,7 +82,7 @@ class AtJunction:
             self.wrong.add(record.ran_as)
         if record.hash and record.status is not Outcome.ERROR:
             self.runs.add(record.hash)
-            if self._totals and record.cls:
+            if record.cls:
                 # Numbers alone are those of occupied arms.
                 self._full["lanes" if self._extent and record.orbit else "arms"].add(record, self._turns)
             if self._extent:
@@ -108,7 +108,7 @@ class AtJunction:
     def line(self) -> str:
         """Return what was exercised, and the verdicts by status."""
         verdicts = self.tally
-        name = self.junction if self._totals else f"{self.junction} as recorded"
+        name = f"{self.junction} as recorded" if self._recorded else self.junction
         told = ", ".join([*self._covered(), f"{len(self.runs)} runs", f"{verdicts.total()} verdicts"])
         idle = sorted(rule for rule, counts in self.counts.items() if set(counts) == {Outcome.NA})
         return f"{name}: {told}: {counted(verdicts)}" + (f"  (never applicable: {', '.join(idle)})" if idle else "")
@@ -116,16 +116,16 @@ class AtJunction:
     def _covered(self) -> Iterator[str]:
         """Yield what was exercised: by occupancy, and of partial scenarios and pairs of movements where tests asked for them."""
         if self._extent is None:
-            if self._totals:
-                classes, scenarios = self._totals
-                yield from self._full["arms"].told((classes, scenarios, scenarios))
+            if not self._recorded:
+                totals = self._totals and (*self._totals, self._totals[1])
+                yield from self._full["arms"].told(totals)
             return
         extent = self._extent
-        for occupancy, totals in extent.classes.items():
+        for occupancy, known in extent.classes.items():
             where = (
                 {"arms": " with a vehicle per arm", "lanes": " with one per lane"}[occupancy] if len(extent.classes) > 1 else ""
             )
-            yield from self._full[occupancy].told(totals, where)
+            yield from self._full[occupancy].told(known, where)
         for occupancy, total in extent.partial.items():
             yield f"{len(self._partial[occupancy])}/{total} classes with partial ones"
         apart = "lanes" not in extent.classes
@@ -153,18 +153,18 @@ class _Full:
         if record.seat is not None:
             self._seated.add(_seated(record.scenario, record.seat, turns))
 
-    def told(self, totals: tuple[int | str, int | str, int | str], where: str = "") -> Iterator[str]:
+    def told(self, totals: tuple[int, int, int] | None, where: str = "") -> Iterator[str]:
         """Yield it in words.
 
         Args:
-            totals: how many classes, full scenarios and classes with a subject there are.
+            totals: how many classes, full scenarios and classes with a subject there are, where that is known.
             where: which entrances are occupied.
         """
-        classes, scenarios, seats = totals
-        yield f"{len(self._classes)}/{classes} classes{where}"
+        classes, scenarios, seats = (f"/{total}" for total in totals) if totals else ("", "", "")
+        yield f"{len(self._classes)}{classes} classes{where}"
         if self._seated:
-            yield f"{len(self._seated)}/{seats} classes with a subject{where}"
-        yield f"{len(self._scenarios)}/{scenarios} scenarios{where}"
+            yield f"{len(self._seated)}{seats} classes with a subject{where}"
+        yield f"{len(self._scenarios)}{scenarios} scenarios{where}"
 
 
 def _seated(scenario: str, seat: int, turns: int) -> tuple[str, int]:
