@@ -192,7 +192,7 @@ PARENT = """
 import os, sys, time
 from pytest_rvads.executors import gathered
 def work(job):
-    print(os.getpid(), flush=True)
+    os.write(1, b"%d\\n" % os.getpid())  # in one piece
     time.sleep(60)
 if __name__ == "__main__":
     list(gathered(work, range(8), 2))
