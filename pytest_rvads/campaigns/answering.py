@@ -13,7 +13,6 @@ import msgspec
 from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.decoding import encode
-from pytest_rvads.drivers.traffic import DEFAULT
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.check import check
@@ -23,6 +22,7 @@ from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import AgentRecord, Computing, Indicators, VerdictRecord
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.ids import run_id
 from pytest_rvads.simulators.choice import Choice, choosing
 from pytest_rvads.simulators.patience import Limits
 from pytest_rvads.simulators.simulator import Simulator, simulate
@@ -121,7 +121,7 @@ def started(question: Question, job: Job) -> Judged:
     return Judged(
         case=job.key,
         number=job.number,
-        name=scenario.name if job.traffic in (None, DEFAULT) else f"{scenario.name}-{job.traffic}",
+        name=run_id(scenario, job.traffic),
         junction=place.name,
         control=str(place.control),
         ways=place.ways,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from pytest_rvads.campaigns.extents import extended
 from pytest_rvads.drivers.interface import Factory
-from pytest_rvads.drivers.traffic import DEFAULT, Policy
+from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.errors import RvadsError, ScenarioError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.rules.book import rules_for
@@ -18,7 +18,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.session_report import Extent
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import grid
-from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.ids import run_id
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.stratified import draw
 
@@ -139,7 +139,7 @@ class Plan:
         for place in self.places:
             rules = [rule.name for rule in self.rules(place)]
             for scenario in self.selection(place).fitting(_nobody):
-                name = _named(scenario, traffic)
+                name = run_id(scenario, None if traffic is None else traffic.name)
                 if not self.only or self._wanted(name, rules):
                     yield Planned(name, Case(scenario, asked.driver, traffic.factory if traffic else None))
 
@@ -181,11 +181,6 @@ class _Again:
 
 def _nobody(_: ScenarioError) -> None:
     """Who takes note of what is left out where that is known."""
-
-
-def _named(scenario: Scenario, traffic: Policy | None) -> str:
-    """Return the id of a run: a policy other than the usual one follows the configuration."""
-    return scenario.name if traffic is None or traffic.name == DEFAULT else f"{scenario.name}-{traffic.name}"
 
 
 def _stratum(planned: Planned) -> tuple[str, ...]:

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Integral
 from typing import Any
 
-from pytest_rvads.collection.cells import DEFAULT
-from pytest_rvads.drivers.traffic import Policy
+from pytest_rvads.drivers.traffic import DEFAULT, Policy
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.choosing import EVERY
 from pytest_rvads.logic.rules.rule import Rule

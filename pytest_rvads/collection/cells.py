@@ -16,15 +16,13 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.scenarios.selection import Selection
 
-__all__ = ["DEFAULT", "KEYS", "Cell", "Known", "RecordedCell", "Unfit", "cells_of", "id_of", "runs_of"]
+__all__ = ["KEYS", "Cell", "Known", "RecordedCell", "Unfit", "cells_of", "runs_of"]
 
 KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "traffic", "recording", "rule")
 """Keywords that select cells, in ``-m "rvads(cls=7)"`` and in ``@rvads.known(cls=7)``."""
 
 Traced = tuple[str, ...]
 """Identifiers of requirements."""
-DEFAULT = "reference"
-"""The traffic policy where a mark names none; ids leave it out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,14 +110,11 @@ def runs_of(selection: Selection, policies: Sequence[Policy | None], unfit: Unfi
         yield from ((scenario, policy) for policy in policies)
 
 
-def id_of(scenario: Scenario, policy: Policy | None) -> str:
-    """Return the id of a run, as in ids of items."""
-    return scenario.name if policy is None or policy.name == DEFAULT else f"{scenario.name}-{policy.name}"
-
-
 def cells_of(scenario: Scenario, policy: Policy | None, axis: Sequence[tuple[Rule | None, Traced]]) -> Iterator[Cell]:
     """Yield the cells of a run, one per rule of the axis; each rule comes with what it traces to there."""
-    run = id_of(scenario, policy)
+    from pytest_rvads.scenarios.ids import run_id
+
+    run = run_id(scenario, None if policy is None else policy.name)
     keys: dict[str, str | int] = {
         "junction": scenario.place.name,
         "cls": scenario.number,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
-from pytest_rvads.collection.cells import Cell, Traced, Unfit, cells_of, id_of, runs_of
+from pytest_rvads.collection.cells import Cell, Traced, Unfit, cells_of, runs_of
 from pytest_rvads.collection.misuse import told_at
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.stratified import draw
@@ -94,7 +94,9 @@ class PlannedRun(NamedTuple):
     @property
     def name(self) -> str:
         """Its id, as in ids of items."""
-        return id_of(self.scenario, self.policy)
+        from pytest_rvads.scenarios.ids import run_id
+
+        return run_id(self.scenario, None if self.policy is None else self.policy.name)
 
     @property
     def stratum(self) -> tuple[str, str, str]:

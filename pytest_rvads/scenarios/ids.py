@@ -7,6 +7,7 @@ import re
 from dataclasses import fields
 from typing import Any
 
+from pytest_rvads.drivers.traffic import DEFAULT
 from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.junctions.finder import called, find
 from pytest_rvads.scenarios.classes import parse
@@ -15,7 +16,7 @@ from pytest_rvads.scenarios.orbits import rotate
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import Senses
 
-__all__ = ["from_id"]
+__all__ = ["from_id", "run_id"]
 
 _ID = re.compile(
     r"(?P<place>[A-Za-z0-9_.]+)-(?P<cls>[A-Za-z0-9_.]+)-as(?P<code>[0-9a-z_]+)(-s(?P<seat>\d+))?-cfg(?P<point>[A-Za-z0-9_.]+)(?P<rest>-.*)?"
@@ -26,6 +27,11 @@ _POINT = re.compile(
 )
 """An order has digits, which tells it from a sense that begins with o."""
 _SENSE = re.compile(r"\.([a-z_]+)(\d+\.\d+|\d+)?")
+
+
+def run_id(scenario: Scenario, traffic: str | None) -> str:
+    """Return the id of a run, without a rule; the policy of `traffic` around a subject follows where it is not the usual one."""
+    return scenario.name if traffic in (None, DEFAULT) else f"{scenario.name}-{traffic}"
 
 
 def from_id(id: str, map: str | os.PathLike[str] | None = None) -> Scenario:
