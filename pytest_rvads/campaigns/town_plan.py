@@ -8,7 +8,6 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import NamedTuple
 
-from pytest_rvads.campaigns.extents import extended
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.errors import RvadsError, ScenarioError
@@ -18,6 +17,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.session_report import Extent
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import grid
+from pytest_rvads.scenarios.extents import extended
 from pytest_rvads.scenarios.ids import run_id
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.stratified import draw

@@ -53,7 +53,7 @@ def resolve(ask: Ask, test: pytest.Function, options: Options, added: Extensions
     found = ask.resolve(test.path.parent, options, added, watch, takes_rule)
     if options.sample is None:
         _refuse_many(found.resolved, options)
-    from pytest_rvads.campaigns.extents import extended
+    from pytest_rvads.scenarios.extents import extended
 
     known: dict[str, Extent] = stash.setdefault(EXTENTS, {})
     for resolved in found.resolved:
