@@ -18,6 +18,8 @@ from pytest_rvads.search.falsify import Search
 from pytest_rvads.simulators.simulator import usable
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from pytest_rvads.drivers.interface import Factory
     from pytest_rvads.junctions.junction import Junction
     from pytest_rvads.search.space import Space
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["falsify"]
 
 
-def falsify(
+def falsify(  # noqa: PLR0913 - keywords; a search has many settings
     junction: str | Junction,
     *,
     rule: str | Rule,
@@ -33,6 +35,8 @@ def falsify(
     traffic: str | Factory | None = None,
     budget: int = 200,
     seed: int = 0,
+    searches: int = 1,
+    executor: Executor | int | None = None,
     **space: Unpack[Space],
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a test that looks for a scenario in which a rule is broken, and fails with the simplest one it finds.
@@ -47,6 +51,9 @@ def falsify(
         traffic: with ``subject``, what drives the others: a policy by name, or an autopilot of yours; the reference by default.
         budget: most simulations before a counterexample, and most for making it simpler.
         seed: other seeds look elsewhere.
+        searches: how many go on side by side, with the seeds from `seed` on and equal parts of the budget; what the first of them
+            finds, by its seed, is told.
+        executor: what several searches go on, as for `campaign`; what drives has to travel there.
         space: where to look, see `strategies.scenarios`: ``map``, ``subject``, ``partial``, ``near``, ``far``, ``pace``,
             ``wait``, ``aggression``, ``duration``.
 
@@ -61,6 +68,7 @@ def falsify(
     place = caller()
     with told_at(place):
         search = Search.of(junction, rule, traffic, budget, seed, space)
+        search.parts(searches)
         if isinstance(rule, Rule):  # a name is looked up when the test runs, and registered rules are noted
             claim(*rules_for(rule))
         if autopilot is not None:
@@ -86,7 +94,8 @@ def falsify(
             name = f"{test.__module__}.{test.__qualname__}"
             try:
                 check_factory(driver)
-                found = search.begin(driver, Fleet(fixtures["rvads_vehicle"]), usable(fixtures["rvads_simulator"]), name)
+                simulator = usable(fixtures["rvads_simulator"])
+                found = search.begin(driver, Fleet(fixtures["rvads_vehicle"]), simulator, name, searches, executor)
             except RvadsError as error:
                 error.args = (f"{place}: {error}",)
                 raise error.with_traceback(None) from None

@@ -89,9 +89,22 @@ class Search:
         space = {**space, "map": None}  # the junction is found
         return cls(place=place, rule=rule, traffic=around, budget=budget, seed=seed, space=space)
 
-    def begin(self, driver: Factory, fleet: Fleet, simulator: Simulator | None, name: str | None = None) -> Counterexample | None:
+    def begin(
+        self,
+        driver: Factory,
+        fleet: Fleet,
+        simulator: Simulator | None,
+        name: str | None = None,
+        searches: int = 1,
+        executor: Executor | int | None = None,
+    ) -> Counterexample | None:
         """Look for a counterexample, see `look_for`."""
-        return self.settled([self.look(driver, fleet, simulator, name)])
+        parts = replace(self, rule=get_rule(self.rule)).parts(searches)
+        if searches == 1 and not isinstance(executor, Executor):
+            return self.settled([self.look(driver, fleet, simulator, name)])
+        work = partial(_look, driver, fleet, meant(simulator), choice().limits._replace(dump=None))
+        with closing(spread(work, [(part, None if k else name) for k, part in enumerate(parts)], executor, batch=1)) as searched:
+            return self.settled(searched)
 
     def look(self, driver: Factory, fleet: Fleet, simulator: Simulator | None, name: str | None = None) -> Found:
         """Return what a search finds, be it nothing."""
@@ -171,13 +184,7 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
         FormulaError: an unknown rule, or another one that bears the name of a shipped one.
     """
     search = Search.of(junction, rule, traffic, budget, seed, space)
-    parts = replace(search, rule=get_rule(rule)).parts(searches)
-    if searches == 1 and not isinstance(executor, Executor):
-        return search.begin(autopilot, fleet or Fleet(), simulator, name)
-    made = choice()
-    work = partial(_look, autopilot, fleet or Fleet(), meant(simulator), made.limits._replace(dump=None))
-    with closing(spread(work, [(part, None if k else name) for k, part in enumerate(parts)], executor, batch=1)) as searched:
-        return search.settled(searched)
+    return search.begin(autopilot, fleet or Fleet(), simulator, name, searches, executor)
 
 
 def _look(driver: Factory, fleet: Fleet, simulator: Simulator, limits: Limits, job: tuple[Search, str | None]) -> Found:
