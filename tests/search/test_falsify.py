@@ -279,7 +279,7 @@ def test_searches_side_by_side_answer_as_one_after_the_other() -> None:
     def test_beside() -> None:
         raise AssertionError("something was found, so this is not called")
 
-    with pytest.raises(rvads.RuleViolation, match="no_collision at t=.* collide"):  # examples of before may be found first
+    with pytest.raises(rvads.RuleViolation, match=r"no_collision at t=.* collide"):  # examples of before may be found first
         test_beside(rvads_vehicle=rvads.Vehicle(), rvads_simulator=usual())
 
 
