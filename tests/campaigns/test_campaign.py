@@ -320,19 +320,27 @@ def test_results_are_not_written_to_what_is_no_file(tmp_path: Path) -> None:
 
 HASHES = """
 import sys; sys.path.insert(0, {folder!r})
-from pytest_rvads.campaigns.keys import Keys
-import pytest_rvads as rvads
+from pytest_rvads.drivers.identity import identity
 import mine
-keys = Keys(rvads.bullet)
-case = rvads.Case(rvads.Scenario(rvads.find("stop4"), "1133"), mine.Mine)
-print(keys.of(case))
+before = identity(mine.Mine)
+mine.Mine().control(None)
+assert identity(mine.Mine) == before
+print(before)
 """
 
 
-def test_a_case_has_the_same_hash_in_another_process_until_the_code_of_its_driver_changes(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "imports",
+    ["import helper\nclass Mine:\n def control(self, seen):", "class Mine:\n def control(self, seen):\n  import helper"],
+)
+def test_a_driver_is_the_same_in_another_process_until_its_code_changes(tmp_path: Path, imports: str) -> None:
+    """Whether it imports what it needs at once, or when it needs it."""
+
     def asked(speed: float) -> str:
-        (tmp_path / "mine.py").write_text("import helper\nclass Mine:\n    def control(self, seen): return helper.SPEED\n")
-        (tmp_path / "helper.py").write_text(f"SPEED = {speed}\n")
+        (tmp_path / "mine.py").write_text(f"{imports}\n  return helper.further.SPEED\n")
+        (tmp_path / "helper.py").write_text("import further\n")
+        (tmp_path / "further.py").write_text(f"SPEED = {speed}\n")
+        (tmp_path / "unrelated.py").write_text(f"SPEED = {os.urandom(4).hex()!r}\n")
         command = [sys.executable, "-B", "-c", HASHES.format(folder=str(tmp_path))]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
