@@ -245,7 +245,7 @@ def test_a_worker_with_other_code_answers_nothing(monkeypatch: pytest.MonkeyPatc
         answering.judge(question, answering.Job(0, "0" * 64, next(cases()), "driver", None))
 
 
-@pytest.mark.parametrize("wrong", ["stop4", [1], [rvads.find("stop4")]])
+@pytest.mark.parametrize("wrong", ["stop4", None, [1], [rvads.find("stop4")]])
 def test_what_is_no_case_is_refused(wrong: Any) -> None:
     with pytest.raises(rvads.ScenarioError, match="a campaign takes cases"):
         rvads.campaign(wrong, executor=1)
@@ -291,6 +291,39 @@ def test_what_is_no_file_of_results_is_refused(tmp_path: Path, content: bytes, c
         with pytest.raises(rvads.RvadsError, match="holds no results"):
             rvads.campaign(cases(), executor=1, results=path)
         assert path.read_bytes() == content
+
+
+def test_results_of_several_campaigns_in_one_file_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    parts = []
+    for driver in (rvads.Reference, Steady):
+        parts.append(tmp_path / f"{driver.__name__}.jsonl")
+        rvads.campaign(cases(driver, [4]), "no_collision", executor=1, results=parts[-1]).close()
+    both = tmp_path / "both.jsonl"
+    both.write_bytes(b"".join(part.read_bytes() for part in parts))
+    assert main(["report", "make", str(both)]) == 2
+    assert "both.jsonl holds results of several campaigns (driver" in capsys.readouterr().err
+
+
+def test_a_result_that_was_damaged_later_is_missed(tmp_path: Path, alone: list[Judged]) -> None:
+    path = tmp_path / "results.jsonl"
+    rvads.campaign(cases(), executor=1, results=path).close()
+    lines = path.read_bytes().split(b"\n")
+    third = next(k for k, line in enumerate(lines) if alone[2].case.encode() in line)
+    lines[third] = lines[third].replace(b'"verdicts":', b'"verdicts"?')
+    path.write_bytes(b"\n".join(lines))
+    with rvads.Results(path) as damaged:
+        assert (len(damaged), damaged.exitstatus, damaged.report().complete) == (FEW - 1, 2, False)
+    with rvads.campaign(cases(), executor=1, results=path) as results:
+        assert (list(results), results.exitstatus) == (alone, 0)
+
+
+@pytest.mark.parametrize("kept", [0, 1, 40])
+def test_a_head_that_was_cut_off_is_written_again(tmp_path: Path, kept: int, alone: list[Judged]) -> None:
+    path = tmp_path / "results.jsonl"
+    rvads.campaign(cases(distances=[4]), executor=1, results=path).close()
+    path.write_bytes(path.read_bytes()[:kept])
+    with rvads.campaign(cases(distances=[4]), executor=1, results=path) as results:
+        assert list(results) == alone[:1]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files")
