@@ -191,7 +191,7 @@ class Lacking(ThreadPoolExecutor):
 
 
 def test_a_module_that_an_executor_lacks_is_named() -> None:
-    with Lacking(1) as pool, pytest.raises(RvadsError, match="lacks a module: ModuleNotFoundError: No module named 'mine'$"):
+    with Lacking(1) as pool, pytest.raises(RvadsError, match=r"lacks a module: ModuleNotFoundError: No module named 'mine'$"):
         list(spread(square, range(3), pool))
 
 
