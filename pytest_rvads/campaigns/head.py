@@ -40,5 +40,5 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
         """Return in words what another head says otherwise, or nothing; drivers that only one of them knows are no difference."""
         pairs = [(word, self.made.get(word), other.made.get(word)) for word in {**self.made, **other.made}]
         pairs += [(f"version of {name}", version, other.versions.get(name)) for name, version in self.versions.items()]
-        pairs += [(f"code of {name}", told, other.drivers.get(name, told)) for name, told in self.drivers.items()]
+        pairs += [(f"code or values of {name}", told, other.drivers.get(name, told)) for name, told in self.drivers.items()]
         return ", ".join(word for word, one, two in pairs if one != two)

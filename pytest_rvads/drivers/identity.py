@@ -21,6 +21,8 @@ __all__ = ["identity"]
 _PLAIN = {bool, int, float, complex, str, bytes, type(None), type(Path())}
 _PACKAGE = __name__.partition(".")[0]
 _SITES = {Path(path).resolve() for name, path in sysconfig.get_paths().items() if name.endswith("lib")}
+_INSTALLED = {"site-packages", "dist-packages"}
+"""Folders of other installations of Python, in which packages are looked for as well."""
 _Told = tuple[list[str], list[Any]]
 """What there is to say of a value itself, and the values it consists of."""
 
@@ -146,8 +148,11 @@ def _is_ours(name: str | None) -> bool:
     module = sys.modules.get(name or "")
     if top == _PACKAGE or top in sys.stdlib_module_names:
         return False
-    file = None if module is None else getattr(module, "__file__", None)
-    return not isinstance(file, str) or not any(Path(file).resolve().is_relative_to(site) for site in _SITES)
+    own = None if module is None else getattr(module, "__file__", None)
+    if not isinstance(own, str):
+        return True
+    file = Path(own).resolve()
+    return _INSTALLED.isdisjoint(file.parts) and not any(file.is_relative_to(site) for site in _SITES)
 
 
 def _top(thing: Any) -> str:
@@ -202,6 +207,8 @@ def _imported(file: Path, folder: Path, text: bytes) -> Iterator[Path]:
             start = file.parents[node.level - 1] if 0 < node.level <= len(file.parents) else folder
             names = [".".join(filter(None, (node.module, alias.name))) for alias in node.names]
         for name in names:
+            if name.partition(".")[0] == _PACKAGE and start == folder:
+                continue  # its checksum is told in any case
             place = start
             for part in name.split("."):
                 place /= part

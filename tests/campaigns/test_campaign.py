@@ -151,7 +151,7 @@ def test_results_of_something_else_are_not_mixed_in(tmp_path: Path) -> None:
     others: dict[str, tuple[Any, str, Any]] = {
         "rules": (partial(Steady, 7.0), "road", None),
         "driver": (rvads.Reference, "no_collision", None),
-        "code of .*Steady": (partial(Steady, 8.0), "no_collision", None),
+        "code or values of .*Steady": (partial(Steady, 8.0), "no_collision", None),
         "simulator": (partial(Steady, 7.0), "no_collision", Renamed()),
     }
     for what, (driver, rules, simulator) in others.items():
