@@ -31,11 +31,13 @@ def open_file(path: Path) -> BinaryIO:
         number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except ValueError as error:
         raise OSError(errno.EINVAL, f"no file has such a name: {error}", ascii(str(path))) from error
-    file = open(number, "rb")  # noqa: SIM115 - who asked for it closes it
-    if not stat.S_ISREG(os.fstat(number).st_mode):
-        file.close()
+    mode = os.fstat(number).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(number)
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         raise OSError(errno.EINVAL, "it is a pipe or device, expected a regular file", str(path))
-    return file
+    return open(number, "rb")
 
 
 def read_file(path: Path, most: int) -> bytes:

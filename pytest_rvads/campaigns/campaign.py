@@ -67,6 +67,7 @@ def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
         ScenarioError: something is no case.
         FormulaError: an unknown rule.
     """
+    require(cases, Iterable, "a campaign takes cases, any number of rvads.Case(scenario, driver)", ScenarioError)
     maker = meant(simulator)
     rest = iter(cases)
     first = next(rest, None)
@@ -117,7 +118,7 @@ class _Campaign:
                     )
                 self._results.add(answer)
                 self._tell()
-        ended = {"cases": self._cases, "unfit": dict(sorted(self._unfit.items()))}
+        ended = {"cases": self._cases, "results": len(self._results), "unfit": dict(sorted(self._unfit.items()))}
         self._results.tell(msgspec.structs.replace(self._results.head, **ended))
 
     def _jobs(self, cases: Iterator[Case]) -> Iterator[Job]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Annotated
 
 import msgspec
 
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import AgentRecord, Computing, Count, Indicators, Record, VerdictRecord, conclude, planned_record
 
-__all__ = ["Judged", "records"]
+__all__ = ["Glance", "Judged", "records"]
 
 _SKIPPED = (Outcome.NA, Outcome.UNSURE, Outcome.NOT_RUN)
 
@@ -52,6 +53,20 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Per verdict what its rule traces to, where any does."""
     shape: str = ""
     """Junction of the same shape at which the run was simulated, where it was not this one."""
+
+
+class _Judgement(msgspec.Struct):
+    status: Outcome
+    unavoidable: bool = False
+    provoked: bool = False
+
+
+class Glance(msgspec.Struct):
+    """What of a `Judged` is needed to know which ones a file has."""
+
+    case: Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
+    number: Count = 0
+    verdicts: tuple[_Judgement, ...] = ()
 
 
 def records(judged: Judged) -> Iterator[Record]:

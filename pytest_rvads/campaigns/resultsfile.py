@@ -10,17 +10,16 @@ from collections.abc import Collection, Iterator, Sequence
 from io import BufferedReader, FileIO
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Annotated, cast
+from typing import cast
 
 import msgspec
 import numpy as np
 
 from pytest_rvads.campaigns.head import FORMAT, VERSION, Head
-from pytest_rvads.campaigns.judged import Judged, records
+from pytest_rvads.campaigns.judged import Glance, Judged, records
 from pytest_rvads.decoding import decode, encode
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import Count, Record
+from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import UNFINISHED, Report
 from pytest_rvads.storage import open_file
 
@@ -39,20 +38,6 @@ _PATIENCE = 3.0
 """How long the processes of a campaign that was killed may take to notice, and to let go of its file [s]."""
 NOTHING_JUDGED = 5
 """Exit status of a campaign in which nothing was found out, as of a session that collected nothing."""
-
-
-class _Judgement(msgspec.Struct):
-    status: Outcome
-    unavoidable: bool = False
-    provoked: bool = False
-
-
-class _Glance(msgspec.Struct):
-    """What of a line is needed to know which ones there are."""
-
-    case: Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
-    number: Count = 0
-    verdicts: tuple[_Judgement, ...] = ()
 
 
 class Results:
@@ -88,7 +73,8 @@ class Results:
     def _begun(self, head: Head | None) -> Head:
         """Take in what the file holds, and return its head; one that is empty gets `head`."""
         found = self._scanned()
-        if found is None and head is not None and self._file.seek(0, os.SEEK_END) == 0:
+        if found is None and head is not None and self._is_begun(b"\n" + encode(head)):
+            self._file.truncate(0)
             self._append(encode(head))
             return head
         if found is None or (found.format, found.version) != (FORMAT, VERSION):
@@ -98,15 +84,28 @@ class Results:
             raise RvadsError(f"{self.path} holds results of another campaign ({differs}): name another file, or remove this one")
         return found
 
+    def _is_begun(self, line: bytes) -> bool:
+        """Tell whether the file is empty, or holds no more than the beginning of a line that was cut off."""
+        self._file.seek(0)
+        return line.startswith(self._file.read(len(line)) + self._file.read(1))
+
     def _scanned(self) -> Head | None:
-        """Note all lines and return the last head; what is no line of ours, as one that was cut off, is passed over."""
+        """Note all lines and return the last head; what is no line of ours, as one that was cut off, is passed over.
+
+        Raises:
+            RvadsError: there are results of several campaigns.
+        """
         found: Head | None = None
         self._file.seek(0)
         lines, place = BufferedReader(self._file, 2**20), 0
         while line := lines.readline(_LONGEST):
             try:
                 if line.startswith(_HEAD):
-                    found = msgspec.json.decode(line, type=Head)
+                    found, before = msgspec.json.decode(line, type=Head), found
+                    if before is not None and (differs := before.differs(found)):
+                        raise RvadsError(
+                            f"{self.path} holds results of several campaigns ({differs}): name a file with those of one"
+                        )
                 elif found is not None and line != b"\n":
                     self._note(line, place)
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -119,7 +118,7 @@ class Results:
 
     def _note(self, line: bytes, place: int) -> bool:
         """Take in where a line is; tell whether its case is new."""
-        seen = msgspec.json.decode(line, type=_Glance)
+        seen = msgspec.json.decode(line, type=Glance)
         key = bytes.fromhex(seen.case)
         if key in self._known:
             return False
@@ -187,9 +186,14 @@ class Results:
         return _Records(self)
 
     @property
+    def complete(self) -> bool:
+        """Whether the campaign came to its end, and no line is damaged that it had written by then."""
+        return self.head.cases is not None and len(self) >= self.head.results
+
+    @property
     def exitstatus(self) -> int:
-        """As of sessions: 0 if all is well, 1 if something is wrong, 2 if it did not come to its end, 5 if nothing was judged."""
-        if self.head.cases is None:
+        """As of sessions: 0 if all is well, 1 if something is wrong, 2 if it is not `complete`, 5 if nothing was judged."""
+        if not self.complete:
             return UNFINISHED
         return 1 if self._bad else 0 if self._judged else NOTHING_JUDGED
 
@@ -199,15 +203,14 @@ class Results:
         Args:
             again: the command that runs a case once more, when its id follows in quotes.
         """
-        ended = self.head.cases is not None
         note = f"INCOMPLETE: the campaign has not come to its end, {len(self):,} cases are judged; run it again, it goes on"
         return Report(
             self.records(),
             versions=self.head.versions,
             exitstatus=self.exitstatus,
-            notes=() if ended else (note,),
+            notes=() if self.complete else (note,),
             unfit=dict(self.head.unfit),
-            complete=ended,
+            complete=self.complete,
             again=again,
         )
 
@@ -245,7 +248,8 @@ def joined(paths: Sequence[str | os.PathLike[str]]) -> Results:
                 raise RvadsError(f"{path} holds results of another campaign than {paths[0]} ({differs}): make a report of each")
             for line in part.lines():
                 whole.add(line)
-            whole.tell(whole.head.with_part(part.head))
+            head = part.head if part.complete else msgspec.structs.replace(part.head, cases=None)
+            whole.tell(whole.head.with_part(head))
     if whole is None:
         raise RvadsError("no file of results is named: name one or more")
     return whole

@@ -110,8 +110,10 @@ class Foreign:
             return True
         if isinstance(error, CancelledError | BrokenExecutor):
             raise self._gone(error) from error
+        cause = error.__cause__ if isinstance(error.__cause__, ImportError) else error
         raise RvadsError(
-            f"{self._name} can't work on this, perhaps because a job does not travel or its workers lack a module: {_told(error)}"
+            f"{self._name} can't work on this, perhaps because a job does not travel or who is to open it lacks a module: "
+            f"{_told(cause)}"
         ) from error
 
     def alone(self, job: Any) -> Any:

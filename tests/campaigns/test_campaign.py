@@ -151,7 +151,7 @@ def test_results_of_something_else_are_not_mixed_in(tmp_path: Path) -> None:
     others: dict[str, tuple[Any, str, Any]] = {
         "rules": (partial(Steady, 7.0), "road", None),
         "driver": (rvads.Reference, "no_collision", None),
-        "code of .*Steady": (partial(Steady, 8.0), "no_collision", None),
+        "code or values of .*Steady": (partial(Steady, 8.0), "no_collision", None),
         "simulator": (partial(Steady, 7.0), "no_collision", Renamed()),
     }
     for what, (driver, rules, simulator) in others.items():
@@ -245,7 +245,7 @@ def test_a_worker_with_other_code_answers_nothing(monkeypatch: pytest.MonkeyPatc
         answering.judge(question, answering.Job(0, "0" * 64, next(cases()), "driver", None))
 
 
-@pytest.mark.parametrize("wrong", ["stop4", [1], [rvads.find("stop4")]])
+@pytest.mark.parametrize("wrong", ["stop4", None, [1], [rvads.find("stop4")]])
 def test_what_is_no_case_is_refused(wrong: Any) -> None:
     with pytest.raises(rvads.ScenarioError, match="a campaign takes cases"):
         rvads.campaign(wrong, executor=1)
@@ -293,6 +293,39 @@ def test_what_is_no_file_of_results_is_refused(tmp_path: Path, content: bytes, c
         assert path.read_bytes() == content
 
 
+def test_results_of_several_campaigns_in_one_file_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    parts = []
+    for driver in (rvads.Reference, Steady):
+        parts.append(tmp_path / f"{driver.__name__}.jsonl")
+        rvads.campaign(cases(driver, [4]), "no_collision", executor=1, results=parts[-1]).close()
+    both = tmp_path / "both.jsonl"
+    both.write_bytes(b"".join(part.read_bytes() for part in parts))
+    assert main(["report", "make", str(both)]) == 2
+    assert "both.jsonl holds results of several campaigns (driver" in capsys.readouterr().err
+
+
+def test_a_result_that_was_damaged_later_is_missed(tmp_path: Path, alone: list[Judged]) -> None:
+    path = tmp_path / "results.jsonl"
+    rvads.campaign(cases(), executor=1, results=path).close()
+    lines = path.read_bytes().split(b"\n")
+    third = next(k for k, line in enumerate(lines) if alone[2].case.encode() in line)
+    lines[third] = lines[third].replace(b'"verdicts":', b'"verdicts"?')
+    path.write_bytes(b"\n".join(lines))
+    with rvads.Results(path) as damaged:
+        assert (len(damaged), damaged.exitstatus, damaged.report().complete) == (FEW - 1, 2, False)
+    with rvads.campaign(cases(), executor=1, results=path) as results:
+        assert (list(results), results.exitstatus) == (alone, 0)
+
+
+@pytest.mark.parametrize("kept", [0, 1, 40])
+def test_a_head_that_was_cut_off_is_written_again(tmp_path: Path, kept: int, alone: list[Judged]) -> None:
+    path = tmp_path / "results.jsonl"
+    rvads.campaign(cases(distances=[4]), executor=1, results=path).close()
+    path.write_bytes(path.read_bytes()[:kept])
+    with rvads.campaign(cases(distances=[4]), executor=1, results=path) as results:
+        assert list(results) == alone[:1]
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files")
 def test_a_full_disk_ends_a_campaign_that_goes_on_when_there_is_room(tmp_path: Path, alone: list[Judged]) -> None:
     import resource
@@ -320,19 +353,27 @@ def test_results_are_not_written_to_what_is_no_file(tmp_path: Path) -> None:
 
 HASHES = """
 import sys; sys.path.insert(0, {folder!r})
-from pytest_rvads.campaigns.keys import Keys
-import pytest_rvads as rvads
+from pytest_rvads.drivers.identity import identity
 import mine
-keys = Keys(rvads.bullet)
-case = rvads.Case(rvads.Scenario(rvads.find("stop4"), "1133"), mine.Mine)
-print(keys.of(case))
+before = identity(mine.Mine)
+mine.Mine().control(None)
+assert identity(mine.Mine) == before
+print(before)
 """
 
 
-def test_a_case_has_the_same_hash_in_another_process_until_the_code_of_its_driver_changes(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "imports",
+    ["import helper\nclass Mine:\n def control(self, seen):", "class Mine:\n def control(self, seen):\n  import helper"],
+)
+def test_a_driver_is_the_same_in_another_process_until_its_code_changes(tmp_path: Path, imports: str) -> None:
+    """Whether it imports what it needs at once, or when it needs it."""
+
     def asked(speed: float) -> str:
-        (tmp_path / "mine.py").write_text("import helper\nclass Mine:\n    def control(self, seen): return helper.SPEED\n")
-        (tmp_path / "helper.py").write_text(f"SPEED = {speed}\n")
+        (tmp_path / "mine.py").write_text(f"{imports}\n  return helper.further.SPEED\n")
+        (tmp_path / "helper.py").write_text("import further\n")
+        (tmp_path / "further.py").write_text(f"SPEED = {speed}\n")
+        (tmp_path / "unrelated.py").write_text(f"SPEED = {os.urandom(4).hex()!r}\n")
         command = [sys.executable, "-B", "-c", HASHES.format(folder=str(tmp_path))]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 

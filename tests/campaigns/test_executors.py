@@ -179,6 +179,22 @@ def test_what_an_executor_lost_is_handed_to_it_again() -> None:
         assert list(spread(square, range(30), pool, batch=2)) == [k * k for k in range(30)]
 
 
+class Lacking(ThreadPoolExecutor):
+    """Can't open what is handed to it, as a scheduler without the code of a driver."""
+
+    def submit(self, work: Any, /, *arguments: Any, **_: Any) -> "Future[Any]":
+        future: Future[Any] = Future()
+        error = RuntimeError("Error during deserialization")
+        error.__cause__ = ModuleNotFoundError("No module named 'mine'")
+        future.set_exception(error)
+        return future
+
+
+def test_a_module_that_an_executor_lacks_is_named() -> None:
+    with Lacking(1) as pool, pytest.raises(RvadsError, match=r"lacks a module: ModuleNotFoundError: No module named 'mine'$"):
+        list(spread(square, range(3), pool))
+
+
 class Silent(Forgetful):
     lost = 10**6
 

@@ -1,9 +1,13 @@
 """Hashes of cases: equal where runs have to be, another one where anything that decides a run is."""
 
+import threading
+from collections import deque
 from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -132,6 +136,89 @@ def test_drivers_are_told_apart() -> None:
         rvads.Process(["stack"], env={"SPEED": "8"}),
     ]
     assert len(set(map(identity, drivers))) == len(drivers)
+
+
+SPEED = 0.0
+
+
+class Slotted:
+    """Its values are in no dictionary."""
+
+    __slots__ = ("speed",)
+
+    def __init__(self, speed: float) -> None:
+        self.speed = speed
+
+
+class Named(dict[str, float]):
+    """A mapping with an attribute."""
+
+    def __init__(self, speed: float) -> None:
+        super().__init__()
+        self.speed = speed
+
+
+class Shared(Driver):
+    """Its speed is that of a name of its module."""
+
+    def target_speed(self, seen: Any) -> float:
+        return SPEED
+
+
+def on_class(speed: float) -> Any:
+    Shared.speed = speed  # type: ignore[attr-defined]
+    return Shared
+
+
+def in_module(speed: float) -> Any:
+    globals()["SPEED"] = speed
+    return Shared
+
+
+def local(speed: float) -> Any:
+    class Local(Driver):
+        def target_speed(self, seen: Any) -> float:
+            return speed
+
+    return Local
+
+
+def choice(speed: float) -> Any:
+    return (lambda: Driver(speed=1)) if speed > 1 else (lambda: Shared(speed=1))
+
+
+def nested(speed: float) -> Any:
+    value: Any = speed
+    for _ in range(50):
+        value = [value]
+    return partial(Driver, within=value)
+
+
+WAYS = {
+    "an attribute of its class": on_class,
+    "a name of its module": in_module,
+    "a class in a function": local,
+    "a class made by a call": lambda speed: type("Made", (Driver,), {"speed": speed}),
+    "a slot": lambda speed: partial(Driver, of=Slotted(speed)),
+    "an array": lambda speed: partial(Driver, of=np.array([speed])),
+    "a queue": lambda speed: partial(Driver, of=deque([speed])),
+    "an attribute of a mapping": lambda speed: partial(Driver, of=Named(speed)),
+    "a value deep in others": nested,
+    "a default": lambda speed: lambda to=speed: Driver(speed=to),
+    "another body": choice,
+}
+
+
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+def test_a_driver_is_another_one_whatever_way_its_speed_comes_to_it(way: Any) -> None:
+    slow, again, fast = (identity(way(speed)) for speed in (1.0, 1.0, 2.0))
+    assert slow == again != fast
+
+
+def test_values_that_can_not_be_told_or_hold_themselves_do_no_harm() -> None:
+    around: list[Any] = [threading.Lock(), {"keys": {1, "a", (2, None)}}]
+    around.append(around)
+    assert identity(partial(Driver, of=around)) == identity(partial(Driver, of=around))
 
 
 def test_a_driver_made_twice_is_the_same() -> None:
