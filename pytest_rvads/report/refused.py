@@ -20,7 +20,7 @@ def refused(report: Report, most: int | None = None) -> list[str]:
     """
     reasons = sorted(report.refused.items(), key=lambda entry: -len(entry[1]))
     lines = [f"{_counted(len(names))} left out: {reason}: {first(names, _NAMED)}" for reason, names in reasons[:most]]
-    where = "the reports of --rvads-report" if report.again == "pytest" else "reports in files"
+    where = "the reports of --rvads-report" if report.again.startswith("pytest") else "reports in files"
     others = {name for _, names in reasons[len(lines) :] for name in names}
     if others:
         lines.append(f"{_counted(len(others))} left out for other reasons: {where} say which")

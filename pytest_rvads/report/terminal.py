@@ -81,7 +81,7 @@ class _Screen:
         self._most = None if full else _MOST
         self._rows = None if full else _ROWS
         self._sums = None if full else WORST
-        self._all = "--rvads-summary=full shows them all" if again == "pytest" else "reports in files hold them all"
+        self._all = "--rvads-summary=full shows them all" if again.startswith("pytest") else "reports in files hold them all"
 
     def text(self) -> str:
         """Return what was rendered."""
