@@ -22,7 +22,7 @@ from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import Causes, Figures, RollUp, Verdicts, outline
 from pytest_rvads.report.page import page
-from pytest_rvads.report.record import Record, conclude, planned_record
+from pytest_rvads.report.record import Computing, Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.terminal import summary
 
@@ -445,3 +445,9 @@ def test_causes_and_coverage_do_not_depend_on_what_comes_between_the_records_of_
         {one.nodeid for one in records if one.failed},
     )
     assert str(measure(Report(tuple(records)))) == "12/12 cells exercised (100.0 %)"
+
+
+def test_a_stack_that_drives_several_vehicles_made_one_run() -> None:
+    took = Computing(stack="stack ./mine", decisions=50, compute=0.5, longest=0.02)
+    report = Report((replace(record("J1", 1, "p1", "PASS"), timing={"a0": took, "a1": took}),))
+    assert "stack ./mine: 100 decisions in 1 runs, 10 ms each, 20 ms the longest" in told(report, 120)
