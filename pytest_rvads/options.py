@@ -169,8 +169,8 @@ class Options:
     repeat: str
     """Which runs are simulated once more: failed or never."""
     artefacts: str | None
-    deciding: tuple[str, ...]
-    """Flags of the command line without which a run would be another one."""
+    again: str
+    """The command that runs an item once more as it ran here, when its id follows in quotes."""
     open: str
     """What OPEN does to a test: fail, skip or pass."""
     unavoidable: str
@@ -226,7 +226,7 @@ class Options:
             time_budget=_number("time-budget", values["time-budget"], 1e6),
             repeat=values["repeat"],
             artefacts=None if values["artefacts"] == "none" else values["artefacts"],
-            deciding=_deciding(config),
+            again=_again(config),
             open=values["open"],
             unavoidable=values["unavoidable"],
             unsure=values["unsure"],
@@ -263,14 +263,14 @@ def _value(config: pytest.Config, name: str) -> str:
     return value
 
 
-def _deciding(config: pytest.Config) -> tuple[str, ...]:
-    """Return the flags that say what drives, in which simulator, on which map, by which rules, and which items there are.
+def _again(config: pytest.Config) -> str:
+    """Return pytest with the flags that say what drives, where, in which simulator, by which rules, and which items there are.
 
     The ini file says it again.
     """
-    names = ("sut", "sut-rate", "autopilot", "simulator", "map", "rules", "sample", "seed")
+    names = ("sut", "sut-rate", "autopilot", "simulator", "map", "rules", "cover", "grid", "max-items", "sample", "seed")
     given = ((name, config.getoption(_dest(name))) for name in names)
-    return tuple(f"--rvads-{name}={value}" for name, value in given if value)
+    return shlex.join(["pytest", *(f"--rvads-{name}={value}" for name, value in given if value)])
 
 
 def _count(name: str, value: str, least: int = 1) -> int:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Sequence
 from html import escape
 from typing import TextIO
 
-__all__ = ["encode_all", "markup", "one_line", "printable"]
+__all__ = ["encode_all", "first", "markup", "one_line", "printable"]
 
 _UNFIT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]")
 """What steers a terminal, turns the direction of writing, or can't be encoded; line ends and tabs are fit."""
@@ -22,6 +23,12 @@ def printable(text: str, most: int = 4096) -> str:
 def one_line(text: str, most: int = 400) -> str:
     """Return a text as `printable` does, on one line."""
     return printable(" ".join(text[: 4 * most].split()) + text[4 * most :], most)
+
+
+def first(names: Sequence[str], most: int | None) -> str:
+    """Return at most so many names as a list in a sentence, and how many more there are."""
+    more = 0 if most is None else len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def markup(text: str) -> str:

@@ -96,7 +96,7 @@ def _town(options: argparse.Namespace) -> int:
         _told_before(order.town)
         if not order.town.simulated:
             return _nothing(order.town)
-        folder.mkdir(parents=True, exist_ok=True)
+        _made(folder)
         with executor_options.opened(options) as executor:
             return _judged(order, options, folder, executor)
 
@@ -208,6 +208,20 @@ def _told_before(town: Town) -> None:
         warn(f"{one.taken:,} of {one.total:,} {one.what} are drawn, seed {one.seed}")
     for note in town.notes():
         warn(note)
+
+
+def _made(folder: Path) -> None:
+    """Make the folder to write to.
+
+    Raises:
+        RvadsError: it can't be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RvadsError(
+            f"-o must name a folder to write to, got {str(folder)!r}, which can't be made ({error.strerror}): name another one"
+        ) from error
 
 
 def _nothing(town: Town) -> int:

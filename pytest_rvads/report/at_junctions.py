@@ -9,11 +9,15 @@ from itertools import combinations
 from pytest_rvads.report.outcome import Outcome, Tallied, counted
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Extent, Move
+from pytest_rvads.wording import first
 
 __all__ = ["FEW", "AtJunction", "AtJunctions"]
 
 FEW = 4
 """Junctions that are told one by one; of more of them sums are told, and the worst."""
+
+_IDLE = 10
+"""Rules named that were never applicable."""
 
 
 class AtJunctions:
@@ -111,7 +115,7 @@ class AtJunction:
         name = f"{self.junction} as recorded" if self._recorded else self.junction
         told = ", ".join([*self._covered(), f"{len(self.runs)} runs", f"{verdicts.total()} verdicts"])
         idle = sorted(rule for rule, counts in self.counts.items() if set(counts) == {Outcome.NA})
-        return f"{name}: {told}: {counted(verdicts)}" + (f"  (never applicable: {', '.join(idle)})" if idle else "")
+        return f"{name}: {told}: {counted(verdicts)}" + (f"  (never applicable: {first(idle, _IDLE)})" if idle else "")
 
     def _covered(self) -> Iterator[str]:
         """Yield what was exercised: by occupancy, and of partial scenarios and pairs of movements where tests asked for them."""

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pytest_rvads.report.outcome import Outcome, Tallied, counted
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Cell, Report, cell_of
+from pytest_rvads.wording import first
 
 __all__ = ["Cells", "Coverage", "Requirements", "dropped", "measure", "shortfall"]
 
@@ -105,11 +106,16 @@ def shortfall(report: Report, least: float) -> str:
     return f"coverage is below {least:g} %: {coverage}"
 
 
-def dropped(report: Report) -> list[str]:
-    """Return a line on points of grids in which nobody could stop, and one on scenarios that did not fit, if there are any."""
+def dropped(report: Report, most: int | None = None) -> list[str]:
+    """Return a line on points of grids in which nobody could stop, and one on scenarios that did not fit, if there are any.
+
+    Args:
+        report: of a session, or merged.
+        most: tests, or junctions, named in a line; the others are counted.
+    """
     return [
         f"{sum(tests.values())} {what}{'' if sum(tests.values()) == 1 else 's'} {why} left out: "
-        + ", ".join(f"{count} of {test}" for test, count in tests.items())
+        + first([f"{count} of {test}" for test, count in tests.items()], most)
         for what, why, tests in (
             ("point", "beyond v(d)max", report.left_out),
             ("scenario", "in which a vehicle has no room where it starts", report.unfit),

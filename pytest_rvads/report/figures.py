@@ -89,6 +89,8 @@ class Timing:
             self._runs.add(run)
             for one in record.timing.values():
                 self._stacks.setdefault(one.stack, _Computed()).add(one)
+            for stack in {one.stack for one in record.timing.values()}:
+                self._stacks[stack].runs += 1
 
     def lines(self) -> list[str]:
         """Return a line per stack: in how many runs it made how many decisions, and how long they took."""
@@ -99,6 +101,8 @@ class _Computed:
     """How much one stack computed."""
 
     def __init__(self) -> None:
+        self.runs = 0
+        """A stack may drive several vehicles of one."""
         self._decisions, self._longest, self._seconds = 0, 0.0, array("d")
 
     def add(self, one: Computing) -> None:
@@ -108,7 +112,7 @@ class _Computed:
 
     def line(self, stack: str) -> str:
         mean = math.fsum(self._seconds) / max(self._decisions, 1)
-        told = f"{self._decisions} decisions in {len(self._seconds)} runs"
+        told = f"{self._decisions} decisions in {self.runs} runs"
         return f"{stack}: {told}, {1000 * mean:.2g} ms each, {1000 * self._longest:.2g} ms the longest"
 
 

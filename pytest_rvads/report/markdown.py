@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Notes, RollUp, Verdicts, outline
-from pytest_rvads.report.rollup import WORST, Row, Sums
+from pytest_rvads.report.rollup import WORST
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.wording import printable
 
 __all__ = ["markdown"]
 
+_LINES = 50
+"""Lines of a list that are not folded."""
 _ESCAPES = (
     (re.compile(r"&(?=[#\w])"), "&amp;"),  # entities
     (re.compile(r"<(?=[A-Za-z/!?])"), "&lt;"),  # HTML, addresses in angle brackets
@@ -33,32 +35,34 @@ def _render(block: Block) -> Iterator[str]:
             yield "\n\n".join(f"**{_text(note)}**" for note in block.lines)
         case Changes(comparison):
             yield from (_heading(block.title), "", _text(comparison.headline), "")
-            yield from (f"- {_text(line)}" for line in comparison.lines())
+            yield from _folded((), [f"- {_text(line)}" for line in comparison.lines()], "changes", _LINES)
         case Causes(title, causes, again):
-            yield from (_heading(title), "", f"| items | rule | cause | {_text(f'first: {again}')} |", "|---:|---|---|---|")
-            yield from (f"| {c.count} | {_text(c.rule)} | {_text(c.line)} | {_code(c.example)} |" for c in causes)
+            head = f"| items | rule | cause | {_text(f'first: {again}')} |", "|---:|---|---|---|"
+            rows = [f"| {c.count} | {_text(c.rule)} | {_text(c.line)} | {_code(c.example)} |" for c in causes]
+            yield from (_heading(title), "", *_folded(head, rows, "causes"))
         case Figures(lines):
-            yield from (f"- {_text(line)}" for line in lines)
+            yield from _folded((), [f"- {_text(line)}" for line in lines], "lines", _LINES)
         case RollUp(sums):
             yield _heading(block.title)
             for table in sums:
-                yield from ("", *_rows(table, table.rows[:WORST]))
-                if more := table.rows[WORST:]:
-                    yield from ("", f"<details><summary>{len(more)} more {table.corner}s</summary>", "", *_rows(table, more), "")
-                    yield "</details>"
+                head = _row(table.columns), "|" + "".join("---|" if side == "left" else "---:|" for side in table.sides)
+                yield from ("", *_folded(head, [_row(table.cells(row)) for row in table.rows], f"{table.corner}s"))
         case Verdicts(matrix):
             yield from (f"## {_text(matrix.title)}", "")
-            yield f"| {matrix.corner} | " + " | ".join(map(_text, matrix.headings)) + " |"
-            yield "|---|" + "---|" * len(matrix.columns)
-            yield from (
-                f"| {_text(label)} | " + " | ".join(_text(e.text) for e in entries) + " |" for label, entries in matrix.rows
-            )
+            head = _row([matrix.corner, *matrix.headings]), "|---|" + "---|" * len(matrix.columns)
+            rows = [_row([label, *(entry.text for entry in entries)]) for label, entries in matrix.rows]
+            yield from _folded(head, rows, "rows")
 
 
-def _rows(table: Sums, rows: Sequence[Row]) -> Iterator[str]:
-    yield f"| {' | '.join(map(_text, table.columns))} |"
-    yield "|" + "".join("---|" if side == "left" else "---:|" for side in table.sides)
-    yield from (f"| {' | '.join(map(_text, table.cells(row)))} |" for row in rows)
+def _folded(head: tuple[str, ...], rows: Sequence[str], what: str, most: int = WORST) -> Iterator[str]:
+    """Yield a table or a list; what is longer than a screen is folded."""
+    yield from (*head, *rows[:most])
+    if more := rows[most:]:
+        yield from ("", f"<details><summary>{len(more)} more {what}</summary>", "", *head, *more, "", "</details>")
+
+
+def _row(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(map(_text, cells))} |"
 
 
 def _heading(title: str) -> str:

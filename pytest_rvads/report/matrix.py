@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record
+from pytest_rvads.wording import first
 
 __all__ = ["Entry", "Matrices", "Matrix", "group_of", "member_of"]
 
@@ -17,6 +18,10 @@ __all__ = ["Entry", "Matrices", "Matrix", "group_of", "member_of"]
 _CLASS = re.compile(r"-class(\d{2,9})-")
 _NAMED = 3
 """Recordings of a row that are named."""
+_SPANS = 10
+"""Ranges of classes of a row that are told in short."""
+_WIDE, _TABLES = 200, 100
+"""Most columns of a table, and most tables, that anybody reads; beyond them sums are told."""
 _MOST = 200_000
 """Most entries of a matrix, and most cells of all of them: nobody reads more, and most of a larger matrix would be empty."""
 _Counts = dict[tuple[str, Outcome], int]
@@ -66,10 +71,11 @@ class Matrix:
         return [f"{cfg} {rule}".lstrip() for cfg, rule in self.columns]
 
     def shortened(self, most: int) -> Matrix:
-        """Return the matrix with at most so many rows: those in which something is wrong, then the first ones."""
+        """Return the matrix with at most so many rows, and no long labels: those in which something is wrong, then the first."""
         wrong = [any(entry.bad or entry.known for entry in entries) for _, entries in self.rows]
         kept = sorted(sorted(range(len(self.rows)), key=lambda i: not wrong[i])[:most])
-        return replace(self, rows=tuple(self.rows[i] for i in kept), members=tuple(self.members[i] for i in kept))
+        rows = tuple((_brief(self.rows[i][0]), self.rows[i][1]) for i in kept)
+        return replace(self, rows=rows, members=tuple(self.members[i] for i in kept))
 
 
 class Matrices:
@@ -83,7 +89,7 @@ class Matrices:
     @property
     def too_many(self) -> bool:
         """Whether the verdicts are too many for tables."""
-        return self._room < 0
+        return self._room < 0 or len(self._groups) > _TABLES or any(group.wide for group in self._groups.values())
 
     def add(self, record: Record) -> None:
         """Take a record in."""
@@ -112,7 +118,13 @@ class _Group:
     def __init__(self, first: Record) -> None:
         self._junction, self._recorded = first.junction, bool(first.recording)
         self._width = 0
+        self._columns: set[tuple[str, str]] = set()
         self._cells: dict[Any, dict[tuple[str, str], _Counts]] = {}
+
+    @property
+    def wide(self) -> bool:
+        """Whether there are more columns than anybody reads."""
+        return len(self._columns) > _WIDE
 
     def add(self, record: Record) -> bool:
         """Take a record in, and return whether it is the first of its cell."""
@@ -120,6 +132,7 @@ class _Group:
         row = self._cells.setdefault(member_of(record), {})
         column = (record.cfg, record.asks)
         new = column not in row
+        self._columns.add(column)
         counts = row.setdefault(column, {})
         kind = f"xfail {record.known.partition(':')[0]}" if record.known else "", record.status
         counts[kind] = counts.get(kind, 0) + 1
@@ -127,7 +140,7 @@ class _Group:
 
     def matrix(self, title: str) -> Matrix:
         """Return the matrix; one without rows where nobody could read it."""
-        columns = tuple(sorted({column for row in self._cells.values() for column in row}))
+        columns = tuple(sorted(self._columns))
         if len(self._cells) * len(columns) > _MOST:
             what = "recordings" if self._recorded else "classes"
             said = f"{len(self._cells):,} {what} in {len(columns):,} columns are too many for a table"
@@ -136,7 +149,9 @@ class _Group:
         for member in sorted(self._cells):
             row = tuple(_entry(self._cells[member].get(column, {})) for column in columns)
             alike.setdefault(row, []).append(member)
-        rows = tuple((_names(found) if self._recorded else _spans(found, self._width), row) for row, found in alike.items())
+        rows = tuple(
+            (first(found, _NAMED) if self._recorded else _spans(found, self._width), row) for row, found in alike.items()
+        )
         corner = "recording" if self._recorded else "class"
         return Matrix(title, columns, rows, tuple(map(tuple, alike.values())), corner, self._junction)
 
@@ -146,10 +161,9 @@ def member_of(record: Record) -> int | str:
     return record.recording or record.cls
 
 
-def _names(recordings: Sequence[str]) -> str:
-    """Return the first recordings of a row, and how many more there are."""
-    more = len(recordings) - _NAMED
-    return ", ".join(recordings[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+def _brief(label: str) -> str:
+    """Return the label of a row with no more classes than a line has room for."""
+    return first(label.split(", "), _SPANS)
 
 
 def _width(record: Record) -> int:

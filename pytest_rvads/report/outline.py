@@ -23,6 +23,8 @@ __all__ = ["Block", "Causes", "Changes", "Figures", "Notes", "RollUp", "Verdicts
 
 _REASONS = 5
 """Reasons told in short why junctions are left out."""
+_LISTED = 10
+"""Lines of a kind told in short: systems under test and simulators, stacks, samples."""
 _SLOWEST = 10
 """Runs named that took longest; in short three, and none where all were quicker than a second."""
 
@@ -155,17 +157,18 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
     for title, group in groups:
         blocks += [Causes(title, tuple(found), report.again)] if (found := group.causes(many)) else []
     versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
+    brief = _LISTED if short else None
     lines = (
-        *makers.lines(),
+        *_few(makers.lines(), brief),
         *extremes.lines(),
         *(_worst(at_junctions.found) if many else (one.line() for one in at_junctions.found)),
-        *timing.lines(),
+        *_few(timing.lines(), brief),
         *(slowest(report.seconds, 3, 1.0) if short else slowest(report.seconds, _SLOWEST)),
         *([] if short else requirements.lines()),
         *([f"versions: {versions}"] if versions and not short else []),
         f"coverage: {cells.coverage()}",
-        *dropped(report),
-        *refused(report, _REASONS if short else None),
+        *dropped(report, brief),
+        *_few(refused(report, _REASONS if short else None), brief),
     )
     return [*blocks, Figures(lines)]
 
@@ -176,6 +179,13 @@ def _fill(records: Iterable[Record], *tallies: _Tally) -> None:
     for record in records:
         for add in adds:
             add(record)
+
+
+def _few(lines: Sequence[str], most: int | None) -> Iterator[str]:
+    """Yield at most so many lines, and how many more there are."""
+    yield from lines[:most]
+    if most is not None and len(lines) > most:
+        yield f"... and {len(lines) - most} more"
 
 
 def _worst(found: Sequence[AtJunction]) -> Iterator[str]:

@@ -25,10 +25,10 @@ _MOST = 10
 """Causes and changes of a kind listed; the rest is counted."""
 _ROWS = 20
 """Rows of a table shown; those with failures first."""
-_LINES = 100
+_LINES = 60
 """Lines of all tables of verdicts together; those with failures first."""
-_LENGTH = 20_000
-"""Characters of a line shown."""
+_LENGTH, _BRIEF = 20_000, 1_000
+"""Characters of a line shown in full, and in short."""
 _CHANGES = {"NEW": "bold red", "FIXED": "green", "ERODED": "yellow", "LOST": "yellow"}
 
 
@@ -61,7 +61,8 @@ def _fitting(tables: Sequence[Verdicts], width: int) -> list[Verdicts]:
     lines = 0
     for number in sorted(range(len(tables)), key=right.__getitem__):
         matrix = tables[number].matrix.shortened(_ROWS)
-        lines += len(_telling(matrix, _layout(matrix, width)[1])) * _height(matrix) + 1
+        short, pages = _layout(matrix, width)
+        lines += sum(_height(matrix, page, short) for page in _telling(matrix, pages, short)) + 1
         if kept and lines > _LINES:
             break
         kept.append(tables[number])
@@ -80,7 +81,7 @@ class _Screen:
         self._most = None if full else _MOST
         self._rows = None if full else _ROWS
         self._sums = None if full else WORST
-        self._all = "--rvads-summary=full shows them all" if again == "pytest" else "reports in files hold them all"
+        self._all = "--rvads-summary=full shows them all" if again.startswith("pytest") else "reports in files hold them all"
 
     def text(self) -> str:
         """Return what was rendered."""
@@ -112,7 +113,7 @@ class _Screen:
             self._line(f"... and {tables} more table{'' if tables == 1 else 's'}: {self._all}\n")
 
     def _line(self, text: str, style: str = "") -> None:
-        self._console.print(_text(text, style), soft_wrap=True)
+        self._console.print(_text(text, style, _LENGTH if self._rows is None else _BRIEF), soft_wrap=True)
 
     def _causes(self, block: Causes) -> None:
         self._line(block.title)
@@ -145,15 +146,15 @@ class _Screen:
         matrix = whole if self._rows is None else whole.shortened(self._rows)
         self._line(matrix.title, "bold")
         short, pages = _layout(matrix, self._width)
-        shown = pages if self._rows is None else _telling(matrix, pages)
+        shown = pages if self._rows is None else _telling(matrix, pages, short)
         for columns in shown:
             self._console.print(_filled(self._new_table(), matrix, columns, short, self._width))
         more = len(whole.rows) - len(matrix.rows), sum(map(len, pages)) - sum(map(len, shown))
         for count, what in zip(more, ("rows", "columns"), strict=True):
             if count:
                 self._line(f" ... and {count} more {what}: {self._all}")
-        for label, number in short.items():
-            self._line(f" {number} = {label}")
+        for label in _numbered(matrix, [i for page in shown for i in page], short):
+            self._line(f" {short[label]} = {label}")
         self._line("")
 
 
@@ -164,16 +165,27 @@ def _layout(matrix: Matrix, width: int) -> tuple[dict[str, str], list[list[int]]
     return short, _pages(matrix, short, width) if matrix.rows else []
 
 
-def _telling(matrix: Matrix, pages: list[list[int]]) -> list[list[int]]:
+def _telling(matrix: Matrix, pages: list[list[int]], short: dict[str, str]) -> list[list[int]]:
     """Return as many of the tables as fit, one at least: those in which something is wrong, then the first ones."""
     right = [not any(entries[i].bad for _, entries in matrix.rows for i in page) for page in pages]
-    kept = sorted(range(len(pages)), key=right.__getitem__)[: max(1, _LINES // _height(matrix))]
+    kept: list[int] = []
+    lines = 0
+    for number in sorted(range(len(pages)), key=right.__getitem__):
+        lines += _height(matrix, pages[number], short)
+        if kept and lines > _LINES:
+            break
+        kept.append(number)
     return [pages[k] for k in sorted(kept)]
 
 
-def _height(matrix: Matrix) -> int:
-    """Return how many lines a table takes: headings, rows, and what stands above and below."""
-    return len(matrix.rows) + 4
+def _height(matrix: Matrix, page: list[int], short: dict[str, str]) -> int:
+    """Return how many lines a table takes: headings, rows, what stands above and below, and what numbers stand for."""
+    return len(matrix.rows) + 4 + len(_numbered(matrix, page, short))
+
+
+def _numbered(matrix: Matrix, columns: list[int], short: dict[str, str]) -> list[str]:
+    """Return the configurations of some columns for which numbers stand."""
+    return [label for label in dict.fromkeys(matrix.columns[i][0] for i in columns) if label in short]
 
 
 def _pages(matrix: Matrix, short: dict[str, str], width: int) -> list[list[int]]:
@@ -219,6 +231,6 @@ def _filled(table: Table, matrix: Matrix, columns: list[int], short: dict[str, s
     return table
 
 
-def _text(text: str, style: str = "") -> Text:
+def _text(text: str, style: str = "", length: int = _LENGTH) -> Text:
     """Return a text on one line, which neither the terminal nor rich takes for a command."""
-    return Text(printable(text.replace("\n", " "), _LENGTH), style=style)
+    return Text(printable(text.replace("\n", " "), length), style=style)

@@ -5,7 +5,6 @@ It crosses xdist on the report as builtins, and lands in JUnit and report logs.
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -259,7 +258,7 @@ def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: py
     lines = [verdict.explanation, *made]
     options = item.config.stash[OPTIONS]
     run, folder = item.stash.get(RUN, None), options.artefacts
-    rerun, page = " ".join(("rerun     pytest", *map(shlex.quote, options.deciding), f'"{item.nodeid}"')), ""
+    rerun, page = f'rerun     {options.again} "{item.nodeid}"', ""
     if folder and run is not None:
         rule = cell.rule if cell.rule and cell.rule.name == verdict.rule else verdict.rule
         told, image = look(item, folder, run, verdict, rule, "\n".join((*lines, rerun)))

@@ -203,6 +203,7 @@ class Session:
             left_out=plan.left_out,
             unfit=plan.unfit,
             extents=plan.extents,
+            again=self.options.again,
             refused=plan.refused,
             drawn=tuple(plan.drawn),
             seconds=self._by_run(),

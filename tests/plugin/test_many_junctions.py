@@ -1,6 +1,7 @@
 """Many junctions in one mark, and samples of what they multiply out to."""
 
 import json
+import shlex
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -255,3 +256,15 @@ def test_a_failure_of_a_sample_is_run_again_by_the_line_that_it_prints(pytester:
         *given, item = line.split()
         assert tuple(given) == options
         pytester.runpytest(*given, item.strip('"')).assert_outcomes(failed=1)
+
+
+def test_the_line_below_a_cause_runs_an_item_that_was_drawn_from_more_than_a_test_may_have(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(TEST.format(arguments='"4-way stop", map="town.xodr", grid="BC", rules="p2"'))
+    options = ("--rvads-max-items=20", "--rvads-sample=3", "--rvads-autopilot=lgsvl", "--rvads-seed=3", "-n0")
+    failed = pytester.runpytest(*options)
+    assert failed.parseoutcomes()["failed"] > 0
+    line = next(line for line in failed.stdout.lines if "first: pytest" in line)
+    again = pytester.runpytest(*shlex.split(line.partition("pytest")[2]), "-n0")
+    again.assert_outcomes(failed=1)
+    told = [shlex.split(line)[1:] for line in failed.stdout.lines if "rerun     pytest" in line]
+    assert shlex.split(line)[1:] in told, "as below its failure"

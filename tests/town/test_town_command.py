@@ -258,3 +258,14 @@ def test_two_maps_of_one_name_are_refused(capsys: pytest.CaptureFixture[str], fo
     status, _, err = ran(capsys, "stop3.xodr", "other/stop3.xodr", "--autopilot", "reference")
     assert status == 2
     assert "two are called 'stop3'" in err
+
+
+@pytest.mark.parametrize("where", ["taken", "taken/below"])
+def test_where_no_folder_can_be_is_told_in_a_sentence_before_anything_runs(
+    capsys: pytest.CaptureFixture[str], folder: Path, where: str
+) -> None:
+    (folder / "taken").write_text("mine", encoding="utf-8")
+    status, _, err = ran(capsys, "stop3.xodr", "--autopilot", "reference", *SHORT, "-o", where)
+    assert status == 2
+    assert f"-o must name a folder to write to, got {where!r}, which can't be made (" in err
+    assert "runs\n" not in err.partition("rvads: ")[2]
