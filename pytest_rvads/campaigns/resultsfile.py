@@ -197,11 +197,11 @@ class Results:
             return UNFINISHED
         return 1 if self._bad else 0 if self._judged else NOTHING_JUDGED
 
-    def report(self, again: str = "pytest") -> Report:
+    def report(self, again: str = "") -> Report:
         """Return what a session would report of it; its records are those of `records`.
 
         Args:
-            again: the command that runs a case once more, when its id follows in quotes.
+            again: the command that runs a case once more, when its id follows in quotes; where none does, ids stand alone.
         """
         note = f"INCOMPLETE: the campaign has not come to its end, {len(self):,} cases are judged; run it again, it goes on"
         return Report(

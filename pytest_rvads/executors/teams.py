@@ -188,7 +188,7 @@ def _packed(value: object) -> bytes:
     except Exception as error:  # whatever the code of others raises
         raise RvadsError(
             f"this can't travel to another process ({_told(error)}): name functions and classes of modules, no lambdas and none "
-            "of functions, or say executor=1"
+            "of functions, or say executor=1 (-j 1 of a command)"
         ) from error
 
 

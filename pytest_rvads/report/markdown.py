@@ -37,7 +37,7 @@ def _render(block: Block) -> Iterator[str]:
             yield from (_heading(block.title), "", _text(comparison.headline), "")
             yield from _folded((), [f"- {_text(line)}" for line in comparison.lines()], "changes", _LINES)
         case Causes(title, causes, again):
-            head = f"| items | rule | cause | {_text(f'first: {again}')} |", "|---:|---|---|---|"
+            head = f"| items | rule | cause | {_text(f'first: {again}' if again else 'first')} |", "|---:|---|---|---|"
             rows = [f"| {c.count} | {_text(c.rule)} | {_text(c.line)} | {_code(c.example)} |" for c in causes]
             yield from (_heading(title), "", *_folded(head, rows, "causes"))
         case Figures(lines):

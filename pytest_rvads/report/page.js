@@ -40,7 +40,7 @@ session.causes.forEach(block => {
     row.insertCell().textContent = cause.rule;
     make("button", row.insertCell(), cause.text).onclick = () => pick(item => ids.has(item.id));
     const cell = row.insertCell();
-    cell.textContent = `first: ${block.again} "${cause.first}" `;
+    cell.textContent = `first: ${[block.again, `"${cause.first}"`].join(" ").trim()} `;
     if (told.length) make("a", cell, "replay").href = (told.find(item => item.id === cause.first) || told[0]).look;
   });
 });

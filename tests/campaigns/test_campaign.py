@@ -304,6 +304,15 @@ def test_results_of_several_campaigns_in_one_file_are_refused(tmp_path: Path, ca
     assert "both.jsonl holds results of several campaigns (driver" in capsys.readouterr().err
 
 
+def test_no_command_is_told_that_nobody_could_run(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path, page = tmp_path / "results.jsonl", tmp_path / "report.md"
+    one = rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000", distance=15.0, speed=5.0, duration=8.0), rvads.RollingStop)
+    rvads.campaign([one], "full_stop", executor=1, results=path).close()
+    assert main(["report", "make", str(path), "-o", str(page)]) == 1
+    assert f'first: "{one.scenario.name}-full_stop"' in capsys.readouterr().out
+    assert "| first |" in page.read_text()
+
+
 def test_a_result_that_was_damaged_later_is_missed(tmp_path: Path, alone: list[Judged]) -> None:
     path = tmp_path / "results.jsonl"
     rvads.campaign(cases(), executor=1, results=path).close()
