@@ -1,6 +1,5 @@
 """The page of a town works in a browser: with a mouse, by keyboard, on a phone, and with names that mean harm."""
 
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,26 +11,9 @@ from pytest_rvads.campaigns.town_tally import CauseTally, JunctionTally
 from pytest_rvads.draw.town_picture import Spot, TownPicture
 from pytest_rvads.report.outcome import Outcome
 
-webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-
 Chrome = Any  # of selenium.webdriver, which not everybody has
 HARM = "<img src=x onerror=alert(1)></script>"
 ROAD = TownPicture((0.0, 0.0, 400.0, 400.0), ((3.5, "M10 10l380 0l0 380"), (2.0, "M10 10l0 380")))
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Chrome]:
-    binary, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if not binary or not driver:
-        pytest.skip("no browser: install Debian's chromium and chromium-driver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = binary
-    for argument in ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--window-size=1280,1000"):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    browser = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    yield browser
-    browser.quit()
 
 
 def tally(*outcomes: Outcome) -> JunctionTally:
