@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 
 import msgspec
 
 from pytest_rvads.campaigns.judged import Judged
-from pytest_rvads.conduct.kpis import kpis
+from pytest_rvads.conduct.run_record import computing, indicators, took_part
 from pytest_rvads.decoding import encode
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.junctions.junction import Junction
@@ -19,7 +17,7 @@ from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import AgentRecord, Computing, Indicators, VerdictRecord
+from pytest_rvads.report.record import VerdictRecord
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.ids import run_id
@@ -29,7 +27,7 @@ from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.versions import code, versions
 from pytest_rvads.wording import one_line
 
-__all__ = ["Job", "Question", "computing", "indicators", "judge", "started", "took_part", "undecided"]
+__all__ = ["Job", "Question", "judge", "undecided"]
 
 _STANDARD_ERROR = 2
 
@@ -85,7 +83,7 @@ def judge(question: Question, job: Job) -> bytes:
         return encode(undecided(question, job, _told(error)))
     return encode(
         msgspec.structs.replace(
-            started(question, job),
+            _started(question, job),
             hash=run.hash,
             duration=run.duration,
             agents=took_part(run),
@@ -113,7 +111,7 @@ def _versions(names: tuple[str, ...]) -> dict[str, str]:
     return {name: version for name, version in versions(*names).items() if name in names}
 
 
-def started(question: Question, job: Job) -> Judged:
+def _started(question: Question, job: Job) -> Judged:
     """Return what is known of a case before it is simulated."""
     scenario = job.case.scenario
     place = scenario.place
@@ -142,7 +140,9 @@ def started(question: Question, job: Job) -> Judged:
 
 def undecided(question: Question, job: Job, reason: str) -> Judged:
     """Return what there is to say of a case that has no run: by every rule an ERROR with its reason."""
-    return msgspec.structs.replace(started(question, job), verdicts=tuple(_error(rule, reason) for rule in _rules(question, job)))
+    return msgspec.structs.replace(
+        _started(question, job), verdicts=tuple(_error(rule, reason) for rule in _rules(question, job))
+    )
 
 
 def _rules(question: Question, job: Job) -> tuple[Rule, ...]:
@@ -164,30 +164,5 @@ def _told(error: Exception) -> str:
     return one_line(str(error) if isinstance(error, RvadsError) else f"{type(error).__name__}: {error}")
 
 
-def _listed(found: Mapping[str, str]) -> str:
+def _listed(found: dict[str, str]) -> str:
     return ", ".join(f"{name} {version}" for name, version in found.items())
-
-
-def took_part(run: Run) -> tuple[AgentRecord, ...]:
-    """Return who took part in a run."""
-    junction = run.junction
-    entrances, exits = ([(lane.arm, lane.lane) for lane in lanes] for lanes in (junction.entrances, junction.exits))
-    return tuple(
-        AgentRecord(name=agent.name, kind=agent.kind.value, entrance=entrances[agent.entrance], exit=exits[agent.exit])
-        for agent in run.agents
-    )
-
-
-def indicators(run: Run) -> Indicators:
-    """Return the key performance indicators of a run."""
-    return msgspec.convert(kpis(run).record(), Indicators)
-
-
-def computing(run: Run) -> dict[str, Computing] | None:
-    """Return what stacks in other processes computed, by vehicle; what others measured is in the run alone."""
-    found = {}
-    timing = run.provenance.get("timing")
-    for name, told in timing.items() if isinstance(timing, Mapping) else ():
-        with suppress(msgspec.ValidationError):
-            found[str(name)] = msgspec.convert(told, Computing)
-    return found or None
