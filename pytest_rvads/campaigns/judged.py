@@ -13,6 +13,9 @@ from pytest_rvads.report.record import AgentRecord, Computing, Count, Indicators
 __all__ = ["Glance", "Judged", "records"]
 
 _SKIPPED = (Outcome.NA, Outcome.UNSURE, Outcome.NOT_RUN)
+_KEYS = ("junction", "control", "cls", "scenario", "cfg", "rotation", "seat", "traffic", "orbit")
+_TOLD = ("driver", "simulator", "hash", "place", "duration", "agents", "kpis", "timing")
+"""What a record begins with and what it is told of its run, of the same names in a `Judged`."""
 
 
 class Judged(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -71,17 +74,8 @@ class Glance(msgspec.Struct):
 
 def records(judged: Judged) -> Iterator[Record]:
     """Yield a record per verdict, as sessions have one per item; its id is that of the run and the rule."""
-    keys = {
-        "junction": judged.junction,
-        "control": judged.control,
-        "cls": judged.cls,
-        "scenario": judged.scenario,
-        "cfg": judged.cfg,
-        "rotation": judged.rotation,
-        "seat": judged.seat,
-        "traffic": judged.traffic,
-        "orbit": judged.orbit,
-    }
+    keys = {name: getattr(judged, name) for name in _KEYS}
+    told = {name: getattr(judged, name) for name in _TOLD}
     for number, verdict in enumerate(judged.verdicts):
         traced = judged.requirements[number] if judged.requirements else ()
         start = planned_record(f"{judged.name}-{verdict.rule}", 0, "", {**keys, "rule": verdict.rule}, judged.ways, traced)
@@ -91,15 +85,4 @@ def records(judged: Judged) -> Iterator[Record]:
         # Why there is no verdict is the same by every rule, so that it is one cause.
         text = verdict.reason or verdict.message if error else verdict.message
         done = conclude(start, [msgspec.to_builtins(verdict)], "call", outcome, text=text, error=error)
-        yield msgspec.structs.replace(
-            done,
-            driver=judged.driver,
-            simulator=judged.simulator,
-            run=judged.name,
-            hash=judged.hash,
-            place=judged.place,
-            duration=judged.duration,
-            agents=judged.agents,
-            kpis=judged.kpis,
-            timing=judged.timing,
-        )
+        yield msgspec.structs.replace(done, run=judged.name, **told)
