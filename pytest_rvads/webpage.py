@@ -37,7 +37,8 @@ def webpage(package: str, name: str, title: str, data: object, style: str = "", 
     """Return an HTML page.
 
     Args:
-        package: where its sources lie: ``NAME.html``, the body, with a ``$place`` for each part; ``NAME.css``, ``NAME.js``.
+        package: where its sources lie: ``NAME.html``, the body, with a ``$place`` for each part; ``NAME.css``, ``NAME.js``, which
+            begins with what all scripts share (``webpage.js``).
         name: of the sources.
         title: of the page.
         data: what the script finds in the element ``data``, as JSON; it has to show texts as texts.
@@ -45,6 +46,7 @@ def webpage(package: str, name: str, title: str, data: object, style: str = "", 
         parts: markup, in which what is not ours went through `markup`.
     """
     body, own, script = (files(package).joinpath(f"{name}.{kind}").read_text(encoding="utf-8") for kind in ("html", "css", "js"))
+    script = files("pytest_rvads").joinpath("webpage.js").read_text(encoding="utf-8") + script
     return _FRAME.substitute(
         policy=_POLICY.substitute(script=_digest(script), style=_digest(style + own)),
         title=markup(title),

@@ -5,13 +5,6 @@ const bodies = {good: "M-9 0a9 9 0 1 0 18 0a9 9 0 1 0 -18 0", bad: "M-8.5 -8.5h1
 const signs = {good: "M-4 0L-1 3.2L4.2 -3.6", bad: "M-3.8 -3.8L3.8 3.8M3.8 -3.8L-3.8 3.8", doubt: "M0 -5.5V1.5M0 5V5.2", none: "M-3.2 0H3.2"};
 const least = 6, names = new Map(town.junctions.map(one => [one.name, one]));
 let at = {x: 0, y: 0, width: 1}, map = -1, chosen = null, shown = page, fingers = new Map(), moved = 0;
-function make(tag, parent, text = "", kind = "") {
-  const one = document.createElement(tag);
-  one.textContent = text;
-  if (kind) one.className = kind;
-  parent.append(one);
-  return one;
-}
 function draw(tag, parent, values) {
   const one = document.createElementNS("http://www.w3.org/2000/svg", tag);
   Object.entries(values).forEach(([name, value]) => one.setAttribute(name, value));

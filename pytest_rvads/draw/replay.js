@@ -53,13 +53,6 @@ function show(index) {
   const list = get("events"), coming = [...list.children].filter(b => !b.classList.toggle("past", +b.dataset.time < time - 1e-9))[0];
   list.scrollTop = (coming ? coming.offsetTop - list.offsetTop : list.scrollHeight) - list.clientHeight / 2;
 }
-function make(tag, parent, text, kind) {
-  const one = document.createElement(tag);
-  one.textContent = text;
-  one.className = kind;
-  parent.append(one);
-  return one;
-}
 function strip([label, changes]) {
   const row = make("div", get("strips"), "", "row"), name = make("span", row, "", "faint"), bar = make("div", row, "", "strip");
   name.title = label;

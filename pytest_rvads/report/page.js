@@ -1,13 +1,6 @@
 const session = JSON.parse(document.getElementById("data").textContent);
 const get = id => document.getElementById(id), page = 300, worst = 20;
 let only = null, shown = page;
-function make(tag, parent, text = "", kind = "") {
-  const one = document.createElement(tag);
-  one.textContent = text;
-  if (kind) one.className = kind;
-  parent.append(one);
-  return one;
-}
 function pick(found) { only = found; get("status").value = get("rule").value = get("search").value = ""; shown = page; list(); get("bar").scrollIntoView(); }
 function chosen() {
   const status = get("status").value, rule = get("rule").value, text = get("search").value.toLowerCase();
