@@ -16,8 +16,6 @@ from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine
-from pytest_rvads.physics.world import Motion
-from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
@@ -38,28 +36,14 @@ def cases() -> list[Case]:
     return found
 
 
-def spent(engine: Engine, case: Case) -> tuple[float, float, int, int]:
-    """Return the time to simulate a case and to judge it by the road rules [s], its ticks, and its vehicles."""
+def spent(engine: Engine, case: Case) -> tuple[float, float, int]:
+    """Return the time to simulate a case and to judge it by the road rules [s], and its ticks."""
     start = time.process_time()
     run = simulate(case, Planar(engine))
     simulated = time.process_time()
     for rule in rules_for(("road",), run.junction):
         check(run, rule)
-    return simulated - start, time.process_time() - simulated, run.steps, len(run.agents)
-
-
-def bare(engine: Engine, count: int, ticks: int = 500) -> float:
-    """Return how long a step of so many vehicles takes in the world alone, with forces in, contacts and motions out [s]."""
-    world = engine.world([Vehicle()] * count, [Motion(0.0, 20.0 * k, 0.0, 1.0, 0.0, 0.0) for k in range(count)])
-    forces = [1.0] * (3 * count)
-    start = time.process_time()
-    for _ in range(ticks):
-        world.step(forces)
-        world.contacts()
-        world.motions()
-    found = (time.process_time() - start) / ticks
-    world.close()
-    return found
+    return simulated - start, time.process_time() - simulated, run.steps
 
 
 def work(numbers: list[int]) -> int:
@@ -79,8 +63,7 @@ def test_what_a_run_spends_its_time_on() -> None:
         for case in known:
             for rule in rules_for(("road",), case.scenario.place):
                 check(simulate(case.but(duration=0.1), Planar(engine)), rule)
-    each: dict[str, list[tuple[float, float, int, int]]] = {engine.name: [] for engine in engines}
-    steps = {(engine.name, count): bare(engine, count) for engine in engines for count in range(1, 5)}
+    each: dict[str, list[tuple[float, float, int]]] = {engine.name: [] for engine in engines}
     for case in known:
         for engine in engines:
             each[engine.name].append(spent(engine, case))
@@ -88,11 +71,10 @@ def test_what_a_run_spends_its_time_on() -> None:
     for name, rows in each.items():
         simulating, judging = sum(row[0] for row in rows), sum(row[1] for row in rows)
         ticks = sum(row[2] for row in rows)
-        world = sum(row[2] * steps[name, row[3]] for row in rows)
         totals[name] = simulating + judging
         print(
             f"\n{name}: {simulating / ticks * 1e6:.0f} us per tick, {simulating / len(rows) * 1e3:.0f} ms to simulate a run and "
-            f"{judging / len(rows) * 1e3:.0f} ms to judge it; the world alone takes {world / simulating:.0%} of simulating"
+            f"{judging / len(rows) * 1e3:.0f} ms to judge it"
         )
         assert judging < simulating
     print(f"\na campaign in bullet takes {totals['bullet'] / totals['mujoco']:.2f} times as long as one in mujoco")
