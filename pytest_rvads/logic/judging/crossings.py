@@ -16,7 +16,7 @@ from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, itinerary
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 
-__all__ = ["FINE", "LONG_AGO", "Crossings", "Event", "crossings"]
+__all__ = ["LONG_AGO", "Crossings", "Event", "certain", "crossings"]
 
 FINE = 0.02
 """Of runs with steps up to this the states say enough [s]: on the runs of the paper's authors no verdict changes up to there, and
@@ -81,6 +81,11 @@ class Crossings:
     def exact(self) -> bool:
         """Whether all is known to the step."""
         return all(e.exact for who in (*self.of_agents, *self.of_lights) for e in who)
+
+
+def certain(run: Run) -> bool:
+    """Return whether there is one reading of a run: its states say enough, and nothing in it was measured."""
+    return run.dt <= FINE and run.spread is None and run.excerpt is None
 
 
 def crossings(run: Run) -> Crossings:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.predicates import once
 from pytest_rvads.conduct.standing import stops
-from pytest_rvads.logic.judging.crossings import FINE, crossings
+from pytest_rvads.logic.judging.crossings import certain, crossings
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Hinge, Judgement, judge, unsure
 from pytest_rvads.logic.judging.orders import about_order, plain, reordered
@@ -82,8 +82,8 @@ def doubted(found: Sequence[Judgement], values: Values, sampled: Run, *, standin
         standing: waiting times count from standstill, so speeds decide orders, too.
     """
     run, result = values.run, list(found)
-    if sampled.dt <= FINE and sampled.spread is None and sampled.excerpt is None:
-        return result  # as simulated runs are: there is no other reading
+    if certain(sampled):
+        return result
     known = crossings(sampled)
     if not known.exact:
         result = [reordered(j, known, values) if about_order(j.template) and not standing else j for j in result]
