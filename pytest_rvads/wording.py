@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import TextIO
 
-__all__ = ["encode_all", "first", "markup", "one_line", "printable"]
+__all__ = ["encode_all", "first", "markup", "one_line", "plural", "printable"]
 
 _UNFIT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]")
 """What steers a terminal, turns the direction of writing, or can't be encoded; line ends and tabs are fit."""
@@ -41,3 +41,8 @@ def encode_all(*streams: TextIO | None) -> None:
     for stream in streams:
         if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
             stream.reconfigure(errors="backslashreplace")
+
+
+def plural(count: int, thing: str, several: str = "") -> str:
+    """Return so many things in words: ``1 run``, ``1,200 runs``; `several` where its plural has no s."""
+    return f"{count:,} {thing if count == 1 else several or f'{thing}s'}"

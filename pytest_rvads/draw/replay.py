@@ -16,12 +16,28 @@ from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import markup
 
-__all__ = ["Track", "events", "replay"]
+__all__ = ["Beside", "Track", "events", "replay"]
 
 _EVERY = 5
 """Positions are stored every so many states and drawn on straight lines between; zones and lights are exact."""
 _TRAIL = 3.0
 """How long the trails of recorded traffic are [s]: among many vehicles, longer ones hide what happens."""
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """What a page says and shows beside its run."""
+
+    facts: tuple[tuple[str, str], ...] = ()
+    """Word and text of each line of the head: scenario, what drove, rule, how to run it again."""
+    others: tuple[tuple[str, str, str], ...] = ()
+    """Rule, status and message of the other verdicts of the run."""
+    back: str = ""
+    """Relative path of the page that leads here; nothing without one."""
+    ghost: Run | None = None
+    """An earlier run of the same scenario, drawn faintly below this one."""
+    ghost_name: str = ""
+    """What that run is called."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,18 +5,19 @@ from __future__ import annotations
 import ast
 import sys
 import sysconfig
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
-from functools import partial
+from functools import lru_cache, partial
 from hashlib import sha256
 from pathlib import Path
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
 from typing import Any
 
+from pytest_rvads import __version__
 from pytest_rvads.drivers.stacks.process import Process
 from pytest_rvads.versions import code
 
-__all__ = ["identity"]
+__all__ = ["identity", "source"]
 
 _PLAIN = {bool, int, float, complex, str, bytes, type(None), type(Path())}
 _PACKAGE = __name__.partition(".")[0]
@@ -55,6 +56,39 @@ def identity(thing: Any) -> str:
             rest += reversed(parts)
     lines += sorted(f"{file.name} {digest}" for file, digest in files.items())
     return sha256("\n".join(lines).encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def source(driver: Any, here: Path) -> str:
+    """Return where the code of a driver is and a digest of it: ``pilots.py 3fa29c01``; of what is bundled, the package's version.
+
+    Of the code count the files that `identity` counts, and no values: it is the same before and after a run.
+
+    Args:
+        driver: what drives, or what makes it.
+        here: the folder that the file is told from.
+    """
+    if isinstance(driver, Process):
+        _, _, _, _, digests = driver.settings()
+        return _short(digests)
+    made = driver.func if isinstance(driver, partial) else driver
+    return _source(made if isinstance(made, type | FunctionType) else type(made), here)
+
+
+@lru_cache(maxsize=64)  # every item tells it
+def _source(made: type | FunctionType, here: Path) -> str:
+    if _top(made) == _PACKAGE:
+        return f"pytest-rvads {__version__}"
+    files: dict[Path, str] = {}
+    _follow(made.__module__, _top(made), files)
+    own = _file(sys.modules.get(made.__module__ or ""))
+    name = "" if own is None else f"{own.relative_to(here) if own.is_relative_to(here) else own.name} "
+    return f"{name}{_short(files[file] for file in sorted(files) if file != Path(_PACKAGE))}".rstrip()
+
+
+def _short(digests: Iterable[str]) -> str:
+    """Return eight digits for some files, nothing for none."""
+    told = "".join(digests)
+    return sha256(told.encode()).hexdigest()[:8] if told else ""
 
 
 def _told(value: Any, home: str, files: dict[Path, str]) -> _Told:  # noqa: C901 - a case per kind of value
@@ -215,7 +249,7 @@ def _imported(file: Path, folder: Path, text: bytes) -> Iterator[Path]:
                 yield from (found for found in (place.with_name(f"{part}.py"), place / "__init__.py") if found.is_file())
 
 
-def _file(module: ModuleType) -> Path | None:
+def _file(module: ModuleType | None) -> Path | None:
     """Return the source of a module, where it has one that is there."""
     try:
         name = getattr(module, "__file__", None)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from pytest_rvads.report.record import Computing, Indicators, PairIndicators, Record, VehicleIndicators
+from pytest_rvads.wording import plural
 
 __all__ = ["Extremes", "Makers", "Timing", "slowest"]
 
@@ -24,19 +25,22 @@ class Makers:
     """Takes records in and tells who drove and what simulated."""
 
     def __init__(self) -> None:
-        self._runs: dict[tuple[str, str], set[str]] = {}
+        self._runs: dict[tuple[str, str, str], set[str]] = {}
 
     def add(self, record: Record) -> None:
         """Take a record in."""
-        for made in (("driven", record.driver), ("simulated", record.simulator)):
+        for made in (("driven", record.driver, record.source), ("simulated", record.simulator, "")):
             if made[1]:
                 runs = self._runs.get(made) or self._runs.setdefault(made, set())
                 runs.add(record.ran_as)
 
     def lines(self) -> list[str]:
-        """Return a line per system under test, and one per simulator: what it is called, and how many runs it made."""
+        """Return a line per system under test, and one per simulator: what it is called, its code, and how many runs it made."""
         found = sorted(self._runs.items(), key=lambda entry: entry[0][0])
-        return [f"{what} by {name}: {len(runs)} run{'' if len(runs) == 1 else 's'}" for (what, name), runs in found]
+        return [
+            f"{what} by {name}{f' ({source})' if source else ''}: {plural(len(runs), 'run')}"
+            for (what, name, source), runs in found
+        ]
 
 
 class Extremes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Notes, RollUp, Verdicts, outline
+from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
 from pytest_rvads.report.rollup import WORST
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.wording import printable
@@ -40,7 +40,7 @@ def _render(block: Block) -> Iterator[str]:
             head = f"| items | rule | cause | {_text(f'first: {again}' if again else 'first')} |", "|---:|---|---|---|"
             rows = [f"| {c.count} | {_text(c.rule)} | {_text(c.line)} | {_code(c.example)} |" for c in causes]
             yield from (_heading(title), "", *_folded(head, rows, "causes"))
-        case Figures(lines):
+        case Head(lines) | Figures(lines):
             yield from _folded((), [f"- {_text(line)}" for line in lines], "lines", _LINES)
         case RollUp(sums):
             yield _heading(block.title)

@@ -5,6 +5,7 @@ Formats differ in how they show a block, never in which: what one of them says, 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -13,13 +14,15 @@ from pytest_rvads.report.at_junctions import FEW, AtJunction, AtJunctions
 from pytest_rvads.report.coverage import Cells, Requirements, dropped
 from pytest_rvads.report.figures import Extremes, Makers, Timing, slowest
 from pytest_rvads.report.matrix import Matrices, Matrix
+from pytest_rvads.report.outcome import Tallied, counted
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.refused import refused
 from pytest_rvads.report.rollup import Sums, ranked, sums
 from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.triage import ByText, Cause, causes, idle, known, provoked, unavoidable, unsure
+from pytest_rvads.wording import plural
 
-__all__ = ["Block", "Causes", "Changes", "Figures", "Notes", "RollUp", "Verdicts", "outline"]
+__all__ = ["Block", "Causes", "Changes", "Figures", "Head", "Notes", "RollUp", "Verdicts", "outline"]
 
 _REASONS = 5
 """Reasons told in short why junctions are left out."""
@@ -43,6 +46,13 @@ class Notes(_Lines):
     """What is missing or doubtful, before anything else is believed."""
 
     title: str = "notes"
+
+
+@dataclass(frozen=True, slots=True)
+class Head(_Lines):
+    """When the session was and by which command, what drove, what came of it in all, and how it ended."""
+
+    title: str = "session"
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,12 +120,12 @@ class Causes:
 
 @dataclass(frozen=True, slots=True)
 class Figures(_Lines):
-    """Who drove, what simulated, the extremes, what was exercised, and how long it took."""
+    """The extremes, what was exercised, and how long it took."""
 
     title: str = "coverage"
 
 
-Block = Notes | Changes | RollUp | Verdicts | Causes | Figures
+Block = Notes | Head | Changes | RollUp | Verdicts | Causes | Figures
 
 
 class _Tally(Protocol):
@@ -149,7 +159,9 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
     groups = [(title, make()) for title, make in (_GROUPED[:-2] if short else _GROUPED)]
     _fill(report.records, matrices, at_junctions, cells, requirements, makers, extremes, timing, *(group for _, group in groups))
     many = at_junctions.many or matrices.too_many
+    brief = _LISTED if short else None
     blocks: list[Block] = [Notes(report.notes)] if report.notes else []
+    blocks.append(Head((*_session(report, at_junctions.found), *_few(makers.lines(), brief))))
     if report.comparison:
         blocks.append(Changes(report.comparison))
     blocks += [RollUp(sums(at_junctions.found))] if many else []
@@ -157,9 +169,7 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
     for title, group in groups:
         blocks += [Causes(title, tuple(found), report.again)] if (found := group.causes(many)) else []
     versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
-    brief = _LISTED if short else None
     lines = (
-        *_few(makers.lines(), brief),
         *extremes.lines(),
         *(_worst(at_junctions.found) if many else (one.line() for one in at_junctions.found)),
         *_few(timing.lines(), brief),
@@ -171,6 +181,18 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
         *_few(refused(report, _REASONS if short else None), brief),
     )
     return [*blocks, Figures(lines)]
+
+
+def _session(report: Report, found: Sequence[AtJunction]) -> Iterator[str]:
+    """Yield when a session was and by which command, where that is known, what came of it in all, and how it ended."""
+    if report.began:
+        yield f"began {report.began}"
+    if report.command:
+        yield f"command: {report.command}"
+    tally = sum((one.tally for one in found), Counter[Tallied]())
+    runs = len(set().union(*(one.runs for one in found)))
+    yield f"{plural(tally.total(), 'verdict')} on {plural(runs, 'run')}: {counted(tally)}"
+    yield f"exit status {report.ended}"
 
 
 def _fill(records: Iterable[Record], *tallies: _Tally) -> None:

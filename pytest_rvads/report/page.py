@@ -12,7 +12,7 @@ from typing import Any
 
 from pytest_rvads.report.matrix import group_of, member_of
 from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Notes, RollUp, Verdicts, outline
+from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.rollup import Sums
 from pytest_rvads.report.session_report import Report
@@ -71,6 +71,8 @@ def _said(block: Block) -> str:
     match block:
         case Notes(lines):
             return "".join(f"<p class=note>{markup(note)}</p>" for note in lines)
+        case Head(lines):
+            return f"<ul>{''.join(f'<li>{markup(line)}' for line in lines)}</ul>"
         case Changes(comparison):
             changes = "".join(f"<li>{markup(line)}" for line in comparison.lines())
             return f"<h2>{block.title}</h2><p>{markup(comparison.headline)}</p><ul>{changes}</ul>"

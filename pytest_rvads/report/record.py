@@ -62,6 +62,8 @@ class VerdictRecord(msgspec.Struct, frozen=True, kw_only=True):
     """What one rule says about a run: a `Verdict` without its explanation."""
 
     rule: str = ""
+    title: str = ""
+    """Of the rule, in words."""
     status: Outcome
     message: str = ""
     reason: str = ""
@@ -181,6 +183,8 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     rule: str | None
     driver: str
     """What drove, as it calls itself."""
+    source: str = ""
+    """Where what drove is defined and a digest of its code, or its version: ``pilots.py 3fa29c01``."""
     simulator: str = ""
     """What made the run, likewise."""
     requirements: tuple[str, ...]
@@ -211,6 +215,8 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Since the baseline, where there is one."""
     orbit: str = ""
     """The least scenario of the class, where the number does not tell which one that is."""
+    variant: str = ""
+    """Values of the test's other parameters, as ids name them, such as the version of a controller; empty without any."""
     recording: str = ""
     """What was recorded, as in the id of the item: file, and time or label where it holds several runs. It has no class, no
     scenario and no configuration: those are 0 and empty."""

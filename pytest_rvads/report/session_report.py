@@ -149,6 +149,12 @@ class Report:
     """Why junctions that tests asked for among others are left out, to their names."""
     drawn: tuple[Drawn, ...] = ()
     """Where tests ran only some of what they ask for; the rest is not planned."""
+    began: str = field(default="", compare=False)
+    """Date and time at which the session began, with its time zone (ISO 8601)."""
+    command: str = field(default="", compare=False)
+    """The command that it was started by."""
+    kept: str = field(default="", compare=False)
+    """Folder in which all runs are kept, from the folder the session was started in; empty where they are not."""
 
     @property
     def ended(self) -> int:

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pytest_rvads.report.matrix import Matrix
-from pytest_rvads.report.outline import Block, Causes, Changes, Figures, RollUp, Verdicts, outline
+from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.rollup import WORST, Sums
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.wording import printable
@@ -103,7 +103,7 @@ class _Screen:
                 self._matrix(matrix)
             case Causes():
                 self._causes(block)
-            case Figures(lines):
+            case Head(lines) | Figures(lines):
                 for line in lines:
                     self._line(line)
 

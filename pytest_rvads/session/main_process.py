@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import shlex
 import shutil
 import sys
 from collections.abc import Generator
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,6 +55,7 @@ class Session:
         self.troubles: list[str] = []
         self.report: Report | None = None
         """Of the whole session, once it is over."""
+        self.began = datetime.now().astimezone().isoformat(timespec="seconds")
         self.collected = False
         """Whether collecting came to its end; under xdist this process collects nothing."""
 
@@ -207,6 +211,9 @@ class Session:
             refused=plan.refused,
             drawn=tuple(plan.drawn),
             seconds=self._by_run(),
+            began=self.began,
+            command=shlex.join(["pytest", *self.config.invocation_params.args]),
+            kept=self._kept(),
         )
         if self.baseline:
             report = self._compare(report, self.baseline)
@@ -218,6 +225,10 @@ class Session:
             self.troubles.append(short)
             ended = ended or pytest.ExitCode.TESTS_FAILED
         return replace(report, notes=tuple(self.troubles), exitstatus=ended)
+
+    def _kept(self) -> str:
+        """Return the folder in which all runs are kept, from where the session was started."""
+        return os.path.relpath(self.options.keep, self.config.invocation_params.dir) if self.options.keep else ""
 
     def _by_run(self) -> dict[str, float]:
         """Return how long the items of every run took together [s]."""

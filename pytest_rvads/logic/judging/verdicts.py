@@ -122,6 +122,8 @@ class Verdict:
     """The vehicle under test, where the others are traffic; the status is then that of what it is to blame for, if anything."""
     provoked: bool = False
     """Violated or open, but by the doing of the traffic alone: nothing for a test of the subject to fail by."""
+    title: str = ""
+    """Of the rule, in words."""
 
     def __repr__(self) -> str:
         return f"<Verdict {self.rule} {self.status}: {self.message}>"
@@ -157,6 +159,7 @@ class Verdict:
         """Return the verdict as builtins."""
         return {
             "rule": self.rule,
+            "title": self.title,
             "status": self.status.value,
             "message": self.message,
             "reason": self.reason,

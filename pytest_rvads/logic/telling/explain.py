@@ -72,6 +72,7 @@ def tell(story: Story) -> Verdict:
         start=run.start,
         subject=story.subject,
         provoked=story.provoked,
+        title=rule.title,
     )
 
 
