@@ -16,6 +16,8 @@ __all__ = ["Entry", "Matrices", "Matrix", "group_of", "member_of"]
 
 
 _CLASS = re.compile(r"-class(\d{2,9})-")
+_LONG = 8
+"""A configuration with a longer label is numbered in tables and spelled out below them."""
 _NAMED = 3
 """Recordings of a row that are named."""
 _SPANS = 10
@@ -64,6 +66,12 @@ class Matrix:
     corner: str = "class"
     """What a row is: class, or recording."""
     junction: str = ""
+
+    @property
+    def numbers(self) -> dict[str, str]:
+        """What stands for configurations with long labels, in every format: ``#1``, ``#2``, in the order of the columns."""
+        long = [label for label in dict.fromkeys(cfg for cfg, _ in self.columns) if len(label) > _LONG]
+        return {label: f"#{number}" for number, label in enumerate(long, start=1)}
 
     @property
     def headings(self) -> list[str]:

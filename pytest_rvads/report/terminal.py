@@ -19,8 +19,6 @@ from pytest_rvads.wording import printable
 
 __all__ = ["summary"]
 
-_LONG = 8
-"""A configuration with a longer label is numbered in the table and spelled out below it."""
 _MOST = 10
 """Causes and changes of a kind listed; the rest is counted."""
 _ROWS = 20
@@ -160,8 +158,7 @@ class _Screen:
 
 def _layout(matrix: Matrix, width: int) -> tuple[dict[str, str], list[list[int]]]:
     """Return the numbers that stand for long configurations, and the columns of each table that a matrix is split into."""
-    long = [label for label in dict.fromkeys(cfg for cfg, _ in matrix.columns) if len(label) > _LONG]
-    short = {label: f"#{n}" for n, label in enumerate(long, start=1)}
+    short = matrix.numbers
     return short, _pages(matrix, short, width) if matrix.rows else []
 
 
