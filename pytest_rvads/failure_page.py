@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,8 +14,10 @@ from pytest_rvads.draw.replay import Beside, Track, replay
 from pytest_rvads.errors import FormulaError, RvadsError
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
+from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.timeline import timelines
+from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.runs.run import ARRAYS, Run
 from pytest_rvads.wording import one_line
 
@@ -21,8 +25,6 @@ __all__ = ["Page", "failure_pages", "failure_picture", "moment", "other_verdicts
 
 _BEFORE, _AFTER = 30.0, 10.0
 """How much of recorded traffic a page shows before and after what it is about [s]: minutes of dense traffic fill megabytes."""
-_WORST = ("FAIL", "OPEN", "ERROR", "UNSURE", "PROVOKED", "UNAVOIDABLE", "PASS", "NA")
-"""What a verdict of a run is, the worst first."""
 _TROUBLE = (Status.FAIL, Status.OPEN, Status.UNSURE)
 
 
@@ -68,7 +70,7 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
         RunError: the run holds no positions, or no states.
         MapError: its junction has no geometry.
     """
-    beside = beside or Beside()
+    beside = _known(run, rule, notes, beside or Beside())
     if run.excerpt is None:
         time, message = moment(run, verdict), verdict.message
         marked = [(time, message)]
@@ -92,6 +94,27 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
         yield Page(time, replay(part, title, notes, marked or [(time, title)], lines, who, time, beside))
 
 
+def _known(run: Run, rule: str | Rule, notes: str, beside: Beside) -> Beside:
+    """Return what is beside a run, with what run and rule tell of themselves where that was not given."""
+    told, asked = run.provenance, None
+    with suppress(FormulaError):  # of a rule that is known by no name
+        asked = get_rule(rule)
+    again = re.search(r"^rerun +(.+)$", notes, re.MULTILINE)
+    traffic = told.get("traffic")
+    driver = str(told.get("autopilot") or "")
+    found = {
+        "scenario": run.label,
+        "driven by": f"{driver}, {run.subject} alone; the others by {traffic}" if traffic and run.subject else driver,
+        "simulated by": str(told.get("simulator") or ""),
+        "rule": f"{asked.name}: {asked.title}".removesuffix(": ") if asked else str(rule),
+        "formula": asked.text if asked else "",
+        "rerun": again[1] if again else "",
+    }
+    given = dict(beside.facts)
+    own = tuple((word, given.pop(word, text)) for word, text in found.items())
+    return replace(beside, facts=tuple((word, text) for word, text in (*own, *given.items()) if text))
+
+
 def other_verdicts(run: Run, rules: Iterable[str | Rule], but: str = "") -> tuple[tuple[str, str, str], ...]:
     """Return rule, status and message of a run's verdicts by some rules, the worst first; for `Beside.others`.
 
@@ -104,16 +127,18 @@ def other_verdicts(run: Run, rules: Iterable[str | Rule], but: str = "") -> tupl
     """
     names = {rule if isinstance(rule, str) else rule.name: rule for rule in rules}
     found = [_judged(run, name, rule) for name, rule in names.items() if name != but]
-    return tuple(sorted(found, key=lambda one: _WORST.index(one[1])))
+    return tuple(sorted(found, key=lambda one: Outcome(one[1]).severity))
 
 
 def _judged(run: Run, name: str, rule: str | Rule) -> tuple[str, str, str]:
     try:
         verdict = check(run, rule)
     except RvadsError as error:
-        return name, Status.ERROR.value, one_line(str(error))
-    status = "UNAVOIDABLE" if verdict.unavoidable else "PROVOKED" if verdict.provoked else verdict.status.value
-    return name, status, verdict.message
+        return name, Outcome.ERROR.value, one_line(str(error))
+    found = (
+        Outcome.UNAVOIDABLE if verdict.unavoidable else Outcome.PROVOKED if verdict.provoked else Outcome(verdict.status.value)
+    )
+    return name, found.value, verdict.message
 
 
 def _troubled(verdict: Verdict) -> list[tuple[float, InstanceVerdict]]:
@@ -157,12 +182,13 @@ def _part(run: Run, begin: int, end: int) -> Run:
     columns = [name for name in (*ARRAYS, "spread") if name != "lights" and getattr(run, name) is not None]
     shift = begin * run.dt
     within = [c for c in run.collisions or () if begin <= round(c.time / run.dt) < end and names.issuperset(c.agents)]
+    touched = tuple(replace(collision, time=collision.time - shift) for collision in within)
     return replace(
         run,
         lights=run.lights[span],
         **{name: getattr(run, name)[span][:, there] for name in columns},
         agents=tuple(run.agents[column] for column in there),
-        collisions=tuple(replace(collision, time=collision.time - shift) for collision in within),
+        collisions=None if run.collisions is None else touched,
         fault=None if run.fault is None else replace(run.fault, time=run.fault.time - shift),
         excerpt=None if run.excerpt is None else replace(run.excerpt, start=run.start + shift),
     )
