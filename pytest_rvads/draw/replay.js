@@ -257,6 +257,7 @@ if (run.ghost) {
   get("parted").textContent = run.ghost.said + " ";
   for (const [time, text] of run.ghost.times) timed(get("parted"), time, text, "");
 }
+document.querySelector("h1").title = document.title; // where there is no room for all of it
 if (run.back) {
   get("back").href = run.back;
   get("back").hidden = get("back").protocol !== location.protocol; // no script, nothing from elsewhere

@@ -24,9 +24,9 @@ _EVERY = 5
 """Positions are stored every so many states and drawn on straight lines between; zones and lights are exact."""
 _TRAIL = 3.0
 """How long the trails of recorded traffic are [s]: among many vehicles, longer ones hide what happens."""
-_LEAD = 3.0
+_LEAD = 1.5
 """How far back the first view reaches for those that the page is about [s]."""
-_NEAR, _AROUND = 14.0, 5.0
+_NEAR, _AROUND = 10.0, 3.0
 """Who is how far from the junction is in the first view, and how much is around it all [m]."""
 
 
@@ -151,6 +151,9 @@ def _home(run: Run, scene: Scene, about: float, responsible: Collection[str]) ->
         way = run.need("pose")[begin : tick + 1, column, :2][run.here[begin : tick + 1, column]]
         near = ((way > low - _NEAR) & (way < high + _NEAR)).all(axis=1)
         points += list(way[near])
+        if run.here[tick, column] and near.any():
+            heading = run.need("pose")[tick, column, 2]
+            points.append(way[-1] - size(run, column)[0] * np.array([np.cos(heading), np.sin(heading)]))
     (left, bottom), (right, top) = np.min(points, axis=0) - _AROUND, np.max(points, axis=0) + _AROUND
     return [round(float(v), 2) for v in (left, -top, right, -bottom)]
 
