@@ -24,8 +24,10 @@ _HOLD, _REST = 2.0, 1.0
 """How long the picture stands still when it happens, and at its end, in seconds of whoever watches."""
 _LONGEST = 60.0
 """How much of a run is shown at most [s]: a picture stays below a megabyte."""
-_NEAR, _BESIDE, _AROUND = 11.0, 26.0, 3.5
-"""How far before the junction a vehicle is in view, how far from it the others are, and how much is around all that [m]."""
+_NEAR, _SPAN = 11.0, 16.0
+"""How far from the junction, and from where it is when it happens, a vehicle is in view that the picture is about [m]."""
+_BESIDE, _AROUND = 26.0, 3.5
+"""How far from such a vehicle others are in view, and how much is around all that [m]."""
 _SEAM = 0.2
 """How much wider than they are lanes are drawn, so that nothing shows through where they meet [m]."""
 _SHAPE = 0.62
@@ -147,7 +149,9 @@ def _film(run: Run, scene: Scene, responsible: Collection[str], around: float | 
     begin = 0
     if around is not None:
         begin = max(still - round(min(before, _LONGEST) / run.dt), 0)
-        near = [_near(run, scene, column)[begin:still] for column, agent in enumerate(run.agents) if agent.name in responsible]
+        near = [
+            _near(run, scene, column, still)[begin:still] for column, agent in enumerate(run.agents) if agent.name in responsible
+        ]
         came = np.any(near, axis=0)
         begin += int(came.argmax()) if near and len(came) else 0  # 0 as well where nobody came
     end = min(last, round(_LONGEST / run.dt)) if around is None else min(still + round(min(after, _LONGEST) / run.dt), last)
@@ -164,11 +168,16 @@ def _film(run: Run, scene: Scene, responsible: Collection[str], around: float | 
     return _Film(ticks, times, still, times[place], times[-1] + _REST)
 
 
-def _near(run: Run, scene: Scene, column: int) -> NDArray[np.bool_]:
-    """Return when a vehicle is so near the junction that it may be in view, shape ``(steps,)``."""
+def _near(run: Run, scene: Scene, column: int, still: int) -> NDArray[np.bool_]:
+    """Return when a vehicle that the picture is about is in view, shape ``(steps,)``.
+
+    That is near the junction, and not far from where it is when it happens.
+    """
     low, high = scene.core
     way = run.need("pose")[:, column, :2]
     found: NDArray[np.bool_] = run.here[:, column] & ((way > low - _NEAR) & (way < high + _NEAR)).all(axis=1)
+    if run.here[still, column]:
+        found &= np.hypot(*(way - way[still]).T) < _SPAN
     return found
 
 
@@ -181,7 +190,7 @@ def _view(run: Run, scene: Scene, film: _Film, responsible: Collection[str]) -> 
     about = [column for column, agent in enumerate(run.agents) if agent.name in responsible and run.here[ticks, column].any()]
     points = [] if about else list(scene.core)
     for column in about:
-        points += list(pose[ticks, column, :2][_near(run, scene, column)[ticks]])
+        points += list(pose[ticks, column, :2][_near(run, scene, column, film.still)[ticks]])
     centres = [pose[film.still, column, :2] for column in about if run.here[film.still, column]]
     for column, agent in enumerate(run.agents):
         if agent.name not in responsible and run.here[film.still, column]:

@@ -5,9 +5,11 @@ const marks = {PASS: ["good", "\u2713"], FAIL: ["bad", "\u2717"], ERROR: ["bad",
 const get = id => document.getElementById(id);
 const stage = get("stage"), scene = stage.querySelector("svg");
 const bodies = document.querySelectorAll(".vehicle"), trails = document.querySelectorAll(".trail"), ghosts = document.querySelectorAll(".ghost");
-const struck = run.agents.map((name, i) => run.impacts.find(([, who]) => who.includes(i))?.[0] ?? Infinity);
+// Bodies that touch by what was measured of them may not have.
+const impacts = run.watched ? run.impacts : [];
+const struck = run.agents.map((name, i) => impacts.find(([, who]) => who.includes(i))?.[0] ?? Infinity);
 const driven = run.agents.map((name, i) => [name, run.zones[i].map(([tick, zone]) => [tick, places[zone]]), struck[i]]);
-const over = run.trail || !run.impacts.length ? Infinity : run.impacts[0][0]; // of traffic, others drive on
+const over = run.trail || !impacts.length ? Infinity : impacts[0][0]; // of traffic, others drive on
 const lamps = run.lights.map((changes, e) => ["light " + run.entrances[e], changes.map(([tick, colour]) => [tick, colours[colour]])])
   .filter(([, changes]) => changes.some(([, word]) => word !== "none"));
 // Among dozens of vehicles, those that it is about come first.
@@ -64,8 +66,11 @@ function show(index) {
   });
   const hits = run.impacts.filter(([tick]) => tick <= now), hit = [...new Set(hits.flatMap(([, who]) => who))].map(i => run.agents[i]);
   get("impact").hidden = !hits.length;
-  if (hits.length) get("impact").textContent = `impact at ${clock(hits[0][0]).toFixed(2)} s: ${hit.slice(0, 6).join(", ")}${hit.length > 6 ? ", ..." : ""}. `
-    + `What follows is no driving${run.trail ? " of theirs" : ""}.`;
+  if (hits.length) {
+    const who = `at ${clock(hits[0][0]).toFixed(2)} s: ${hit.slice(0, 6).join(", ")}${hit.length > 6 ? ", ..." : ""}.`;
+    get("impact").textContent = run.watched ? `impact ${who} What follows is no driving${run.trail ? " of theirs" : ""}.`
+      : `by their places and sizes, bodies touch ${who} What follows may be no driving of theirs.`;
+  }
   cursors.forEach(cursor => { cursor.style.left = 100 * now / Math.max(last, 1) + "%"; });
   told.forEach(([row, label, changes]) => { row.firstChild.textContent = `${label}: ${at(changes, now)}`; });
   get("scrub").value = now;

@@ -118,6 +118,7 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
         "marked": [time for time, _ in told if opened in (None, time)],
         "events": sorted([*((*event, False) for event in events(run)), *((*event, True) for event in told)]),
         "impacts": _impacts(run),
+        "watched": run.collisions is not None,
         "home": _home(run, scene, about, responsible),
         "reach": max(wide, high),
         "facts": beside.facts,
@@ -194,7 +195,8 @@ def events(run: Run) -> list[tuple[float, str]]:
             (round(first + tick * run.dt, 6), f"light {label(junction, entrance)} turns {Colour(colour).name.lower()}")
             for tick, colour in _changes(run.lights[:, entrance])[1:]
         ]
-    found += [(first + c.time, f"{c.agents[0]} and {c.agents[1]} collide at {c.speed:.1f} m/s") for c in _touched(run)]
+    touch = "touch, by their places and sizes," if run.collisions is None else "collide"
+    found += [(first + c.time, f"{c.agents[0]} and {c.agents[1]} {touch} at {c.speed:.1f} m/s") for c in _touched(run)]
     if run.fault:
         found.append((first + run.fault.time, run.fault.reason))
     return sorted(found)

@@ -29,7 +29,7 @@ def driven(speed: float) -> Run:
     return Run(
         scenario.name,
         scenario.place,
-        scenario.agents(),
+        tuple(replace(agent, size=(4.6, 1.86)) for agent in scenario.agents()),
         np.array([[i.zone(s) for i, s in zip(itineraries, row, strict=True)] for row in station], dtype=np.int8),
         np.zeros((steps, 4), dtype=np.int8),
         station=station,
@@ -62,6 +62,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "same": replay(run, "same", beside=Beside(ghost=driven(5.0), ghost_name="main.json")),
         "script": replay(run, "back", beside=Beside(back="javascript:window.owned=1")),
         "impact": replay(replace(run, collisions=(Collision(IMPACT, ("a0", "a2"), 11.0),)), "crash"),
+        "touch": replay(replace(run, collisions=None, pose=np.repeat(run.need("pose")[:, :1], 4, axis=1)), "touch"),
     }
     folder = tmp_path_factory.mktemp("replays")
     for name, text in made.items():
@@ -280,6 +281,14 @@ def test_after_an_impact_the_page_says_that_nothing_is_driven(opened: Open) -> N
     strip, grey = box(browser, ".strip"), box(browser, ".strip s")
     assert grey[2] == pytest.approx(strip[2] * 0.5 / 4.0, abs=1)
     assert grey[0] + grey[2] / 2 == pytest.approx(strip[0] + strip[2] / 2, abs=1), "up to the end"
+
+
+def test_bodies_that_touch_in_a_recording_may_have_or_not(opened: Open) -> None:
+    browser = opened("touch", "#t=1")
+    assert one(browser, "#impact").text == (
+        "by their places and sizes, bodies touch at 0.00 s: a0, a1, a2, a3. What follows may be no driving of theirs."
+    )
+    assert not every(browser, ".after, .strip s")
 
 
 def touch(browser: Chrome, kind: str, *points: tuple[float, float]) -> None:
