@@ -304,6 +304,7 @@ def test_on_a_phone_the_picture_comes_first_and_two_fingers_zoom(opened: Open) -
     x, y, wide, high = box(browser, "#stage")
     assert wide * high > 0.5 * 375 * 667, "most of the first screen"
     assert y + high / 2 < 667
+    assert box(browser, "#clock")[0] + box(browser, "#clock")[2] / 2 <= box(browser, "#scrub")[0] - box(browser, "#scrub")[2] / 2
     first = long(browser)
     assert first > 25, "large enough to see"
     assert not one(browser, "#facts").is_displayed(), "folded"
