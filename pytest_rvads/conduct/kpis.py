@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.bodies import velocity
+from pytest_rvads.conduct.bodies import contacts, tick_of, velocity
 from pytest_rvads.conduct.predicates import ticks
 from pytest_rvads.conduct.presence import judged
 from pytest_rvads.conduct.stretches import shared
@@ -42,9 +42,9 @@ class VehicleKpis:
     delay: float | None
     """Time to its exit vertex beyond what driving there at the speed limit takes [s]; None if it never got there."""
     deceleration: float | None
-    """Hardest braking, over `WINDOW` [m/s^2]."""
+    """Hardest braking, over `WINDOW`, before the vehicle first touched another: an impact is no braking [m/s^2]."""
     jerk: float | None
-    """Largest change of acceleration, over `WINDOW` [m/s^3]."""
+    """Largest change of acceleration, over `WINDOW`, before the vehicle first touched another [m/s^3]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,10 +159,21 @@ def describe(found: Kpis) -> list[str]:
 
 
 def _accelerations(run: Run, column: int) -> tuple[NDArray[np.float64], int]:
-    """Return the mean acceleration over every window while the vehicle was there [m/s^2], and the window in steps."""
+    """Return the mean acceleration over every window while the vehicle drove [m/s^2], and the window in steps."""
     step = max(ticks(run, WINDOW), 1)
-    driven = run.need("speed")[run.here[:, column], column]
+    end = _impact(run, column)
+    driven = run.need("speed")[:end, column][run.here[:end, column]]
     return (driven[step:] - driven[:-step]) / (step * run.dt), step
+
+
+def _impact(run: Run, column: int) -> int:
+    """Return the tick at which a vehicle first touches another, the number of states where it never does."""
+    try:
+        touched = contacts(run)
+    except RunError:  # it holds no positions or no sizes, so nobody knows
+        return run.steps
+    name = run.agents[column].name
+    return min((tick_of(run, contact) for contact in touched if name in contact.agents), default=run.steps)
 
 
 def _deceleration(run: Run, column: int) -> float | None:

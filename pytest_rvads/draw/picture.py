@@ -6,13 +6,12 @@ from collections.abc import Collection
 
 import numpy as np
 
-from pytest_rvads.draw.scene import Scene, body, inks, path
+from pytest_rvads.draw.scene import Scene, body, inks, path, size
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.wording import markup
 
-__all__ = ["STYLE", "picture", "size"]
+__all__ = ["STYLE", "picture"]
 
 STYLE = """
 .lane{fill:none;stroke:#d9d9d9}.way{fill:none;stroke:#bdbdbd;stroke-width:.12;stroke-dasharray:.6 .6}
@@ -57,8 +56,3 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
         f'{"".join(parts)}<rect x="{left:.2f}" y="{top - 5:.2f}" width="{wide:.2f}" height="5" fill="#fff"/>'
         f'<text class="title" x="{left + 1:.2f}" y="{top - 1.5:.2f}">{markup(title)}</text></svg>\n'
     )
-
-
-def size(run: Run, agent: int) -> tuple[float, float]:
-    """Return length and width of a body [m], of the default vehicle where the run does not say."""
-    return run.agents[agent].size or (Vehicle().length, Vehicle().width)

@@ -1,4 +1,4 @@
-"""A run as a self-contained page: play, scrub, speed, keyboard, a link to a time; events, zones, lights, monitors over time."""
+"""A run as a self-contained page: play, scrub, zoom, follow, keyboard, links to a time; what happens, and what is beside it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.draw.picture import STYLE, size
-from pytest_rvads.draw.scene import Scene, body, inks, label
+from pytest_rvads.conduct.bodies import contacts, tick_of
+from pytest_rvads.draw.ghost import ghost_data, motion, outlines
+from pytest_rvads.draw.picture import STYLE
+from pytest_rvads.draw.scene import Scene, body, inks, label, size
 from pytest_rvads.errors import RunError
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import markup
@@ -22,6 +24,10 @@ _EVERY = 5
 """Positions are stored every so many states and drawn on straight lines between; zones and lights are exact."""
 _TRAIL = 3.0
 """How long the trails of recorded traffic are [s]: among many vehicles, longer ones hide what happens."""
+_LEAD = 1.5
+"""How far back the first view reaches for those that the page is about [s]."""
+_NEAR, _AROUND = 10.0, 3.0
+"""Who is how far from the junction is in the first view, and how much is around it all [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +63,7 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
     tracks: Iterable[Track] = (),
     responsible: Collection[str] = (),
     opened: float | None = None,
+    beside: Beside | None = None,
 ) -> str:
     """Return an HTML page that replays `run`, state by state.
 
@@ -69,6 +76,7 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
         responsible: names of the vehicles to point out.
         opened: time at which the page opens [s], the one of the further events that all rows are marked at; by default the
             beginning, and all of them.
+        beside: what else the page says and shows.
 
     Times that are given and shown are on the clock of the recording that the run is an excerpt of, ticks count from its start.
 
@@ -88,7 +96,8 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
         body(np.nan_to_num(run.pose[run.spans[i, 0], i]), agent, size(run, i), colours[i], agent.name in responsible)
         for i, agent in enumerate(run.agents)
     )
-    told = sorted(marked)
+    told, beside = sorted(marked), beside or Beside()
+    about = next((time for time, _ in told if opened in (None, time)), run.start)
     data = {
         "dt": run.dt,
         "start": run.start,
@@ -99,7 +108,8 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
         "lengths": [size(run, i)[0] for i in range(len(run.agents))],
         "agents": [a.name for a in run.agents],
         "kinds": [a.kind for a in run.agents],
-        "motion": _motion(run),
+        "inks": colours,
+        "motion": motion(run, _EVERY, run.zone != Zone.ABSENT, "pose", "station", "speed"),
         "zones": [_changes(run.zone[:, i]) for i in range(len(run.agents))],
         "entrances": [label(run.junction, e) for e in range(run.lights.shape[1])],
         "lights": [_changes(run.lights[:, e]) for e in range(run.lights.shape[1])],
@@ -107,6 +117,14 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
         "responsible": [a.name for a in run.agents if a.name in responsible],
         "marked": [time for time, _ in told if opened in (None, time)],
         "events": sorted([*((*event, False) for event in events(run)), *((*event, True) for event in told)]),
+        "impacts": _impacts(run),
+        "watched": run.collisions is not None,
+        "home": _home(run, scene, about, responsible),
+        "reach": max(wide, high),
+        "facts": beside.facts,
+        "others": beside.others,
+        "back": beside.back,
+        "ghost": ghost_data(run, beside.ghost, beside.ghost_name, _EVERY),
     }
     return webpage(
         "pytest_rvads.draw",
@@ -116,20 +134,44 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
         style=STYLE,
         heading=markup(title),
         scene=f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2f} {top:.2f} {wide:.2f} {high:.2f}">'
-        f"{scene.road()}{scene.lights(run.lights[0])}{trails}{bodies}</svg>",
+        f"{scene.road()}{scene.lights(run.lights[0])}{outlines(beside.ghost)}{trails}{bodies}</svg>",
         notes=markup(notes),
     )
 
 
-def _motion(run: Run) -> list[list[list[float] | None]]:
-    """Return x, y, heading, station and speed of every vehicle, every `_EVERY` states; None while it is absent."""
-    motion = np.concatenate((run.need("pose"), run.need("station")[..., None], run.need("speed")[..., None]), axis=2)
-    for column, (begin, end) in enumerate(run.spans.tolist()):
-        motion[begin:end, column, 2] = np.unwrap(motion[begin:end, column, 2])
-    stored: list[list[list[float] | None]] = np.nan_to_num(motion[::_EVERY].round(3)).tolist()  # who is gone may have no place
-    for row, column in np.argwhere(run.zone[::_EVERY] == Zone.ABSENT).tolist():
-        stored[row][column] = None
-    return stored
+def _home(run: Run, scene: Scene, about: float, responsible: Collection[str]) -> list[float]:
+    """Return left, top, right and bottom of what the page shows at first, in SVG coordinates [m].
+
+    That is the junction, the vehicles near it when it happens, and where those that it is about came from.
+    """
+    tick = min(max(round((about - run.start) / run.dt), 0), run.steps - 1)
+    low, high = scene.core
+    points = [low, high]
+    for column, agent in enumerate(run.agents):
+        begin = max(tick - round(_LEAD / run.dt), 0) if agent.name in responsible else tick
+        way = run.need("pose")[begin : tick + 1, column, :2][run.here[begin : tick + 1, column]]
+        near = ((way > low - _NEAR) & (way < high + _NEAR)).all(axis=1)
+        points += list(way[near])
+        if run.here[tick, column] and near.any():
+            heading = run.need("pose")[tick, column, 2]
+            points.append(way[-1] - size(run, column)[0] * np.array([np.cos(heading), np.sin(heading)]))
+    (left, bottom), (right, top) = np.min(points, axis=0) - _AROUND, np.max(points, axis=0) + _AROUND
+    return [round(float(v), 2) for v in (left, -top, right, -bottom)]
+
+
+def _touched(run: Run) -> tuple[Collision, ...]:
+    """Return who touched whom and when, nobody where the run can't tell."""
+    try:
+        return contacts(run)
+    except RunError:
+        return ()
+
+
+def _impacts(run: Run) -> list[tuple[int, list[int]]]:
+    """Return tick and columns of every collision, by time."""
+    columns = {agent.name: column for column, agent in enumerate(run.agents)}
+    found = [(tick_of(run, c), [columns[name] for name in c.agents if name in columns]) for c in _touched(run)]
+    return sorted(found)
 
 
 def events(run: Run) -> list[tuple[float, str]]:
@@ -153,7 +195,8 @@ def events(run: Run) -> list[tuple[float, str]]:
             (round(first + tick * run.dt, 6), f"light {label(junction, entrance)} turns {Colour(colour).name.lower()}")
             for tick, colour in _changes(run.lights[:, entrance])[1:]
         ]
-    found += [(first + c.time, f"{c.agents[0]} and {c.agents[1]} collide at {c.speed:.1f} m/s") for c in run.collisions or ()]
+    touch = "touch, by their places and sizes," if run.collisions is None else "collide"
+    found += [(first + c.time, f"{c.agents[0]} and {c.agents[1]} {touch} at {c.speed:.1f} m/s") for c in _touched(run)]
     if run.fault:
         found.append((first + run.fault.time, run.fault.reason))
     return sorted(found)

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from pytest_rvads.draw.symbols import arrow, marks, sign
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Kind
+from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.wording import markup
 
-__all__ = ["Scene", "body", "inks", "label", "path"]
+__all__ = ["Scene", "body", "inks", "label", "path", "placed", "size"]
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00", "#555555")
 """Okabe and Ito's palette, distinguishable by colour-blind people."""
@@ -55,9 +57,14 @@ class Scene:
     @property
     def view(self) -> tuple[float, float, float, float]:
         """Left, top, width and height of the picture in SVG coordinates (y down) [m]."""
-        points = np.vstack([self.junction.way_through(*key).points for key in self.junction.movements])
-        low, high = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
+        low, high = self.core[0] - _MARGIN, self.core[1] + _MARGIN
         return float(low[0]), float(-high[1]), float(high[0] - low[0]), float(high[1] - low[1])
+
+    @property
+    def core(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lowest and highest x and y of the ways through the junction [m]."""
+        points = np.vstack([self.junction.way_through(*key).points for key in self.junction.movements])
+        return points.min(axis=0), points.max(axis=0)
 
     def road(self) -> str:
         """Return lanes with their marks and arrows, movements, stopping lines, numbers of arms and signs."""
@@ -138,9 +145,27 @@ def _shade(number: int) -> str:
     return "#" + "".join(f"{int(_DARKER * int(colour[k : k + 2], 16)):02x}" for k in (1, 3, 5))
 
 
-def body(pose: NDArray[np.float64], agent: Agent, size: tuple[float, float], colour: str, broken: bool = False) -> str:
-    """Return a vehicle to scale; `pose` is that of the centre of its front bumper, `size` its length and width [m]."""
-    (x, y, heading), (length, width), name = map(float, pose), size, markup(agent.name)
+def body(  # noqa: PLR0913 - a vehicle and how it looks
+    pose: NDArray[np.float64],
+    agent: Agent,
+    size: tuple[float, float],
+    colour: str,
+    broken: bool = False,
+    style: str = "vehicle",
+    more: str = "",
+) -> str:
+    """Return a vehicle to scale.
+
+    Args:
+        pose: of the centre of its front bumper [m], [rad].
+        agent: the vehicle.
+        size: its length and width [m].
+        colour: that it is filled with.
+        broken: whether it is pointed out.
+        style: class of the element.
+        more: markup of what moves with it.
+    """
+    heading, (length, width), name = float(pose[2]), size, markup(agent.name)
     outline = ' class="broken"' if broken else ""
     kind = "" if agent.kind is Kind.CAR else f"<title>{agent.kind} {name}</title>"
     along = len(agent.name) > _ROOM
@@ -149,13 +174,24 @@ def body(pose: NDArray[np.float64], agent: Agent, size: tuple[float, float], col
     middle = length * (0.58 if along else 0.5)
     high = min(_NAME, 0.75 * length / (0.6 * len(agent.name))) if along else _NAME
     return (
-        f'<g class="vehicle" data-agent="{name}" transform="translate({x:.3f} {-y:.3f}) rotate({-degrees(heading):.2f})">{kind}'
+        f'<g class="{style}" data-agent="{name}" transform="{placed(pose)}">{kind}'
         f'<rect{outline} x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" '
         f'rx="{_CORNERS.get(agent.kind, width / 2):g}" fill="{colour}"/>'
         f'<path class="front" d="M-1.3 {-width / 2 + 0.25:g}L-0.3 0L-1.3 {width / 2 - 0.25:g}"/>'
         f'<text class="{"name along" if along else "name"}" font-size="{high:.2f}" '
-        f'transform="translate({-middle:g} 0) rotate({turned:.2f})" y="{high / 3:.2f}">{name}</text></g>'
+        f'transform="translate({-middle:g} 0) rotate({turned:.2f})" y="{high / 3:.2f}">{name}</text>{more}</g>'
     )
+
+
+def placed(pose: NDArray[np.float64]) -> str:
+    """Return the transform of SVG that brings what is drawn around the centre of a front bumper to a pose."""
+    x, y, heading = map(float, pose)
+    return f"translate({x:.3f} {-y:.3f}) rotate({-degrees(heading):.2f})"
+
+
+def size(run: Run, agent: int) -> tuple[float, float]:
+    """Return length and width of a body [m], of the default vehicle where the run does not say."""
+    return run.agents[agent].size or (Vehicle().length, Vehicle().width)
 
 
 def path(points: NDArray[np.float64]) -> str:

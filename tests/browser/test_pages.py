@@ -120,7 +120,8 @@ def test_a_page_of_traffic_opens_where_it_is_about(open_page: Open, traffic: str
 
     def seen() -> list[str]:
         rows = browser.find_elements("css selector", "#states tbody tr")
-        bodies = [b.get_attribute("data-agent") for b in browser.find_elements("css selector", ".vehicle") if b.is_displayed()]
+        drawn = browser.find_elements("css selector", ".vehicle")  # not all of them in view
+        bodies = [b.get_attribute("data-agent") for b in drawn if b.value_of_css_property("display") != "none"]
         assert bodies == [row.text.split()[0] for row in rows if row.is_displayed()]
         return bodies
 

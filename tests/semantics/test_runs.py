@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pytest_rvads.conduct.bodies import contacts
 from pytest_rvads.conduct.kpis import describe, kpis
 from pytest_rvads.conduct.validate import validate
 from pytest_rvads.drivers.reference import Reference
@@ -318,6 +319,33 @@ def test_indicators_of_a_vehicle_by_hand() -> None:
     assert one.jerk == pytest.approx(4.0 / 0.1), "from 0 to 4 m/s^2 within the window"
     assert one.waiting == pytest.approx(float((run.zone[:, 0] == Zone.ENTRANCE).sum()) * 0.01)
     assert one.waiting > 1.0
+
+
+def test_an_impact_is_no_braking() -> None:
+    # a0 brakes at 2 m/s^2 and is stopped by a collision at 2 s; a1, which drives on, brakes at 4 m/s^2 after 3 s.
+    hit = [8.0 - 0.02 * k for k in range(200)] + [0.0] * 201
+    spared = [8.0] * 300 + [8.0 - 0.04 * k for k in range(101)]
+    run = moving({(0, 2): (-30.0, hit), (1, 3): (-60.0, spared), (2, 0): (-60.0, [8.0] * 401)})
+    assert kpis(run).vehicles[0].deceleration == pytest.approx(4.0 / 0.1, rel=0.05), "nobody said that it was an impact"
+    touched = kpis(replace(run, collisions=(Collision(2.0, ("a0", "a2"), 9.0),)))
+    assert [one.deceleration for one in touched.vehicles] == [pytest.approx(2.0), pytest.approx(4.0), 0.0]
+    assert touched.vehicles[0].jerk == pytest.approx(0.0, abs=1e-6)
+    at_once = kpis(replace(run, collisions=(Collision(0.0, ("a0", "a2"), 9.0),)))
+    assert (at_once.vehicles[0].deceleration, at_once.vehicles[0].jerk) == (None, None), "it never drove"
+
+
+def test_an_impact_that_nobody_recorded_is_no_braking_either() -> None:
+    # Where nobody watched, bodies that touch tell it: a1 stands in the way of a0.
+    speeds = [8.0] * 100 + [0.0] * 50
+    run = moving({(0, 2): (-9.0, speeds), (1, 3): (-60.0, [0.0] * 150)})
+    pose = run.need("pose").copy()
+    pose[:, 1] = pose[101, 0]
+    pose[:, 1, :2] -= 0.05 * np.array([np.cos(pose[0, 0, 2]), np.sin(pose[0, 0, 2])])
+    pose[:, 1, 2] += np.pi  # head on
+    blocked = replace(run, pose=pose, collisions=None)
+    assert contacts(blocked)[0].time == pytest.approx(1.0, abs=0.02)
+    assert kpis(blocked).vehicles[0].deceleration == pytest.approx(0.0, abs=1e-6)
+    assert kpis(replace(blocked, collisions=())).vehicles[0].deceleration == pytest.approx(80.0)
 
 
 def test_delay_against_the_speed_limit() -> None:

@@ -1,0 +1,183 @@
+"""What stands beside a replay: facts, other verdicts, an earlier run and where the two part."""
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pytest_rvads.draw.replay import Beside, replay
+from pytest_rvads.failure_page import failure_pages, other_verdicts
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.logic.rules.book import get_rule
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.runs.run import Collision, Excerpt, Facts, Run
+from pytest_rvads.scenarios.scenario import Scenario
+
+Make = Callable[..., Run]
+
+
+def driven(speed: float = 5.0, **changes: Any) -> Run:
+    """Return a run of 6 s through stop4 without a stop: a0 at some speed, a2 at 5 m/s, from 10 m before the junction."""
+    scenario = Scenario(find("stop4"), "2020", distance=10)
+    itineraries, steps = [i for i in scenario.itineraries() if i], 601
+    speeds = np.tile([speed, 5.0], (steps, 1))
+    station = -10.0 + speeds * 0.01 * np.arange(steps)[:, None]
+    run = Run(
+        scenario.name,
+        scenario.place,
+        tuple(replace(agent, size=(4.6, 1.86)) for agent in scenario.agents()),
+        np.array([[i.zone(s) for i, s in zip(itineraries, row, strict=True)] for row in station], dtype=np.int8),
+        np.zeros((steps, 4), dtype=np.int8),
+        station=station,
+        speed=speeds,
+        pose=np.array([[i.pose(s) for i, s in zip(itineraries, row, strict=True)] for row in station]),
+        collisions=(),
+    )
+    return replace(run, **changes)
+
+
+def data(page: str) -> dict[str, Any]:
+    """What the script of a page is given, which JSON has to hold: a browser reads no NaN."""
+    (text,) = re.findall('<script type="application/json" id="data">(.*)</script>', page)
+    found: dict[str, Any] = json.loads(text, parse_constant=pytest.fail)
+    return found
+
+
+def page(run: Run, rule: str | Rule = "full_stop", notes: str = "", beside: Beside | None = None) -> dict[str, Any]:
+    return data(next(failure_pages(run, check(run, "full_stop"), rule, notes, beside)).html)
+
+
+def test_a_page_tells_what_run_rule_and_notes_say_of_themselves() -> None:
+    told = {"autopilot": "mine.Pilot", "traffic": "reference", "simulator": "bullet"}
+    run = driven(provenance=told, facts=Facts(subject="a0", speed_limit=11.176))
+    rule = get_rule("full_stop")
+    assert page(run, notes="block\nrerun     pytest 'x'\nmore")["facts"] == [
+        ["scenario", run.label],
+        ["driven by", "mine.Pilot, a0 alone; the others by reference"],
+        ["simulated by", "bullet"],
+        ["rule", f"full_stop: {rule.title}"],
+        ["formula", rule.text],
+        ["rerun", "pytest 'x'"],
+    ]
+    bare = page(driven(), "unheard_of")
+    assert bare["facts"] == [["scenario", run.label], ["rule", "unheard_of"]]
+
+
+def test_what_is_given_stands_in_for_what_is_known() -> None:
+    run = driven(provenance={"autopilot": "mine.Pilot", "simulator": "bullet"})
+    given = Beside((("driven by", "mine.Pilot 1.2"), ("map", "town.xodr"), ("simulated by", "")))
+    facts = page(run, beside=given)["facts"]
+    assert ["driven by", "mine.Pilot 1.2"] in facts
+    assert facts[-1] == ["map", "town.xodr"]
+    assert not [word for word, _ in facts if word == "simulated by"], "what says nothing is left out"
+
+
+def test_other_verdicts_come_worst_first() -> None:
+    run = driven(facts=Facts(speed_limit=11.176))
+    found = other_verdicts(run, ["no_collision", "full_stop", "red", get_rule("speed_limit"), "progress"], "progress")
+    assert [(rule, status) for rule, status, _ in found] == [
+        ("full_stop", "FAIL"),
+        ("no_collision", "PASS"),
+        ("speed_limit", "PASS"),
+        ("red", "NA"),
+    ]
+    assert found[0][2] == check(run, "full_stop").message
+
+
+def test_a_rule_that_can_not_judge_the_run_is_told_and_ends_nothing() -> None:
+    found = other_verdicts(driven(), ["no_collision", "unheard_of"])
+    assert [(rule, status) for rule, status, _ in found] == [("unheard_of", "ERROR"), ("no_collision", "PASS")]
+    assert "unheard_of" in found[0][2]
+    assert "\n" not in found[0][2]
+    speeds = driven().need("speed").copy()
+    speeds[7, 0] = np.nan
+    broken = other_verdicts(replace(driven(), speed=speeds), ["no_collision"])
+    assert [status for _, status, _ in broken] == ["ERROR"]
+
+
+def test_what_traffic_provoked_or_nobody_could_help_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    from pytest_rvads import failure_page
+
+    verdicts = {
+        "a": Verdict("a", Status.FAIL, "a", provoked=True),
+        "b": Verdict("b", Status.FAIL, "b", unavoidable=True),
+        "c": Verdict("c", Status.OPEN, "c"),
+    }
+    monkeypatch.setattr(failure_page, "check", lambda _, rule: verdicts[rule])
+    assert [status for _, status, _ in other_verdicts(driven(), "abc")] == ["OPEN", "UNAVOIDABLE", "PROVOKED"]
+
+
+def ghost(run: Run, earlier: Run) -> dict[str, Any]:
+    found: dict[str, Any] = data(replay(run, "", beside=Beside(ghost=earlier, ghost_name="main")))["ghost"]
+    return found
+
+
+def test_an_earlier_run_is_where_it_was() -> None:
+    earlier = driven(4.0)
+    held = ghost(driven(), earlier)
+    assert held["agents"] == ["a0", "a2"]
+    assert np.array(held["motion"])[:, :, :2] == pytest.approx(earlier.need("pose")[::5, :, :2], abs=6e-4)
+    assert held["said"] == "This run and main part at t = 0.00 s: speed of a0 is 5 here, 4 there."
+    assert [time for time, _ in held["times"]] == [0.0, 0.11], "1 m/s slower, so more than 0.1 m behind after 0.1 s"
+
+
+def test_numbers_are_told_with_as_many_digits_as_tell_them_apart() -> None:
+    run = driven()
+    close = replace(run, speed=run.need("speed") + 1e-6)
+    held = ghost(run, close)
+    assert "speed of a0 is 5 here, 5.000001 there" in held["said"]
+    assert len(held["times"]) == 1, "nothing of that is to be seen"
+
+
+def test_runs_that_differ_in_something_else_are_told_so() -> None:
+    other = replace(driven(), facts=Facts(speed_limit=9.0))
+    assert ghost(driven(), other)["said"].startswith("This run and main differ in facts: ")
+    assert ghost(driven(), driven())["said"] == "This run and main are the same, state for state."
+    assert ghost(driven(), driven(dt=0.02))["times"] == []
+
+
+def test_an_earlier_run_without_positions_is_told_but_not_drawn() -> None:
+    html = replay(driven(), "", beside=Beside(ghost=driven(pose=None), ghost_name="main"))
+    assert 'class="ghost"' not in html
+    held = data(html)["ghost"]
+    assert held["said"].endswith("Positions of main are not recorded, so it is not shown.")
+    assert held["motion"] == []
+
+
+def test_recorded_traffic_has_what_stands_beside_it_but_no_earlier_run() -> None:
+    run = driven(excerpt=Excerpt(start=100.0))
+    beside = Beside((("map", "town"),), (("p1", "PASS", "p1"),), "index.html", driven(4.0), "main")
+    held = page(run, beside=beside)
+    assert held["ghost"] is None
+    assert (held["facts"][-1], held["others"], held["back"]) == (["map", "town"], [["p1", "PASS", "p1"]], "index.html")
+    assert held["start"] == 100.0
+
+
+def test_an_impact_is_on_the_page_recorded_or_not() -> None:
+    known = driven(collisions=(Collision(2.0, ("a0", "a2"), 9.0), Collision(1.0, ("a0", "a2"), 9.0)))
+    assert data(replay(known, ""))["impacts"] == [[100, [0, 1]], [200, [0, 1]]]
+    head_on = driven().need("pose").copy()
+    head_on[300:, 1] = head_on[300:, 0]
+    held = data(replay(driven(pose=head_on, collisions=None), ""))
+    assert held["impacts"] == [[300, [0, 1]]]
+    assert "a0 and a2 touch, by their places and sizes, at 0.0 m/s" in [text for _, text, _ in held["events"]]
+    sizeless = driven(collisions=None)
+    sizeless = replace(sizeless, agents=tuple(replace(agent, size=None) for agent in sizeless.agents))
+    assert data(replay(sizeless, ""))["impacts"] == []
+
+
+def test_at_first_the_junction_and_who_is_near_are_in_view() -> None:
+    run = driven()
+    left, top, right, bottom = data(replay(run, "", marked=[(2.5, "here")], responsible={"a0"}))["home"]
+    x, y = run.need("pose")[250, 0, :2]
+    assert left < x < right
+    assert top < -y < bottom
+    assert max(right - left, bottom - top) < 60.0, "so that a car of 4.6 m is no dot"
+    away = run.need("pose") + np.array([300.0, 0.0, 0.0]) * np.array([[[0.0], [1.0]]])
+    assert data(replay(replace(run, pose=away), ""))["home"][2] < 60.0, "who is far is not"
