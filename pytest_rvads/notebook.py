@@ -8,15 +8,18 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Sequence
-from math import degrees
+from math import atan2, degrees
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pytest_rvads.draw.picture import STYLE, picture
-from pytest_rvads.draw.scene import Scene, body, inks, label, path
+from pytest_rvads.draw.scene import PALETTE, Scene, body, inks, label, path
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Verdict
+from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.maps.segment import Turn
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
@@ -26,16 +29,20 @@ from pytest_rvads.wording import first, markup, plural
 
 __all__ = ["html", "telling"]
 
-_WIDE = 560
+_WIDE = 500
 """Of a picture, where the page has room for it [px]."""
 _ROWS = 24
 """Of a table; how many more there are stands below."""
 _HITS = 3
 """Collisions that a line tells; recorded traffic may have more."""
-_BEYOND = 6.0
-"""How far a picture of a scenario reaches beyond the start of a vehicle [m]."""
+_BEYOND = 9.0
+"""How far a picture reaches beyond the junction, and beyond where vehicles start [m]."""
+_TURNS = {Turn.LEFT: PALETTE[1], Turn.STRAIGHT: PALETTE[0], Turn.RIGHT: PALETTE[2]}
+"""The colours that pictures of maps have."""
 _MARKS = {"good": ("✓", "#00694d"), "bad": ("✗", "#b3261e"), "doubt": ("!", "#8a5a00"), "none": ("–", "#5f6368")}
 """Sign and colour by mark of an outcome; white letters have a contrast above 5 on each."""
+_WHEN = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}
+"""When it matters who gives way to whom, where signs or lights come first."""
 _ZONES = ((Zone.ENTRANCE, "arrives"), (Zone.JUNCTION, "enters"), (Zone.EXIT, "leaves"))
 
 
@@ -73,11 +80,28 @@ def _junction(junction: Junction) -> str:
                 ", ".join(sorted(others)) or "nobody",
             )
         )
-    head = ("entrance", "sign", "approach", "ways to arms", "gives way to")
+    head = ("entrance", "sign", "approach", "ways to arms", f"gives way{_WHEN.get(junction.control, '')} to")
     return _block(
         _line(junction.name, f"{junction.ways}-way {junction.control}; {where}traffic keeps {side}; {use}"),
-        _drawn(lambda: _still(Scene(junction), ()), f"junction {junction.name}"),
+        _drawn(lambda: _ways(junction), f"junction {junction.name}"),
         _table(head, rows),
+    )
+
+
+def _ways(junction: Junction) -> str:
+    """Return a picture of the ways through a junction, in a colour per turn."""
+    scene = Scene(junction)
+    lines = [_course(junction.way_through(*key).points, _TURNS[m.turn]) for key, m in junction.movements.items()]
+    return _still(scene, lines, (), [(turn.value, ink) for turn, ink in _TURNS.items()])
+
+
+def _course(points: NDArray[np.float64], ink: str) -> str:
+    """Return a line that ends in an arrow."""
+    (ax, ay), (bx, by) = points[-2:, :2].tolist()
+    turned = f"translate({bx:.2f} {-by:.2f}) rotate({-degrees(atan2(by - ay, bx - ax)):.2f})"
+    return (
+        f'<polyline class="trail" stroke="{ink}" points="{path(points[:, :2])}"/>'
+        f'<path class="trail" stroke="{ink}" transform="{turned}" d="M-1.4 -1L0 0L-1.4 1"/>'
     )
 
 
@@ -112,29 +136,41 @@ def _starts(scenario: Scenario, starts: Sequence[tuple[float, float]]) -> str:
     place, agents = scenario.place, scenario.agents()
     scene = Scene(place)
     size = (Vehicle().length, Vehicle().width)
-    ways, bodies, corners = [], [], []
+    ways, bodies, corners = [], [], list[list[float]]()
     for agent, (distance, _), way, ink in zip(agents, starts, scenario.itineraries(), inks(agents), strict=True):
         start = way.start(distance)
         points = np.array([way.pose(float(s)) for s in np.linspace(start, way.leave, 60)])
-        x, y, heading = map(float, points[-1])
-        turned = f"translate({x:.2f} {-y:.2f}) rotate({-degrees(heading):.2f})"
-        ways.append(f'<polyline class="trail" stroke="{ink}" points="{path(points[:, :2])}"/>')
-        ways.append(f'<path class="trail" stroke="{ink}" transform="{turned}" d="M-1.4 -1L0 0L-1.4 1"/>')
+        ways.append(_course(points, ink))
         bodies.append(body(points[0], agent, size, ink))
-        corners.append((points[0, 0], -points[0, 1]))
+        corners += points[(0, -1), :2].tolist()
     return _still(scene, [scene.lights(scenario.signals().colours(0.0, len(place.entrances))), *ways, *bodies], corners)
 
 
-def _still(scene: Scene, parts: Iterable[str], corners: Sequence[tuple[float, float]] = ()) -> str:
-    """Return the road and what is on it as an SVG document that reaches beyond `corners` (SVG coordinates) [m]."""
-    left, top, wide, high = scene.view
-    every = np.array([(left + _BEYOND, top + _BEYOND), (left + wide - _BEYOND, top + high - _BEYOND), *corners])
-    (left, top), (wide, high) = every.min(axis=0) - _BEYOND, np.ptp(every, axis=0) + 2 * _BEYOND
-    frame = f"{left:.2f} {top:.2f} {wide:.2f} {high:.2f}"
+def _still(
+    scene: Scene, parts: Iterable[str], corners: Sequence[Sequence[float]] = (), legend: Sequence[tuple[str, str]] = ()
+) -> str:
+    """Return the road and what is on it as an SVG document.
+
+    Args:
+        scene: the road.
+        parts: what is on it.
+        corners: further points that it has to show [m].
+        legend: words and their colours.
+    """
+    through = [scene.junction.way_through(*key).points for key in scene.junction.movements]
+    points = np.vstack([*through, *np.reshape(corners, (-1, 2))])
+    low, high = points.min(axis=0) - _BEYOND, points.max(axis=0) + _BEYOND
+    (left, bottom), (wide, tall) = low, high - low
+    top = bottom + tall
+    key = "".join(
+        f'<text class="title" x="{left + 1:.2f}" y="{-top + 3 + 3 * k:.2f}" style="fill:{ink}">{markup(word)}</text>'
+        for k, (word, ink) in enumerate(legend)
+    )
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide * 10:.0f}" height="{high * 10:.0f}" viewBox="{frame}">'
-        f'<style>{STYLE}</style><rect x="{left:.2f}" y="{top:.2f}" width="{wide:.2f}" height="{high:.2f}" fill="#fff"/>'
-        f"{scene.road()}{''.join(parts)}</svg>"
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide * 10:.0f}" height="{tall * 10:.0f}" '
+        f'viewBox="{left:.2f} {-top:.2f} {wide:.2f} {tall:.2f}"><style>{STYLE}</style>'
+        f'<rect x="{left:.2f}" y="{-top:.2f}" width="{wide:.2f}" height="{tall:.2f}" fill="#fff"/>'
+        f"{scene.road()}{''.join(parts)}{key}</svg>"
     )
 
 
@@ -201,7 +237,7 @@ def _verdict(verdict: Verdict) -> str:
     badge = f'<b style="background:{colour};color:#fff;padding:1px 7px;border-radius:4px">{sign} {outcome.value}</b> '
     head = ("about", "verdict", "since", "broken", "margin", "what was not as it had to be")
     unfolded = " open" if outcome.mark in ("bad", "doubt") else ""
-    text = f'<pre style="overflow-x:auto">{markup(verdict.explanation)}</pre>'
+    text = f'<pre style="overflow-x:auto;font-family:monospace;line-height:1.35">{markup(verdict.explanation)}</pre>'
     about = [f"requirement {verdict.requirement}"] if verdict.requirement else []
     return _block(
         _line(verdict.rule, "; ".join(filter(None, [verdict.title, *about])), before=badge),
