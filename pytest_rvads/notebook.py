@@ -123,7 +123,7 @@ def _scenario(scenario: Scenario) -> str:
         for agent, (distance, speed) in zip(agents, starts, strict=True)
     ]
     cls = f"class {scenario.number}" if scenario.number else "no class: not every arm has its vehicle"
-    said = f"{scenario.label} at {place.name}, {cls}; {scenario.point}; at most {scenario.duration:g} s"
+    said = f"{scenario.label} at {place.name}, {cls}; at most {scenario.duration:g} s"
     return _block(
         _line(scenario.name, said),
         _line(refused) if refused else _drawn(lambda: _starts(scenario, starts), f"start of {scenario.name}"),
