@@ -1,31 +1,31 @@
 """What a notebook shows of a junction, a scenario, a run and a verdict: pictures and tables, complete in themselves.
 
 A picture is an image of its own within the HTML: its style and its ids then reach nothing else on the page, nothing in it is
-executed, and viewers that remove scripts and styles show it all the same. What stands beside it has the colours of the notebook.
+executed, and a viewer that removes scripts and style elements leaves it whole. The text beside it has the colours
+of the notebook.
 """
 
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Sequence
-from math import atan2, degrees
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pytest_rvads.draw.picture import STYLE, picture
-from pytest_rvads.draw.scene import PALETTE, Scene, body, inks, label, path
-from pytest_rvads.errors import RvadsError
+from pytest_rvads.draw.picture import picture
+from pytest_rvads.draw.scene import Scene, body, inks, label
+from pytest_rvads.draw.still import course, draw_ways, still
+from pytest_rvads.errors import RunError, RvadsError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Verdict
 from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.maps.segment import Turn
 from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.run import ARRAYS, Run
 from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.wording import first, markup, plural
+from pytest_rvads.wording import first, markup, one_line, plural
 
 __all__ = ["html", "telling"]
 
@@ -33,12 +33,10 @@ _WIDE = 500
 """Of a picture, where the page has room for it [px]."""
 _ROWS = 24
 """Of a table; how many more there are stands below."""
+_TRAIL = 3.0
+"""How long the trails of recorded traffic are [s]."""
 _HITS = 3
 """Collisions that a line tells; recorded traffic may have more."""
-_BEYOND = 9.0
-"""How far a picture reaches beyond the junction, and beyond where vehicles start [m]."""
-_TURNS = {Turn.LEFT: PALETTE[1], Turn.STRAIGHT: PALETTE[0], Turn.RIGHT: PALETTE[2]}
-"""The colours that pictures of maps have."""
 _MARKS = {"good": ("✓", "#00694d"), "bad": ("✗", "#b3261e"), "doubt": ("!", "#8a5a00"), "none": ("–", "#5f6368")}
 """Sign and colour by mark of an outcome; white letters have a contrast above 5 on each."""
 _WHEN = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}
@@ -70,38 +68,23 @@ def _junction(junction: Junction) -> str:
     rows = []
     for entrance, lane in enumerate(junction.entrances):
         ways = sorted((m.exit, m.turn) for m in junction.movements.values() if m.entrance == entrance)
-        others = {label(junction, other[0]) for one, other in junction.yields or () if one[0] == entrance}
+        others = None
+        if junction.yields is not None:
+            others = sorted({label(junction, other[0]) for one, other in junction.yields if one[0] == entrance})
         rows.append(
             (
                 label(junction, entrance),
                 lane.sign.value,
                 f"{junction.approach(entrance):.0f} m" if lane.approach else "not known",
                 ", ".join(f"{turn} to {junction.exits[exit].arm}" for exit, turn in ways),
-                ", ".join(sorted(others)) or "nobody",
+                "not known" if others is None else ", ".join(others) or "nobody",
             )
         )
     head = ("entrance", "sign", "approach", "ways to arms", f"gives way{_WHEN.get(junction.control, '')} to")
     return _block(
         _line(junction.name, f"{junction.ways}-way {junction.control}; {where}traffic keeps {side}; {use}"),
-        _drawn(lambda: _ways(junction), f"junction {junction.name}"),
+        _drawn(lambda: draw_ways(junction), f"junction {junction.name}"),
         _table(head, rows),
-    )
-
-
-def _ways(junction: Junction) -> str:
-    """Return a picture of the ways through a junction, in a colour per turn."""
-    scene = Scene(junction)
-    lines = [_course(junction.way_through(*key).points, _TURNS[m.turn]) for key, m in junction.movements.items()]
-    return _still(scene, lines, (), [(turn.value, ink) for turn, ink in _TURNS.items()])
-
-
-def _course(points: NDArray[np.float64], ink: str) -> str:
-    """Return a line that ends in an arrow."""
-    (ax, ay), (bx, by) = points[-2:, :2].tolist()
-    turned = f"translate({bx:.2f} {-by:.2f}) rotate({-degrees(atan2(by - ay, bx - ax)):.2f})"
-    return (
-        f'<polyline class="trail" stroke="{ink}" points="{path(points[:, :2])}"/>'
-        f'<path class="trail" stroke="{ink}" transform="{turned}" d="M-1.4 -1L0 0L-1.4 1"/>'
     )
 
 
@@ -140,53 +123,35 @@ def _starts(scenario: Scenario, starts: Sequence[tuple[float, float]]) -> str:
     for agent, (distance, _), way, ink in zip(agents, starts, scenario.itineraries(), inks(agents), strict=True):
         start = way.start(distance)
         points = np.array([way.pose(float(s)) for s in np.linspace(start, way.leave, 60)])
-        ways.append(_course(points, ink))
+        ways.append(course(points, ink))
         bodies.append(body(points[0], agent, size, ink))
         corners += points[(0, -1), :2].tolist()
-    return _still(scene, [scene.lights(scenario.signals().colours(0.0, len(place.entrances))), *ways, *bodies], corners)
-
-
-def _still(
-    scene: Scene, parts: Iterable[str], corners: Sequence[Sequence[float]] = (), legend: Sequence[tuple[str, str]] = ()
-) -> str:
-    """Return the road and what is on it as an SVG document.
-
-    Args:
-        scene: the road.
-        parts: what is on it.
-        corners: further points that it has to show [m].
-        legend: words and their colours.
-    """
-    through = [scene.junction.way_through(*key).points for key in scene.junction.movements]
-    points = np.vstack([*through, *np.reshape(corners, (-1, 2))])
-    low, high = points.min(axis=0) - _BEYOND, points.max(axis=0) + _BEYOND
-    (left, bottom), (wide, tall) = low, high - low
-    top = bottom + tall
-    key = "".join(
-        f'<text class="title" x="{left + 1:.2f}" y="{-top + 3 + 3 * k:.2f}" style="fill:{ink}">{markup(word)}</text>'
-        for k, (word, ink) in enumerate(legend)
-    )
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide * 10:.0f}" height="{tall * 10:.0f}" '
-        f'viewBox="{left:.2f} {-top:.2f} {wide:.2f} {tall:.2f}"><style>{STYLE}</style>'
-        f'<rect x="{left:.2f}" y="{-top:.2f}" width="{wide:.2f}" height="{tall:.2f}" fill="#fff"/>'
-        f"{scene.road()}{''.join(parts)}{key}</svg>"
-    )
+    return still(scene, [scene.lights(scenario.signals().colours(0.0, len(place.entrances))), *ways, *bodies], corners)
 
 
 def _run(run: Run) -> str:
     tick, why = telling(run)
-    said = [plural(len(run.agents), "vehicle"), f"{run.duration:.2f} s", *_happened(run)]
+    said = [plural(len(run.agents), "vehicle"), f"{run.duration:.2f} s", *_happened(run), *_made(run)]
     rows = [(agent.name, _way(run.junction, agent), *_passage(run, column)) for column, agent in enumerate(run.agents)]
     title = f"{run.start + tick * run.dt:.2f} s: {why}"
     hit = {name for collision in run.collisions or () for name in collision.agents}
     return _block(
         _line(run.label, "; ".join(said)),
-        _drawn(lambda: picture(run, tick, title, hit), f"{run.label} at {title}")
-        if run.steps
-        else _line("no picture: no states"),
+        _drawn(lambda: _instant(run, tick, title, hit), f"{run.label} at {title}"),
         _table(("vehicle", "way", *(word for _, word in _ZONES)), rows),
     )
+
+
+def _instant(run: Run, tick: int, title: str, hit: Collection[str]) -> str:
+    """Return a picture of the state at `tick`; of recorded traffic with trails of some seconds, longer ones would hide it."""
+    if not run.steps:
+        raise RunError(f"run {run.label!r} has no states")
+    if run.excerpt is None:
+        return picture(run, tick, title, hit)
+    span = slice(max(tick - round(_TRAIL / run.dt), 0), tick + 1)
+    arrays = {name: getattr(run, name)[span] for name in (*ARRAYS, "spread") if getattr(run, name) is not None}
+    lately = replace(run, **arrays)
+    return picture(lately, lately.steps - 1, title, hit)
 
 
 def telling(run: Run) -> tuple[int, str]:
@@ -213,11 +178,21 @@ def telling(run: Run) -> tuple[int, str]:
 def _happened(run: Run) -> list[str]:
     """Return what ended or marred a run."""
     hits = [f"{c.agents[0]} and {c.agents[1]} collide at {run.start + c.time:.2f} s" for c in run.collisions or ()]
-    found = [first(hits, _HITS)] if hits else ["nobody watched for collisions" if run.collisions is None else "no collision"]
+    found = [first(hits, _HITS)] if hits else ["collisions were not recorded" if run.collisions is None else "no collision"]
     found += [f"{name} left its route" for name in run.facts.strayed]
     if run.fault:
         found.append(f"ended at {run.start + run.fault.time:.2f} s by a fault: {run.fault.reason}")
     return found
+
+
+def _made(run: Run) -> list[str]:
+    """Return what drove, and what simulated, where the run tells."""
+    told = {
+        name: one_line(str(run.provenance[name])) for name in ("autopilot", "traffic", "simulator") if run.provenance.get(name)
+    }
+    among = f" among {told['traffic']}" if "traffic" in told else ""
+    driven = [f"driven by {told['autopilot']}{among}"] if "autopilot" in told else []
+    return [*driven, f"simulated by {told['simulator']}"] if "simulator" in told else driven
 
 
 def _passage(run: Run, column: int) -> list[str]:
@@ -270,9 +245,9 @@ def _block(*parts: str) -> str:
     return f"<div>{''.join(parts)}</div>"
 
 
-def _line(first: str, rest: str = "", before: str = "") -> str:
-    """Return a paragraph; what comes first is bold where something follows."""
-    text = f"<b>{markup(first)}</b>: {markup(rest)}" if rest else markup(first)
+def _line(head: str, rest: str = "", before: str = "") -> str:
+    """Return a paragraph; its head is bold where something follows."""
+    text = f"<b>{markup(head)}</b>: {markup(rest)}" if rest else markup(head)
     return f'<p style="margin:4px 0;overflow-wrap:anywhere">{before}{text}</p>'
 
 

@@ -97,7 +97,7 @@ def test_a_junction_without_lanes_says_what_it_is_good_for(topology: Callable[[J
     assert not page.pictures
     assert "only to judge zones of recorded runs" in page.text
     assert "no picture: junction 'stop4' comes from a recording without positions" in page.text
-    assert page.cells.count("not known") == 4
+    assert page.cells.count("not known") == 8, "neither the lengths of approaches nor who gives way"
 
 
 def test_a_scenario_shows_every_vehicle_where_it_starts() -> None:
@@ -134,6 +134,13 @@ def test_a_run_shows_its_collision(crash: Run) -> None:
     assert page.cells[9] == "never"
 
 
+def test_a_run_tells_what_drove_it_where_it_knows(crash: Run) -> None:
+    assert shown(replace(crash, provenance={"autopilot": "Mine", "traffic": "reference", "simulator": "bullet"})).text.startswith(
+        "by-hand: 2 vehicles; 7.99 s; a0 and a1 collide at 6.50 s; driven by Mine among reference; simulated by bullet"
+    )
+    assert "driven" not in shown(crash).text
+
+
 def test_the_most_telling_moment_of_a_run(crash: Run, drive: Callable[..., Run]) -> None:
     assert telling(crash) == (650, "a0 and a1 collide")
     later = replace(crash, collisions=(), fault=Fault(3.0, "a0", "it raised"))
@@ -151,17 +158,26 @@ def test_a_run_without_positions_is_a_table(make: Callable[..., Run]) -> None:
     page = shown(make("stop4", {0: (1, 100, 200, None)}, 300))
     assert not page.pictures
     assert "no picture: run 'by-hand' holds no positions" in page.text
-    assert "nobody watched for collisions" in page.text
+    assert "collisions were not recorded" in page.text
     assert page.cells[5:] == ["a0", "0 to 1, right", "1.00 s", "2.00 s", "never"]
 
 
 def test_a_run_without_states_is_shown(make: Callable[..., Run]) -> None:
-    assert "no picture: no states" in shown(make("stop4", {0: (1, None, None, None)}, 0)).text
+    assert "no picture: run 'by-hand' has no states" in shown(make("stop4", {0: (1, None, None, None)}, 0)).text
 
 
 def test_who_was_there_when_the_recording_began_came_by_then(drive: Callable[..., Run]) -> None:
     found = drive("stop4", {0: (2, 1.0, [(0, 5.0)])}, 100)
     assert shown(replace(found, excerpt=Excerpt(start=40.0))).cells[7:9] == ["by 40.00 s", "by 40.00 s"]
+
+
+def test_recorded_traffic_has_short_trails_at_the_same_moment(drive: Callable[..., Run]) -> None:
+    run = drive("stop4", {0: (2, -90.0, [(0, 5.0)]), 1: (2, -99.0, [(0, 5.0)])}, 3000)
+    whole, (part,) = shown(run).pictures[0], shown(replace(run, excerpt=Excerpt())).pictures
+    bodies = [[g.attrib["transform"] for g in picture.iter(f"{SVG}g") if "data-agent" in g.attrib] for picture in (whole, part)]
+    assert bodies[0] == bodies[1]
+    lines = [line.attrib["points"].split() for line in part.iter(f"{SVG}polyline") if line.get("class") == "trail"]
+    assert [len(line) for line in lines] == [61, 61], "every fifth state of three seconds"
 
 
 def test_of_many_vehicles_the_first_are_listed(make: Callable[..., Run]) -> None:
@@ -206,7 +222,14 @@ def test_white_letters_can_be_read_on_every_mark() -> None:
 def test_nothing_that_comes_from_elsewhere_becomes_markup(crash: Run) -> None:
     junction = replace(crash.junction, name=HOSTILE, id=HOSTILE, map=HOSTILE)
     agents = tuple(replace(agent, name=HOSTILE) for agent in crash.agents)
-    run = replace(crash, label=HOSTILE, junction=junction, agents=agents, fault=Fault(1.0, HOSTILE, HOSTILE))
+    run = replace(
+        crash,
+        label=HOSTILE,
+        junction=junction,
+        agents=agents,
+        fault=Fault(1.0, HOSTILE, HOSTILE),
+        provenance={"autopilot": HOSTILE},
+    )
     instance = InstanceVerdict(((HOSTILE, HOSTILE),), Status.UNSURE, (HOSTILE,), 1, 2, (HOSTILE,), 0.1, HOSTILE)
     verdict = Verdict(
         HOSTILE, Status.UNSURE, HOSTILE, HOSTILE, instances=(instance,), notes=(HOSTILE,), explanation=HOSTILE,
