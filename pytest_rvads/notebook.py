@@ -33,6 +33,8 @@ _WIDE = 500
 """Of a picture, where the page has room for it [px]."""
 _ROWS = 24
 """Of a table; how many more there are stands below."""
+_SHORT = 24
+"""Letters of a text that is not broken into lines."""
 _TRAIL = 3.0
 """How long the trails of recorded traffic are [s]."""
 _HITS = 3
@@ -210,9 +212,11 @@ def _verdict(verdict: Verdict) -> str:
     outcome = Outcome.UNAVOIDABLE if verdict.unavoidable else Outcome.PROVOKED if verdict.provoked else outcome
     sign, colour = _MARKS[outcome.mark]
     badge = f'<b style="background:{colour};color:#fff;padding:1px 7px;border-radius:4px">{sign} {outcome.value}</b> '
-    head = ("about", "verdict", "since", "broken", "margin", "what was not as it had to be")
+    head = ("about", "verdict", "since", "broken", "margin", "because")
     unfolded = " open" if outcome.mark in ("bad", "doubt") else ""
-    text = f'<pre style="overflow-x:auto;font-family:monospace;line-height:1.35">{markup(verdict.explanation)}</pre>'
+    text = (
+        f'<pre style="overflow-x:auto;white-space:pre;font-family:monospace;line-height:1.35">{markup(verdict.explanation)}</pre>'
+    )
     about = [f"requirement {verdict.requirement}"] if verdict.requirement else []
     return _block(
         _line(verdict.rule, "; ".join(filter(None, [verdict.title, *about])), before=badge),
@@ -267,9 +271,15 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     if not rows:
         return ""
     shown = [k for k in range(len(head)) if any(row[k] for row in rows)]
-    style = ' style="text-align:left;vertical-align:top;padding:2px 10px 2px 0"'
-    titles = "".join(f"<th{style}>{markup(head[k])}</th>" for k in shown)
-    lines = ["".join(f"<td{style}>{markup(row[k])}</td>" for k in shown) for row in rows[:_ROWS]]
-    table = "".join(f"<tr>{line}</tr>" for line in lines)
+    titles = "".join(_cell("th", head[k]) for k in shown)
+    lines = ["".join(_cell("td", row[k]) for k in shown) for row in rows[:_ROWS]]
+    lower = "".join(f"<tr>{line}</tr>" for line in lines)
     more = _line(f"and {len(rows) - _ROWS} more") if len(rows) > _ROWS else ""
-    return f'<table style="margin:4px 0"><thead><tr>{titles}</tr></thead><tbody>{table}</tbody></table>{more}'
+    table = f'<table style="margin:4px 0"><thead><tr>{titles}</tr></thead><tbody>{lower}</tbody></table>'
+    return f'<div style="overflow-x:auto">{table}</div>{more}'
+
+
+def _cell(tag: str, text: str) -> str:
+    """Return a cell; a short text stays on its line, since a narrow page can be scrolled."""
+    wrap = ";white-space:nowrap" if len(text) <= _SHORT else ""
+    return f'<{tag} style="text-align:left;vertical-align:top;padding:2px 10px 2px 0{wrap}">{markup(text)}</{tag}>'
