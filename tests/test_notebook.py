@@ -283,9 +283,9 @@ def test_the_example_notebook_runs_and_shows_what_is_stored(tmp_path: Path, monk
     )
     assert done.returncode == 0, done.stderr
     stored, got = cells(NOTEBOOK), cells(new)
-    if usual().name == "bullet":  # times differ from engine to engine
-        assert got == stored, "run: python tools/make_notebook.py"
-    assert [len(said) for said in got] == [len(said) for said in stored]
+    # Where another engine is the usual one its name stands there, and all else is the same.
+    named = [[text.replace(f"simulated by {usual().name}", f"simulated by {rvads.bullet.name}") for text in said] for said in got]
+    assert named == stored, "run: python tools/make_notebook.py"
     assert sum(map(bool, got)) >= 8
     assert NOTEBOOK.stat().st_size < 300_000, "hosts of code show no larger ones"
 

@@ -17,7 +17,7 @@ def main(out: Path = NOTEBOOK) -> None:
     """Write the notebook with its outputs, the same from the same code."""
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     # A cell takes some seconds at most; the first one that raises ends this, as it would end a test.
-    NotebookClient(notebook, timeout=60, kernel_name="python3", record_timing=False).execute()
+    NotebookClient(notebook, timeout=60, kernel_name="python3", record_timing=False, coalesce_streams=True).execute()
     notebook.metadata = nbformat.from_dict(METADATA)
     for number, cell in enumerate(notebook.cells):
         cell.id, cell.metadata = f"cell{number:02d}", nbformat.from_dict({})
