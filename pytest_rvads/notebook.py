@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.wording import first, markup, one_line, plural
 
-__all__ = ["html", "telling"]
+__all__ = ["Picture", "html", "telling"]
 
 _WIDE = 500
 """Of a picture, where the page has room for it [px]."""
@@ -44,6 +44,20 @@ _MARKS = {"good": ("✓", "#00694d"), "bad": ("✗", "#b3261e"), "doubt": ("!", 
 _WHEN = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}
 """When it matters who gives way to whom, where signs or lights come first."""
 _ZONES = ((Zone.ENTRANCE, "arrives"), (Zone.JUNCTION, "enters"), (Zone.EXIT, "leaves"))
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """An SVG document as an image, which also a notebook that is not trusted shows; our ``draw_...`` functions return such."""
+
+    svg: str
+    alt: str = "picture"
+    """Stands where pictures can't be seen."""
+
+    def _repr_html_(self) -> str:
+        data = b64encode(self.svg.encode()).decode()
+        style = "max-width:100%;height:auto;background:#fff"
+        return f'<img width="{_WIDE}" style="{style}" alt="{markup(self.alt)}" src="data:image/svg+xml;base64,{data}">'
 
 
 def html(value: object) -> str:
@@ -258,12 +272,9 @@ def _line(head: str, rest: str = "", before: str = "") -> str:
 def _drawn(draw: Callable[[], str], alt: str) -> str:
     """Return a picture as an image within the page; where there is nothing to draw, why."""
     try:
-        svg = draw()
+        return Picture(draw(), alt)._repr_html_()
     except RvadsError as error:
         return _line(f"no picture: {error}")
-    data = b64encode(svg.encode()).decode()
-    style = "max-width:100%;height:auto;background:#fff"
-    return f'<img width="{_WIDE}" style="{style}" alt="{markup(alt)}" src="data:image/svg+xml;base64,{data}">'
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -17,10 +17,11 @@ import numpy as np
 import pytest
 
 import pytest_rvads as rvads
+from pytest_rvads.draw.curves import draw_braking
 from pytest_rvads.junctions.finder import find, names
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
-from pytest_rvads.notebook import _MARKS, html, telling
+from pytest_rvads.notebook import _MARKS, Picture, html, telling
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.runs.run import Excerpt, Fault, Run
 from pytest_rvads.runs.states import Zone
@@ -250,6 +251,12 @@ def test_nothing_that_comes_from_elsewhere_becomes_markup(crash: Run) -> None:
         assert "\x1b" not in value._repr_html_()
         for picture in page.pictures:  # an image is never executed, and is well-formed all the same
             assert not [e for e in picture.iter() if e.tag.removeprefix(SVG) in ("script", "image", "foreignObject")]
+
+
+def test_any_drawing_can_be_shown() -> None:
+    page = shown(Picture(draw_braking({1: [(0.3, 1.0), (20.0, 11.0)]}, HOSTILE), HOSTILE))
+    assert HOSTILE.partition("\x1b")[0] in "".join(page.pictures[0].itertext())
+    assert page.tags == {"img"}
 
 
 def test_whatever_is_wrong_with_a_value_is_a_text(crash: Run) -> None:
