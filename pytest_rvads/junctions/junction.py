@@ -17,6 +17,7 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from pytest_rvads.displayed import shown
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.conflicts import Key, Shared, stretches
 from pytest_rvads.junctions.yielding import Precedence, Reason
@@ -145,6 +146,9 @@ class Junction:
 
     def __repr__(self) -> str:
         return f"<Junction {self.name}: {self.ways}-way {self.control}>"
+
+    def _repr_html_(self) -> str:
+        return shown(self)
 
     @cached_property
     def arms(self) -> tuple[Arm, ...]:

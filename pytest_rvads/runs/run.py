@@ -16,6 +16,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from pytest_rvads.decoding import typed
+from pytest_rvads.displayed import shown
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.states import Agent, Zone
@@ -174,6 +175,9 @@ class Run:
 
     def __repr__(self) -> str:
         return f"<Run {self.label}: {len(self.agents)} vehicles, {self.duration:.2f} s>"
+
+    def _repr_html_(self) -> str:
+        return shown(self)
 
     @property
     def steps(self) -> int:

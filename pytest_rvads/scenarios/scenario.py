@@ -10,6 +10,7 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+from pytest_rvads.displayed import shown
 from pytest_rvads.errors import ScenarioError, require
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
@@ -151,6 +152,9 @@ class Scenario:
         )
         for name, value in zip(self.__slots__, values, strict=True):
             object.__setattr__(self, name, value)
+
+    def _repr_html_(self) -> str:
+        return shown(self)
 
     def but(self, **changes: Any) -> Scenario:
         """Return the scenario with some arguments of its constructor changed."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from pytest_rvads.displayed import shown
 from pytest_rvads.errors import RunError
 
 __all__ = ["InstanceVerdict", "NearMiss", "Status", "Verdict"]
@@ -127,6 +128,9 @@ class Verdict:
 
     def __repr__(self) -> str:
         return f"<Verdict {self.rule} {self.status}: {self.message}>"
+
+    def _repr_html_(self) -> str:
+        return shown(self)
 
     def __bool__(self) -> bool:
         if self.status is Status.NA:
