@@ -132,12 +132,13 @@ def _table(matrix: Matrix, most: int | None) -> Section:
     """Return the rows and columns of a matrix in which something differs."""
     columns = [i for i in range(len(matrix.columns)) if any(changed(entries[i]) for _, entries in matrix.rows)]
     rows = [i for i, (_, entries) in enumerate(matrix.rows) if any(map(changed, entries))]
+    count = differing(matrix)
     cells = sum(
         len(members) * sum(bool(entry.text) for entry in entries)
         for (_, entries), members in zip(matrix.rows, matrix.members, strict=True)
     )
     return Section(
-        f"{matrix.title}: {differing(matrix)} of {plural(cells, 'cell')} differ",
+        f"{matrix.title}: {count:,} of {cells:,} cells differ{'s' if count == 1 else ''}",
         tuple(_cut([line for i in rows for line in _row(matrix, i)], most)),
         (matrix.corner, *(matrix.headings[i] for i in columns)),
         tuple(
