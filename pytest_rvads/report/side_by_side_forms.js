@@ -1,4 +1,4 @@
-const told = JSON.parse(document.getElementById("data").textContent), short = 50, long = 40;
+const told = JSON.parse(document.getElementById("data").textContent), few = 10, worst = 50, long = 40;
 function folded(place, rest, what) {
   const more = make("details", place);
   make("summary", more, `${rest.length} more ${what}`);
@@ -23,8 +23,9 @@ function table(place, columns, rows) {
 told.parts.forEach((part, number) => {
   const place = make("section", document.getElementById("parts"), "", number < 2 ? "side" : "");
   make("h2", place, part.title);
-  const all = part.columns.length ? part.rows : part.lines, rest = all.slice(short);
+  const all = part.columns.length ? part.rows : part.lines;
   const draw = part.columns.length ? (where, some) => table(where, part.columns, some) : list;
-  draw(place, all.slice(0, short));
+  const most = part.columns.length ? worst : few, rest = all.slice(most);
+  draw(place, all.slice(0, most));
   if (rest.length) draw(folded(place, rest, part.columns.length ? "rows" : "lines"), rest);
 });

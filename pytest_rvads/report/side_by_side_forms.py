@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -24,7 +25,7 @@ from pytest_rvads.wording import first, one_line, plural
 __all__ = ["Section", "fitting", "save", "sections", "text"]
 
 _TITLE = "rvads: two sessions side by side"
-_MOST = 20
+_MOST = 10
 """Lines of a section, and tables, that a terminal shows; the rest is counted."""
 _LINE = 2000
 """Characters of a line there."""
@@ -49,6 +50,8 @@ def text(found: SideBySide, width: int) -> str:
         for line in part.lines:
             lines += wrapped(one_line(line, _LINE), initial_indent="  ", subsequent_indent="      ")
         lines.append("")
+    if any("... and " in line for line in lines):
+        lines += wrapped("what is left out here stands in files: -o FILE.html, FILE.md or FILE.json")
     return "\n".join(lines)
 
 
@@ -87,8 +90,8 @@ def sections(found: SideBySide, most: int | None = None) -> Iterator[Section]:
     changes = replace(found.comparison, versions=())
     yield Section("what changed from A to B", (changes.headline if found.differ else _same(found),))
     yield from _tables(found, most)
-    if told := tuple(changes.lines(most)):
-        yield Section("items that changed", told)
+    for kind, lines in groupby(changes.lines(most), lambda line: line.partition(" ")[0]):
+        yield Section(f"{kind}: {plural(changes.count(kind), 'item')}", tuple(line.removeprefix(kind).strip() for line in lines))
     yield Section(
         "verdicts per rule",
         tuple(_cut([_sums(ruled) for ruled in found.rules], most)),
@@ -125,7 +128,7 @@ def _tables(found: SideBySide, most: int | None) -> Iterator[Section]:
     for matrix in told[:most]:
         yield _table(matrix, most)
     if most is not None and len(told) > most:
-        yield Section("more tables", (f"{plural(len(told) - most, 'more table')} in which something differs",))
+        yield Section("more tables", (f"... and {plural(len(told) - most, 'more table')} in which something differs",))
 
 
 def _table(matrix: Matrix, most: int | None) -> Section:

@@ -78,7 +78,13 @@ def test_changes_are_listed_by_kind() -> None:
     a = report(record(1, "PASS"), record(2, "FAIL"), record(3, "PASS", pet=3.0), record(4, "PASS"), record(5, "PASS"))
     b = report(record(1, "FAIL"), record(2, "PASS"), record(3, "PASS"), record(4, "NA"), record(6, "PASS"))
     found = beside(a, b)
-    assert [line.split()[0] for line in told(found)["items that changed"]] == ["NEW", "FIXED", "ERODED", "LOST", "LOST"]
+    listed = {title: [line.split()[0] for line in lines] for title, lines in told(found).items() if "item" in title}
+    assert listed == {
+        "NEW: 1 item": ["t.py::test[-stop4-class01-as1111-cfgC-p1]"],
+        "FIXED: 1 item": ["t.py::test[-stop4-class02-as1111-cfgC-p1]"],
+        "ERODED: 1 item": ["t.py::test[-stop4-class03-as1111-cfgC-p1]"],
+        "LOST: 2 items": [f"t.py::test[-stop4-class0{cls}-as1111-cfgC-p1]" for cls in (4, 5)],
+    }
     (lines,) = (lines for title, lines in told(found).items() if "differ" in title)
     assert set(lines) == {
         "class 01, p1: pass -> FAIL (C)",
@@ -92,7 +98,7 @@ def test_changes_are_listed_by_kind() -> None:
 def test_equal_sessions_differ_in_nothing() -> None:
     one, other = report(record(1, "PASS"), record(2, "FAIL")), report(record(1, "PASS"), record(2, "FAIL"))
     assert told(beside(one, other))["what changed from A to B"] == ("no verdict of the 2 items that both have differs",)
-    assert not [title for title in told(beside(one, other)) if "cells" in title or "items that" in title]
+    assert not [title for title in told(beside(one, other)) if "cells" in title or "item" in title]
     dated = report(record(1, "PASS"), began="2026-01-01T10:00:00+00:00")
     assert told(beside(dated, dated))["what changed from A to B"][0].endswith("they are reports of one session")
     part = report(record(1, "PASS"))
@@ -141,7 +147,7 @@ def test_what_is_too_much_for_tables_is_listed() -> None:
     many = [record(cls, "PASS", cfg=f"c{cls}") for cls in range(1, 300)]
     found = beside(report(*many), report(*many[1:], record(1, "FAIL", cfg="c1")))
     assert told(found)["verdicts"] == ("too many for tables: the changes name the items",)
-    assert len(told(found)["items that changed"]) == 1
+    assert len(told(found)["NEW: 1 item"]) == 1
 
 
 def hostile() -> SideBySide:
@@ -174,8 +180,9 @@ def test_a_terminal_counts_what_is_too_long() -> None:
     a, b = (report(*(record(cls, status, rule=f"p{cls}") for cls in range(1, 60))) for status in ("PASS", "FAIL"))
     lines = text(beside(a, b), 80).splitlines()
     assert len(lines) < 150
-    assert lines.count("  ... and 39 more") == 2, "of the table and of the rules"
-    assert "  NEW ... and 39 more" in lines
+    assert lines.count("  ... and 49 more") == 3, "of the table, of what is new, of the rules"
+    assert "NEW: 59 items" in lines
+    assert lines[-1] == "what is left out here stands in files: -o FILE.html, FILE.md or FILE.json"
     assert len(list(told(beside(a, b))["verdicts per rule"])) == 59, "files hold them all"
 
 
