@@ -14,6 +14,7 @@ from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.merge import merge
 from pytest_rvads.session.plan import _variant
+from pytest_rvads.session.time_budget import priority
 
 CONFTEST = """
     import pytest
@@ -161,5 +162,16 @@ def test_shards_of_versions_are_merged_into_one_table(pytester: pytest.Pytester)
     (found,) = matrices.matrices()
     assert found.variants == ("v1", "v2", "v3")
     assert not [note for note in both.notes if " is " in note], "what ran in both said the same"
+    assert both.began == load(pytester.path / "v1.json").began
+    assert all(f"--rvads-report={name}.json" in both.command for name in ("v1", "v2"))
     worse: Any = {record.nodeid: record.status for record in both.records if record.status == "FAIL"}
     assert {nodeid.partition("[")[2][:2] for nodeid in worse} == {"v3"}
+
+
+def test_within_a_time_budget_the_versions_of_a_start_stay_together(pytester: pytest.Pytester) -> None:
+    """So a class is missing of all of them, or of none, and the report compares like with like."""
+    session(pytester, "--rvads-report=out.json")
+    records = load(pytester.path / "out.json").records
+    order = priority(records, {}, {})
+    assert ["class01" in nodeid for nodeid in order] == [True] * 8 + [False] * 8
+    assert [nodeid.partition("[")[2][:2] for nodeid in order[:8]] == [name for name in VERSIONS for _ in range(2)]
