@@ -18,7 +18,7 @@ __all__ = ["declare"]
 def declare(commands: Subparsers) -> None:
     """Add the commands of this module."""
     report = commands.add_parser(
-        "report", help="merge the reports of several sessions, or tell whether they are whole; make those of a campaign"
+        "report", help="merge or compare the reports of sessions, or tell whether they are whole; make those of a campaign"
     )
     actions = report.add_subparsers(required=True, metavar="ACTION")
     merge = actions.add_parser(
@@ -41,6 +41,34 @@ def declare(commands: Subparsers) -> None:
     )
     check.add_argument("files", nargs="+", metavar="FILE.json", help="written by --rvads-report")
     check.set_defaults(command=_check)
+    compare = actions.add_parser(
+        "compare",
+        help="show two sessions side by side: what each was, and in what their verdicts differ",
+        description="Items are matched by their ids: run the same tests twice, with the code before and after a change, or with "
+        "one controller and another. Exit status: 0 when the difference was told, whatever it is; 1 when there is one that "
+        "--fail-on names; 2 when a report is missing or damaged, or the two have no item in common.",
+    )
+    compare.add_argument("a", metavar="A.json", help="written by --rvads-report; the earlier one, or that of one controller")
+    compare.add_argument("b", metavar="B.json", help="the later one, or that of another controller")
+    compare.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT",
+        action="append",
+        default=[],
+        help="write the comparison too, as FILE.html, FILE.md or FILE.json; repeatable",
+    )
+    compare.add_argument("--erosion", type=_seconds, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
+    compare.add_argument(
+        "--fail-on",
+        metavar="KIND",
+        action="append",
+        default=[],
+        choices=("new", "eroded", "lost"),
+        help="exit with 1 when an item is new (fails in B and did not in A), eroded (passes with less of a margin) or lost (was "
+        "judged in A and is not in B); repeatable",
+    )
+    compare.set_defaults(command=_compare)
     make = actions.add_parser(
         "make",
         help="make the reports of a campaign from its results, and print its summary",
@@ -100,6 +128,22 @@ def _merge(options: argparse.Namespace) -> int:
     for note in (*report.notes, *([short] if short else [])):
         warn(f"rvads: {note}")
     return report.ended or (1 if short else 0)
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from pytest_rvads.report.journal import recovered
+    from pytest_rvads.report.side_by_side import side_by_side
+    from pytest_rvads.report.side_by_side_forms import fitting, save, text
+
+    outputs = list(map(Path, options.output))
+    for path in outputs:
+        fitting(path)  # before time is spent on reading
+    a, b = ((name, recovered(Path(name))) for name in (options.a, options.b))
+    found = side_by_side(a, b, options.erosion)
+    print(text(found, shutil.get_terminal_size().columns))
+    for path in outputs:
+        save(path, found)
+    return int(found.comparison.count(*map(str.upper, options.fail_on)) > 0)
 
 
 def _make(options: argparse.Namespace) -> int:

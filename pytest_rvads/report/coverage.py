@@ -3,7 +3,7 @@
 A cell is (junction, class, configuration, rule), and with a subject its seat and the traffic around it; of what was recorded it
 is (junction, recording, rule). It is exercised when a rule asked something of the system under test there, and got an answer:
 PASS, FAIL or OPEN, expected or not. What only the traffic was asked exercises nothing, nor does NA, what is UNSURE, an error, or
-an item that did not run.
+an item that did not run. Tests share the cells of what they both ask for, and so do the variants of a test.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from pytest_rvads.report.rollup import WORST
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.wording import printable
 
-__all__ = ["markdown"]
+__all__ = ["markdown", "section"]
 
 _LINES = 50
 """Lines of a list that are not folded."""
@@ -27,6 +27,15 @@ def markdown(report: Report) -> str:
     """Return a report as Markdown: the tables last, because they are long."""
     blocks = sorted(outline(report), key=lambda block: isinstance(block, Verdicts))
     return "\n".join(("# rvads verdicts", *(line for block in blocks for line in ("", *_render(block))))) + "\n"
+
+
+def section(title: str, lines: Sequence[str], columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Yield a heading, and below it a table, or without columns a list; what is long is folded."""
+    yield from (f"## {_text(title)}", "")
+    if columns:
+        yield from _folded((_row(columns), f"|{'---|' * len(columns)}"), [_row(cells) for cells in rows], "rows")
+    else:
+        yield from _folded((), [f"- {_text(line)}" for line in lines], "lines", _LINES)
 
 
 def _render(block: Block) -> Iterator[str]:

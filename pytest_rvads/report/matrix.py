@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record
+from pytest_rvads.report.rollup import natural
 from pytest_rvads.wording import first
 
-__all__ = ["Entry", "Matrices", "Matrix", "group_of", "member_of"]
+__all__ = ["SAME", "Entry", "Matrices", "Matrix", "Place", "group_of", "member_of", "place_of"]
 
 
 _CLASS = re.compile(r"-class(\d{2,9})-")
@@ -26,6 +28,12 @@ _WIDE, _TABLES = 200, 100
 """Most columns of a table, and most tables, that anybody reads; beyond them sums are told."""
 _MOST = 200_000
 """Most entries of a matrix, and most cells of all of them: nobody reads more, and most of a larger matrix would be empty."""
+SAME = "="
+"""What stands in a cell of two sessions in which no item differs."""
+_Row = tuple[str, Any]
+"""A variant, and the number of a class or the name of a recording."""
+Place = tuple[str, _Row, tuple[str, str]]
+"""Of a cell: title, row, and column."""
 _Counts = dict[tuple[str, Outcome], int]
 """How many verdicts have a status, known failures apart by what a cell calls them."""
 
@@ -60,12 +68,15 @@ class Matrix:
     columns: tuple[tuple[str, str], ...]
     """(configuration, rule) of each column."""
     rows: tuple[tuple[str, tuple[Entry, ...]], ...]
-    """Classes with equal verdicts, and an entry per column; likewise of runs that were recorded."""
+    """Classes with equal verdicts, and an entry per column; likewise of runs that were recorded. Where the test has further
+    parameters, those of one variant stand below each other, and its name before the classes."""
     members: tuple[tuple[int | str, ...], ...] = ()
-    """Per row its classes by number, or its recordings by name."""
+    """Per row what `member_of` says of its records."""
     corner: str = "class"
-    """What a row is: class, or recording."""
+    """What a row is: class, or recording, with a variant where there are any."""
     junction: str = ""
+    variants: tuple[str, ...] = ()
+    """Per row its variant, empty without any."""
 
     @property
     def numbers(self) -> dict[str, str]:
@@ -82,8 +93,9 @@ class Matrix:
         """Return the matrix with at most so many rows, and no long labels: those in which something is wrong, then the first."""
         wrong = [any(entry.bad or entry.known for entry in entries) for _, entries in self.rows]
         kept = sorted(sorted(range(len(self.rows)), key=lambda i: not wrong[i])[:most])
-        rows = tuple((_brief(self.rows[i][0]), self.rows[i][1]) for i in kept)
-        return replace(self, rows=rows, members=tuple(self.members[i] for i in kept))
+        variants = tuple(self.variants[i] for i in kept)
+        rows = tuple((_brief(self.rows[i][0], variant), self.rows[i][1]) for i, variant in zip(kept, variants, strict=True))
+        return replace(self, rows=rows, members=tuple(self.members[i] for i in kept), variants=variants)
 
 
 class Matrices:
@@ -103,15 +115,37 @@ class Matrices:
         """Take a record in."""
         if self._room < 0:
             return
-        title = group_of(record)
+        title, row, column = place_of(record)
         group = self._groups.get(title) or self._groups.setdefault(title, _Group(record))
-        self._room -= group.add(record)
+        self._room -= group.add(record, row, column)
         if self._room < 0:
             self._groups.clear()
 
     def matrices(self) -> list[Matrix]:
         """Return the matrices; none where the verdicts are too many."""
         return [group.matrix(title) for title, group in self._groups.items()]
+
+    def after(self, earlier: Matrices, changed: Container[Place]) -> list[Matrix]:
+        """Return the matrices of an earlier session and this one as one each, in the order of this one.
+
+        Args:
+            earlier: of the other session.
+            changed: cells in which items differ.
+        """
+        found = []
+        for title in {**self._groups, **earlier._groups}:
+            groups = [all_of[title] for all_of in (earlier._groups, self._groups) if title in all_of]
+            found.append(_tabled(title, groups, partial(self._change, earlier, changed, title)))
+        return found
+
+    def _change(self, earlier: Matrices, changed: Container[Place], title: str, row: _Row, column: tuple[str, str]) -> Entry:
+        """Return what became of a cell."""
+        was, now = (
+            all_of[title].entry(row, column) if title in all_of else Entry() for all_of in (earlier._groups, self._groups)
+        )
+        if (title, row, column) not in changed:
+            return Entry(SAME if now.text else "")
+        return Entry(f"{was.text or 'absent'} -> {now.text or 'absent'}", now.outcome, now.known)
 
 
 def group_of(record: Record) -> str:
@@ -121,57 +155,90 @@ def group_of(record: Record) -> str:
 
 
 class _Group:
-    """What was counted for a matrix: per member and column the verdicts, by reason where they are known failures."""
+    """What was counted for a matrix: per row and column the verdicts, by reason where they are known failures."""
 
     def __init__(self, first: Record) -> None:
-        self._junction, self._recorded = first.junction, bool(first.recording)
-        self._width = 0
-        self._columns: set[tuple[str, str]] = set()
-        self._cells: dict[Any, dict[tuple[str, str], _Counts]] = {}
+        self.junction, self.recorded = first.junction, bool(first.recording)
+        self.width = 0
+        self.columns: set[tuple[str, str]] = set()
+        self.cells: dict[_Row, dict[tuple[str, str], _Counts]] = {}
 
     @property
     def wide(self) -> bool:
         """Whether there are more columns than anybody reads."""
-        return len(self._columns) > _WIDE
+        return len(self.columns) > _WIDE
 
-    def add(self, record: Record) -> bool:
-        """Take a record in, and return whether it is the first of its cell."""
-        self._width = max(self._width, _width(record))
-        row = self._cells.setdefault(member_of(record), {})
-        column = (record.cfg, record.asks)
-        new = column not in row
-        self._columns.add(column)
-        counts = row.setdefault(column, {})
+    def add(self, record: Record, row: _Row, column: tuple[str, str]) -> bool:
+        """Take a record of a cell in, and return whether it is the first of it."""
+        self.width = max(self.width, _width(record))
+        columns = self.cells.setdefault(row, {})
+        new = column not in columns
+        self.columns.add(column)
+        counts = columns.setdefault(column, {})
         kind = f"xfail {record.known.partition(':')[0]}" if record.known else "", record.status
         counts[kind] = counts.get(kind, 0) + 1
         return new
 
+    def entry(self, row: _Row, column: tuple[str, str]) -> Entry:
+        """Return what stands in a cell."""
+        return _entry(self.cells.get(row, {}).get(column, {}))
+
     def matrix(self, title: str) -> Matrix:
         """Return the matrix; one without rows where nobody could read it."""
-        columns = tuple(sorted(self._columns))
-        if len(self._cells) * len(columns) > _MOST:
-            what = "recordings" if self._recorded else "classes"
-            said = f"{len(self._cells):,} {what} in {len(columns):,} columns are too many for a table"
-            return Matrix(f"{title}: {said}", (), (), junction=self._junction)
-        alike: dict[tuple[Entry, ...], list[Any]] = {}
-        for member in sorted(self._cells):
-            row = tuple(_entry(self._cells[member].get(column, {})) for column in columns)
-            alike.setdefault(row, []).append(member)
-        rows = tuple(
-            (first(found, _NAMED) if self._recorded else _spans(found, self._width), row) for row, found in alike.items()
-        )
-        corner = "recording" if self._recorded else "class"
-        return Matrix(title, columns, rows, tuple(map(tuple, alike.values())), corner, self._junction)
+        return _tabled(title, (self,), self.entry)
+
+
+def _tabled(title: str, groups: Sequence[_Group], entry: Callable[[_Row, tuple[str, str]], Entry]) -> Matrix:
+    """Return the matrix over the cells of groups, in which variants follow each other and equal rows of one are merged."""
+    columns = tuple(sorted(set().union(*(group.columns for group in groups))))
+    # Whoever numbers versions means that the tenth comes after the ninth.
+    cells = sorted(set().union(*(group.cells for group in groups)), key=lambda row: (natural(row[0]), *row))
+    recorded, junction = groups[0].recorded, groups[0].junction
+    if len(cells) * len(columns) > _MOST:
+        what = "recordings" if recorded else "classes"
+        said = f"{len(cells):,} {what} in {len(columns):,} columns are too many for a table"
+        return Matrix(f"{title}: {said}", (), (), junction=junction)
+    alike: dict[tuple[str, tuple[Entry, ...]], list[Any]] = {}
+    for row in cells:
+        alike.setdefault((row[0], tuple(entry(row, column) for column in columns)), []).append(row[1])
+    width = max(group.width for group in groups)
+    variants = tuple(variant for variant, _ in alike)
+    corner = "recording" if recorded else "class"
+    return Matrix(
+        title,
+        columns,
+        tuple(
+            (_label(variant, first(found, _NAMED) if recorded else _spans(found, width)), entries)
+            for (variant, entries), found in alike.items()
+        ),
+        tuple(tuple(_named(variant, member) for member in found) for (variant, _), found in alike.items()),
+        f"variant, {corner}" if any(variants) else corner,
+        junction,
+        variants,
+    )
+
+
+def place_of(record: Record) -> Place:
+    """Return the cell of a matrix that a record belongs to."""
+    return group_of(record), (record.variant, record.recording or record.cls), (record.cfg, record.asks)
 
 
 def member_of(record: Record) -> int | str:
-    """Return what a record stands for in a row of its matrix: the number of its class, or its recording."""
-    return record.recording or record.cls
+    """Return what a record stands for in a row of its matrix: the number of its class, or its recording; with its variant."""
+    return _named(*place_of(record)[1])
 
 
-def _brief(label: str) -> str:
+def _named(variant: str, member: int | str) -> int | str:
+    return f"{variant} {member}" if variant else member
+
+
+def _label(variant: str, members: str) -> str:
+    return f"{variant}  {members}" if variant else members
+
+
+def _brief(label: str, variant: str) -> str:
     """Return the label of a row with no more classes than a line has room for."""
-    return first(label.split(", "), _SPANS)
+    return _label(variant, first(label.removeprefix(_label(variant, "")).split(", "), _SPANS))
 
 
 def _width(record: Record) -> int:

@@ -8,11 +8,14 @@ from collections.abc import Sequence
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Cell, Extent, Report, in_order
+from pytest_rvads.wording import first
 
 __all__ = ["merge"]
 
 _SHOWN = 10
 """Contradictions listed; the rest is counted."""
+_COMMANDS = 3
+"""Commands of sessions named; likewise."""
 
 
 def merge(reports: Sequence[tuple[str, Report]]) -> Report:
@@ -55,18 +58,20 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
         complete=all(report.complete for _, report in reports),
         refused=_refused([report for _, report in reports]),
         drawn=tuple(dict.fromkeys(drawn for _, report in reports for drawn in report.drawn)),
+        began=min((report.began for _, report in reports if report.began), default=""),
+        command=first(list(dict.fromkeys(report.command for _, report in reports if report.command)), _COMMANDS),
     )
 
 
 def _clash(one: tuple[str, Record], other: tuple[str, Record]) -> str:
     """Return how two records of the same item contradict each other, or nothing."""
-    (first, a), (second, b) = one, other
+    (here, a), (there, b) = one, other
     if Outcome.NOT_RUN in (a.status, b.status):
         return ""
     if a.status != b.status:
-        return f"{a.nodeid} is {a.status} in {first} and {b.status} in {second}"
+        return f"{a.nodeid} is {a.status} in {here} and {b.status} in {there}"
     if a.hash != b.hash:
-        return f"{a.nodeid} is {a.status} in both {first} and {second}, but of different runs"
+        return f"{a.nodeid} is {a.status} in both {here} and {there}, but of different runs"
     return ""
 
 

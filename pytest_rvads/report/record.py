@@ -273,7 +273,7 @@ def planned_record(
         line: of the test function in its file.
         test: name of the test function.
         keys: what selects the cell: junction, then cls, scenario, cfg, rotation or recording, and seat, traffic, rule, orbit,
-            control where there is one.
+            control, variant where there is one.
         ways: number of arms of the junction.
         requirements: identifiers of what scenario and rule trace to.
     """
@@ -363,6 +363,7 @@ def properties(record: Record) -> list[tuple[str, Any]]:
     return [
         ("junction", record.junction),
         *([("recording", record.recording)] if record.recording else simulated),
+        *([("variant", record.variant)] if record.variant else []),
         ("rule", record.rule or record.test),
         ("verdict", record.status.value),
         *([] if record.recording else made),

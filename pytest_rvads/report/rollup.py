@@ -11,7 +11,7 @@ from typing import Literal
 from pytest_rvads.report.at_junctions import AtJunction
 from pytest_rvads.report.outcome import Tallied, counted, told_in
 
-__all__ = ["WORST", "Row", "Sums", "ranked", "sums"]
+__all__ = ["WORST", "Row", "Sums", "natural", "ranked", "sums"]
 
 WORST = 20
 """Rows of a table of sums that short forms show."""
@@ -86,11 +86,11 @@ def sums(found: Sequence[AtJunction]) -> tuple[Sums, ...]:
 
     of_kinds = [
         row(kind, (len({one.junction for one in group}), *_runs(group)), _total(one.tally for one in group))
-        for kind, group in sorted(kinds.items(), key=lambda entry: _natural(entry[0]))
+        for kind, group in sorted(kinds.items(), key=lambda entry: natural(entry[0]))
     ]
     by_rule = [
         row(rule, (len(at), sum(_bad(counts) > 0 for counts in at.values())), of_rules[rule])
-        for rule, at in sorted(rules.items(), key=lambda entry: (-_bad(of_rules[entry[0]]), _natural(entry[0])))
+        for rule, at in sorted(rules.items(), key=lambda entry: (-_bad(of_rules[entry[0]]), natural(entry[0])))
     ]
     by_junction = [
         row(name, (group[0].kind, *_runs(group)), _total(one.tally for one in group)) for name, group in junctions.items()
@@ -104,7 +104,7 @@ def sums(found: Sequence[AtJunction]) -> tuple[Sums, ...]:
 
 def ranked(found: Iterable[AtJunction]) -> list[AtJunction]:
     """Return what was found, the worst first: where something went wrong in a larger share of the runs, in more, then by name."""
-    return sorted(found, key=lambda one: (-one.share, -len(one.wrong), _natural(one.junction)))
+    return sorted(found, key=lambda one: (-one.share, -len(one.wrong), natural(one.junction)))
 
 
 def _runs(found: Sequence[AtJunction]) -> tuple[int, int]:
@@ -120,7 +120,7 @@ def _bad(counts: Counter[Tallied]) -> int:
     return sum(count for kind, count in counts.items() if kind and kind.bad)
 
 
-def _natural(name: str) -> list[tuple[bool, int, str]]:
+def natural(name: str) -> list[tuple[bool, int, str]]:
     """Return what names are sorted by so that 26 comes before 124."""
     parts = re.split(r"(\d+)", name)
     return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]

@@ -27,6 +27,7 @@ _COLUMNS = {
     "seat": "seat",
     "traffic": "traffic",
     "recording": "recording",
+    "variant": "variant",
     "rule": "rule",
     "verdict": "status",
     "known": "known",

@@ -92,7 +92,22 @@ def start(item: pytest.Item) -> Record | None:
     from pytest_rvads.report.record import planned_record
 
     cell = cast("Parameter | RecordedCell", item.callspec.params["rvads_cell"])
-    return planned_record(item.nodeid, item.location[1] or 0, item.originalname, cell.start, cell.ways, cell.requirements)
+    keys = {**cell.start, "variant": _variant(item.callspec.id, list(item.callspec.params), cell.id)}
+    return planned_record(item.nodeid, item.location[1] or 0, item.originalname, keys, cell.ways, cell.requirements)
+
+
+def _variant(whole: str, names: Sequence[str], cell: str) -> str:
+    """Return the values of the other parameters of an item, as its id names them.
+
+    Args:
+        whole: what stands in brackets in its id: the ids of its parameters, joined by dashes, which may have some in themselves.
+        names: its arguments, in that order.
+        cell: the id of its cell.
+    """
+    whole, part = f"-{whole}-", f"-{cell}-"
+    # An id of somebody else may hold that of the cell, too. At an end it is known which is which.
+    at = whole.rfind(part) if names[-1] == "rvads_cell" else whole.find(part)
+    return ", ".join(filter(None, (whole[1:at], whole[at + len(part) : -1])))
 
 
 class Planner:

@@ -77,7 +77,8 @@ BUDGET: pytest.StashKey[Budget | None] = pytest.StashKey()
 def priority(records: Iterable[Record], failed: Mapping[str, Any], history: Mapping[str, int]) -> list[str]:
     """Return node ids in the order of their worth.
 
-    The items of one run stay together. Runs with a failure of the last session come first; then a run of every class, in the
+    The items of one run stay together, and so do the variants of a test in one start: what there is no time for is missing of
+    every version of a controller. Runs with a failure of the last session come first; then a run of every class, in the
     configuration that ran least so far, else another one from class to class; then the runs that ran least, the classes
     taking turns.
 

@@ -1,0 +1,200 @@
+"""Two sessions side by side: what each was, and in what their verdicts differ.
+
+Items are matched by node id, as with a baseline, so two controllers are compared by running the same tests with each.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from pytest_rvads.errors import RvadsError
+from pytest_rvads.report import triage
+from pytest_rvads.report.baseline import compare
+from pytest_rvads.report.matrix import SAME, Entry, Matrices, Matrix, Place, place_of
+from pytest_rvads.report.outcome import Outcome, Tallied
+from pytest_rvads.report.outline import Head, outline
+from pytest_rvads.report.record import Record
+from pytest_rvads.report.session_report import Comparison, Report, cell_of
+from pytest_rvads.wording import plural
+
+__all__ = ["Ruled", "Shared", "Side", "SideBySide", "changed", "differing", "side_by_side"]
+
+_NUMBER = re.compile(r"\d+(\.\d+)?")
+_WHERE = {(True, False): "only in A", (False, True): "only in B", (True, True): "in both"}
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """One of the two sessions."""
+
+    name: str
+    head: tuple[str, ...]
+    """When it was, by which command, what drove, what came of it, how it ended; a line each."""
+    notes: tuple[str, ...]
+    """What is missing or doubtful."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ruled:
+    """The verdicts of a rule in each of the sessions."""
+
+    rule: str
+    a: Counter[Tallied]
+    b: Counter[Tallied]
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """A cause of failures, and how many items it broke in each of the sessions."""
+
+    rule: str
+    text: str
+    a: int
+    b: int
+    example: str
+    """Node id of the first item that tells it."""
+
+    @property
+    def where(self) -> str:
+        """In which of the sessions it is."""
+        return _WHERE[self.a > 0, self.b > 0]
+
+
+@dataclass(frozen=True, slots=True)
+class SideBySide:
+    """Two sessions, called A and B, and what differs between them."""
+
+    a: Side
+    b: Side
+    common: int
+    """Items that both have."""
+    comparison: Comparison
+    """What changed from A to B."""
+    matrices: tuple[Matrix, ...] | None
+    """Per test and junction, ``pass -> FAIL`` where an item differs; None where the verdicts are too many for tables."""
+    rules: tuple[Ruled, ...]
+    causes: tuple[Shared, ...]
+
+    @property
+    def differ(self) -> bool:
+        """Whether any verdict differs."""
+        return (
+            self.comparison.count("UNCHANGED", "OUTSIDE") < len(self.comparison.changes)
+            or self.matrices is None
+            or any(map(differing, self.matrices))
+        )
+
+
+def side_by_side(a: tuple[str, Report], b: tuple[str, Report], erosion: float) -> SideBySide:
+    """Return two sessions side by side.
+
+    Args:
+        a: the earlier session, or that of one controller, with its name.
+        b: the later one, or that of another controller.
+        erosion: a margin that falls by more than this is told [s].
+
+    Raises:
+        RvadsError: they have no item in common.
+    """
+    (first_name, one), (second_name, other) = a, b
+    common = len({record.nodeid for record in one.records} & {record.nodeid for record in other.records})
+    if not common:
+        raise RvadsError(
+            f"{first_name} ({plural(len(one.records), 'item')}) and {second_name} ({plural(len(other.records), 'item')}) have no "
+            "item in common, and items are matched by their ids: compare two sessions of the same tests"
+        )
+    planned = set(other.planned)
+    lost = {record.nodeid for record in one.records if cell_of(record) not in planned}
+    return SideBySide(
+        _side(*a),
+        _side(*b),
+        common,
+        compare(other, one, "A", erosion, lost.__contains__),
+        _matrices(one.records, other.records),
+        _rules(one.records, other.records),
+        _causes(one.records, other.records),
+    )
+
+
+def _side(name: str, report: Report) -> Side:
+    head = next((block.lines for block in outline(report) if isinstance(block, Head)), ())
+    return Side(name, head, report.notes)
+
+
+def _matrices(one: Iterable[Record], other: Iterable[Record]) -> tuple[Matrix, ...] | None:
+    """Return the matrices of two sessions as one each, None where the verdicts are too many for tables."""
+    was, now = Matrices(), Matrices()
+    before: dict[str, tuple[Place, Outcome, str]] = {}
+    for record in one:
+        was.add(record)
+        before[record.nodeid] = _stands(record)
+    moved: set[Place] = set()
+    for record in other:
+        now.add(record)
+        found = _stands(record)
+        earlier = before.pop(record.nodeid, None)
+        if earlier != found:
+            moved |= {found[0], (earlier or found)[0]}
+    moved |= {place for place, *_ in before.values()}
+    return None if was.too_many or now.too_many else tuple(now.after(was, moved))
+
+
+def _stands(record: Record) -> tuple[Place, Outcome, str]:
+    """Return where a record stands, and what is told of it there."""
+    return place_of(record), record.status, (record.known or "").partition(":")[0]
+
+
+def _rules(one: Iterable[Record], other: Iterable[Record]) -> tuple[Ruled, ...]:
+    """Return the verdicts per rule, by name."""
+    found: dict[str, Ruled] = {}
+    for second, records in enumerate((one, other)):
+        for record in records:
+            ruled = found.get(record.asks) or found.setdefault(record.asks, Ruled(record.asks, Counter(), Counter()))
+            (ruled.b if second else ruled.a)[record.counts_as] += 1
+    return tuple(found[rule] for rule in sorted(found))
+
+
+def _causes(one: Iterable[Record], other: Iterable[Record]) -> tuple[Shared, ...]:
+    """Return the causes of failures: those only in the second session, only in the first, in both, the most frequent first.
+
+    Causes are the same whose texts are; of what is left, those whose texts differ in numbers alone.
+    """
+    here, there = _found(one), _found(other)
+    shared: list[Shared] = []
+    for reading in (str, lambda text: _NUMBER.sub("#", text)):
+        waiting: dict[str, list[triage.Cause]] = {}
+        for cause in here:
+            waiting.setdefault(reading(cause.text), []).append(cause)
+        for cause in list(there):
+            if match := waiting.get(reading(cause.text)):
+                earlier = match.pop(0)
+                here.remove(earlier)
+                there.remove(cause)
+                shared.append(Shared(cause.rule, cause.text, earlier.count, cause.count, cause.example))
+    only = [
+        *(Shared(c.rule, c.text, 0, c.count, c.example) for c in there),
+        *(Shared(c.rule, c.text, c.count, 0, c.example) for c in here),
+    ]
+    return (*only, *sorted(shared, key=lambda cause: -cause.b))
+
+
+def _found(records: Iterable[Record]) -> list[triage.Cause]:
+    by_cause = triage.causes()
+    for record in records:
+        by_cause.add(record)
+    return by_cause.causes()
+
+
+def differing(matrix: Matrix) -> int:
+    """Return in how many cells something differs."""
+    return sum(
+        len(members) * sum(map(changed, entries)) for (_, entries), members in zip(matrix.rows, matrix.members, strict=True)
+    )
+
+
+def changed(entry: Entry) -> bool:
+    """Tell whether an item differs in a cell."""
+    return entry.text not in ("", SAME)
