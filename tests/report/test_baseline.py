@@ -13,7 +13,7 @@ from pytest_rvads.report.terminal import summary
 
 
 def record(
-    name: str, status: str, *, known: str | None = None, margin: float | None = None, rule: str = "p1", **kpis: float
+    name: str, status: str, *, known: str | None = None, margin: float | None = None, rule: str = "p1", **kpis: Any
 ) -> Any:
     keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": rule}
     made = planned_record(name, 3, "test", keys, 4)
@@ -95,12 +95,12 @@ def test_a_margin_that_fell_is_eroded() -> None:
         ({"margin": -30.0}, {"margin": -4.9}, "ERODED"),
     ],
 )
-def test_a_margin_above_its_threshold_has_not_eroded(before: dict[str, float], now: dict[str, float], kind: str) -> None:
+def test_a_margin_above_its_threshold_has_not_eroded(before: dict[str, Any], now: dict[str, Any], kind: str) -> None:
     (change,) = changes([record("t", "PASS", **before)], [record("t", "PASS", **now)]).changes
     assert change.kind == kind
 
 
-def run_of(rules: int, run: str, *, wrong: str = "", **margins: float) -> list[Any]:
+def run_of(rules: int, run: str, *, wrong: str = "", **margins: Any) -> list[Any]:
     """The records of one run, a rule each."""
     names = [f"p{number}" for number in range(1, rules + 1)]
     made = [record(f"t[{run}-{name}]", "FAIL" if name == wrong else "PASS", rule=name, **margins) for name in names]
