@@ -26,6 +26,7 @@ function link(place, item, text) {
 function card(list, item) {
   const one = make("li", list), head = make("p", one);
   make("span", head, item.status + (item.known ? " (known)" : "") + (item.change ? `, ${item.change}` : ""), "s " + session.statuses[item.status]);
+  head.append(" ");
   make("span", head, item.id, "id");
   if (item.text.length > long) {
     const part = fold(one, item.text.slice(0, long) + " ...", () => make("p", part, item.text), "what");
