@@ -62,8 +62,9 @@ function list() {
     && (!rule || item.rule === rule) && (!text || (item.id + " " + item.text).toLowerCase().includes(text)));
   const rest = session.all - session.items.length, more = rest ? `, without ${rest} that this page leaves out` : "";
   get("count").textContent = `${found.length}${all ? " failing" : ""} of ${count(session.items.length, "item")}${more}`;
+  get("failures").textContent = all ? "failures" : "items that were asked for";
   get("grouped").hidden = !all;
-  get("found").hidden = all;
+  get("found").hidden = get("clear").hidden = all;
   get("found").replaceChildren();
   if (!all) paged(get("found"), found);
 }
@@ -101,7 +102,7 @@ function groups() {
   grouped.push({ title: "other failures", own: failing.filter(item => !seen.has(item.id)) });
   const filled = grouped.filter(group => group.own.length);
   if (!filled.length) make("p", place, "No item failed.");
-  shorten(place, filled, "group", ({ title, own }, number, where = place) => {
+  shorten(place, filled, "cause", ({ title, own }, number, where = place) => {
     const part = make("div", where, "", "group"), head = make("h3", part);
     make("b", head, `${number + 1}.`);
     make("span", head, title);
@@ -111,13 +112,14 @@ function groups() {
 }
 function draw(matrix, place) {
   make("h3", place, matrix.title);
+  const numbers = new Map(Object.entries(matrix.numbers));  // which knows no names but its own
   const table = make("table", box(place, matrix.title), "", "matrix"), head = table.createTHead();
   if (matrix.columns.some(([cfg]) => cfg)) {
     const row = head.insertRow();
     make("td", row);
     matrix.columns.forEach(([cfg], k) => {
       if (k && cfg === matrix.columns[k - 1][0]) row.lastChild.colSpan += 1;
-      else make("th", row, matrix.numbers[cfg] || cfg).scope = "colgroup";
+      else make("th", row, numbers.get(cfg) || cfg).scope = "colgroup";
     });
   }
   const rules = head.insertRow();
@@ -132,7 +134,8 @@ function draw(matrix, place) {
         item.group === matrix.title && item.cfg === cfg && item.rule === rule && here.has(JSON.stringify(item.member)));
     });
   });
-  Object.entries(matrix.numbers).forEach(([label, number]) => make("p", place, `${number} = ${label}`, "legend"));
+  const legend = make("div", place, "", "legend");
+  numbers.forEach((number, label) => make("p", legend, `${number} = ${label}`));
 }
 function unfold(row, name) {
   const next = row.nextElementSibling;

@@ -232,6 +232,7 @@ def test_the_index_leads_from_a_cell_to_its_replay(open_page: Open) -> None:
     Select(by_id(browser, "rule")).select_by_value("p2")
     assert by_id(browser, "count").text == "399 of 798 items"
     assert not by_id(browser, "grouped").is_displayed()
+    assert by_id(browser, "failures").text == "items that were asked for"
     by_id(browser, "search").send_keys("class01-")
     assert by_id(browser, "count").text == "1 of 798 items"
     by_id(browser, "clear").click()
@@ -384,10 +385,21 @@ def test_configurations_have_the_numbers_of_the_terminal(open_page: Open, large:
     unfold(browser, ".tables")
     heading = browser.find_elements("css selector", ".matrix:first-of-type thead tr:first-child th")
     assert [one.text for one in heading[:20]] == [f"#{number}" for number in range(1, 21)]
-    legend = [one.text for one in browser.find_elements("css selector", ".legend")]
+    legend = [one.text for one in browser.find_elements("css selector", ".legend p")]
     assert legend[:2] == ["#1 = d10.00,12.50v05.00,08.33", "#2 = d11.00,12.50v06.00,08.33"]
     said = summary(large, colour=False, width=100, unicode=True, full=True)
     assert all(f" {line}\n" in said for line in legend)
+
+
+@pytest.mark.parametrize("label", ["toString", "__proto__", "constructor"])
+def test_a_configuration_may_be_called_as_anything_in_a_script(open_page: Open, label: str) -> None:
+    named = structs.replace(record(1, "p1", "FAIL"), cfg=label)
+    browser = open_page(page(Report((named,)), Path(".rvads")))
+    unfold(browser, ".tables")
+    shown = "toString" if label == "toString" else "#1"
+    assert browser.find_element("css selector", ".matrix thead th").text == shown
+    browser.find_element("css selector", ".matrix button").click()
+    assert by_id(browser, "count").text == "1 of 1 item"
 
 
 def test_a_session_page_is_worked_by_keys(open_page: Open) -> None:
@@ -401,9 +413,9 @@ def test_a_session_page_is_worked_by_keys(open_page: Open) -> None:
         one = browser.switch_to.active_element
         return str(one.get_dom_attribute("id") or one.get_dom_attribute("class") or one.text)
 
-    seen = [press(Keys.TAB) for _ in range(11)]
+    seen = [press(Keys.TAB) for _ in range(10)]
     assert seen == [
-        *("theme", "replay of the first", "2 items", "status", "rule", "search", "clear"),
+        *("theme", "replay of the first", "2 items", "status", "rule", "search"),
         *("replay", "1 more of this cause", "verdicts in 1 table", "2 items that did not fail"),
     ]
     browser.switch_to.active_element.send_keys(Keys.SHIFT, Keys.TAB)

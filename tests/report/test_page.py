@@ -72,6 +72,7 @@ def test_texts_can_be_read_in_both_themes(theme: str) -> None:
     named = colours()[theme]
     for text, ground in product(("fg", "faint", "link"), ("bg", "soft")):
         assert contrast(named[text], named[ground]) >= 4.5, f"{text} on {ground}"
+    assert contrast(named["bad"], named["bg"]) >= 4.5, "a failure in a table"
     for mark in ("good", "bad", "doubt", "faint"):
         assert contrast(named[mark], named["bg"]) >= 3, f"{mark}, which is no text"
 
