@@ -429,6 +429,7 @@ def test_a_session_page_is_worked_by_keys(open_page: Open) -> None:
 
 def test_a_session_page_is_printed_light_and_without_what_only_a_screen_can(open_page: Open, large: Report) -> None:
     browser = open_page(page(large, Path(".rvads")))
+    unfold(browser, ".tables")
     browser.execute_script("document.documentElement.dataset.theme = 'dark'")
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
     try:
@@ -436,6 +437,8 @@ def test_a_session_page_is_printed_light_and_without_what_only_a_screen_can(open
         assert background == "#fff"
         assert not by_id(browser, "bar").is_displayed()
         assert not by_id(browser, "theme").is_displayed()
+        table, sheet = (browser.find_element("css selector", name).rect["width"] for name in (".matrix", "main"))
+        assert table <= sheet, "no column is cut off where nobody can scroll"
     finally:
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
 
