@@ -59,10 +59,10 @@ function list() {
   const status = get("status").value, rule = get("rule").value, text = get("search").value.toLowerCase();
   const all = !only && !status && !rule && !text;
   const found = all ? failing : session.items.filter(item => (!only || only(item)) && (!status || item.status === status)
-    && (!rule || item.rule === rule) && (!text || (item.id + " " + item.text).toLowerCase().includes(text)));
+    && (!rule || item.rule === rule) && (!text || `${item.id} ${item.change} ${item.text}`.toLowerCase().includes(text)));
   const rest = session.all - session.items.length, more = rest ? `, without ${rest} that this page leaves out` : "";
   get("count").textContent = `${found.length}${all ? " failing" : ""} of ${count(session.items.length, "item")}${more}`;
-  get("failures").textContent = all ? "failures" : "items that were asked for";
+  get("failures").textContent = all ? "failures" : "items found";
   get("grouped").hidden = !all;
   get("found").hidden = get("clear").hidden = all;
   get("found").replaceChildren();

@@ -16,7 +16,7 @@ from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.rollup import Sums
-from pytest_rvads.report.session_report import Report
+from pytest_rvads.report.session_report import TOLD, Report
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import markup, printable
 
@@ -33,8 +33,6 @@ _TERMS = ("began", "driven by", "simulated by", "command:", "", "exit status")
 """What lines of the head begin with, in the order of the page; the one on all verdicts begins with their number."""
 _LINES = 10
 """Lines of the head, and changes, that are not folded."""
-_TOLD = ("NEW", "FIXED", "ERODED", "LOST", "KNOWN")
-"""Changes since the baseline that an item is marked with."""
 
 
 def page(report: Report, folder: Path) -> str:
@@ -156,7 +154,7 @@ def _item(record: Record, folder: Path, report: Report) -> dict[str, Any]:
         "status": record.status,
         "failed": record.failed,
         "known": bool(record.known),
-        "change": record.change if record.change in _TOLD else "",
+        "change": record.change if record.change in TOLD else "",
         "member": member_of(record),
         "cfg": record.cfg,
         "rule": record.asks,

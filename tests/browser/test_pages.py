@@ -232,7 +232,7 @@ def test_the_index_leads_from_a_cell_to_its_replay(open_page: Open) -> None:
     Select(by_id(browser, "rule")).select_by_value("p2")
     assert by_id(browser, "count").text == "399 of 798 items"
     assert not by_id(browser, "grouped").is_displayed()
-    assert by_id(browser, "failures").text == "items that were asked for"
+    assert by_id(browser, "failures").text == "items found"
     by_id(browser, "search").send_keys("class01-")
     assert by_id(browser, "count").text == "1 of 798 items"
     by_id(browser, "clear").click()
@@ -389,6 +389,20 @@ def test_configurations_have_the_numbers_of_the_terminal(open_page: Open, large:
     assert legend[:2] == ["#1 = d10.00,12.50v05.00,08.33", "#2 = d11.00,12.50v06.00,08.33"]
     said = summary(large, colour=False, width=100, unicode=True, full=True)
     assert all(f" {line}\n" in said for line in legend)
+
+
+def test_what_changed_since_a_baseline_is_marked_and_can_be_searched(open_page: Open) -> None:
+    records = [structs.replace(record(cls, "p1", "PASS"), change="ERODED" if cls == 3 else "UNCHANGED") for cls in range(1, 6)]
+    comparison = Comparison("main.json", tuple(Change(one.change, one.nodeid, "ttc 3.00 -> 1.00 s") for one in records))
+    browser = open_page(page(Report(tuple(records), comparison=comparison), Path(".rvads")))
+    assert "ERODED test_x.py::test[stop4-class03-p1] ttc 3.00 -> 1.00 s" in by_text(browser)
+    by_id(browser, "search").send_keys("eroded")
+    (found,) = items(browser)
+    assert found.startswith("PASS, ERODED test_x.py::test[stop4-class03-p1]")
+
+
+def by_text(browser: Chrome) -> str:
+    return str(browser.find_element("tag name", "main").text)
 
 
 @pytest.mark.parametrize("label", ["toString", "__proto__", "constructor"])
