@@ -2,7 +2,6 @@
 
 from msgspec import structs
 
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import AgentRecord, Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report, cell_of, in_order
 
@@ -86,8 +85,3 @@ def _record(place: str, cls: int, cfg: int, number: int) -> Record:
     )
     look = f".rvads/{run}-{rule}.html#t={3 + number:.2f}" if many % 8 == 0 else ""
     return conclude(structs.replace(made, look=look), [verdict], "call", "failed", text=text)
-
-
-def counted(report: Report) -> dict[Outcome, int]:
-    """How many records have each status."""
-    return {status: sum(one.status is status for one in report.records) for status in Outcome}
