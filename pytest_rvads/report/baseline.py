@@ -1,21 +1,37 @@
 """What changed since a baseline: an earlier report of the same tests.
 
-Items are compared by node id. A safety margin is time, so that one threshold serves them all: how long the bound vehicle
-waited beyond what its rule asks for, and of the item's run the shortest time to collision and post-encroachment time.
+Items are compared by node id. A safety margin is a time: how long the bound vehicle waited beyond what its rule asks for, and of
+the item's run the shortest time to collision and post-encroachment time. Erosion is told per run: the rules that judge a run
+share its indicators, so that its first item stands for all of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 
 from msgspec import structs
 
 from pytest_rvads.report.outcome import BAD, Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Change, Comparison, Report
+from pytest_rvads.wording import first
 
-__all__ = ["compare", "with_baseline"]
+__all__ = ["MATTERS", "compare", "with_baseline"]
+
+MATTERS = {"ttc": 4.0, "pet": 5.0, "margin": 5.0}
+"""Safety margins, and from where on they are so large that it does not matter by how much they fall [s].
+
+- ``ttc``: drivers keep control of situations with a time to collision (Hayward, HRB 1972) above 4 s (van der Horst and Hogema,
+  Time-to-collision and collision avoidance systems, ICTCT 1993).
+- ``pet``: a post-encroachment time (Allen, Shin, Cooper, TRR 1978) above 5 s is no conflict (Gettman and others, Surrogate
+  safety assessment model and validation, FHWA-HRT-08-051, 2008).
+- ``margin``: how long the bound vehicle waited beyond what its rule asks is a gap between two vehicles as that is, so the same.
+"""
+_NAMED = 5
+"""Margins of a run that are told; the rest is counted."""
+_Fall = tuple[float, float]
+"""A margin before and now [s]."""
 
 
 def compare(report: Report, baseline: Report, name: str, erosion: float, gone: Callable[[str], bool]) -> Comparison:
@@ -25,13 +41,29 @@ def compare(report: Report, baseline: Report, name: str, erosion: float, gone: C
         report: of the session.
         baseline: the earlier report.
         name: what to call it.
-        erosion: a margin that falls by more than this is told [s].
+        erosion: of a margin that is less than it should be, see `MATTERS`, a fall by more than this is told [s]; once per run, at
+            its first item in which one fell, and not where something of the run is NEW. Its other items are UNCHANGED.
         gone: whether an item of the baseline that the session has no record of does not exist any more; otherwise it was
             not selected.
     """
     before = {record.nodeid: record for record in baseline.records}
     simulators = dict.fromkeys((before[r.nodeid].simulator, r.simulator) for r in report.records if r.nodeid in before)
-    changes = [_change(record, before.pop(record.nodeid, None), erosion) for record in report.records]
+    changes: list[Change] = []
+    eroded: dict[str, _Eroded] = {}
+    broken: set[str] = set()
+    for record in report.records:
+        earlier = before.pop(record.nodeid, None)
+        change = _change(record, earlier)
+        if change.kind == "NEW":
+            broken.add(record.ran_as)
+        elif (
+            change.kind == "UNCHANGED" and earlier and _state(record) == "passed" and (falls := _falls(record, earlier, erosion))
+        ):
+            eroded.setdefault(record.ran_as, _Eroded(len(changes))).add(falls)
+        changes.append(change)
+    for run, found in eroded.items():
+        if run not in broken:
+            changes[found.number] = Change("ERODED", changes[found.number].nodeid, found.text())
     for nodeid, record in before.items():
         if gone(nodeid):
             changes += [Change("LOST", nodeid, f"was {record.status}, does not exist any more")] if _judged(record) else []
@@ -69,8 +101,8 @@ def _judged(record: Record | None) -> bool:
     return record is not None and _state(record) != "idle"
 
 
-def _change(record: Record, before: Record | None, erosion: float) -> Change:
-    """Return what became of an item that the session has a record of."""
+def _change(record: Record, before: Record | None) -> Change:
+    """Return what became of an item that the session has a record of, but for its margins."""
     if record.status is Outcome.NOT_RUN:
         # A skip that somebody wrote into a test is a choice; being too late, or interrupted, is none.
         chosen = record.outcome == "skipped" and not record.message.startswith("NOT RUN: ")
@@ -87,8 +119,6 @@ def _change(record: Record, before: Record | None, erosion: float) -> Change:
     if moved and now not in BAD and _judged(before):
         return Change("LOST", record.nodeid, f"was {was}, at a junction that is not the same any more")
     kind, text = _kept(then, now)
-    if kind == "UNCHANGED" and now == "passed" and before and (eroded := _erosion(record, before, erosion)):
-        return Change("ERODED", record.nodeid, eroded)
     return Change(kind, record.nodeid, text.format(was=was, now=record.status, known=record.known))
 
 
@@ -106,12 +136,38 @@ def _kept(then: str, now: str) -> tuple[str, str]:
     return "UNCHANGED", ""
 
 
-def _erosion(record: Record, before: Record, least: float) -> str:
-    """Return which margins fell by more than `least` [s], or nothing."""
+@dataclass(slots=True)
+class _Eroded:
+    """A run of which margins fell."""
+
+    number: int
+    """Of its first item in which one did, among the changes."""
+    items: int = 0
+    """In how many one did."""
+    falls: dict[str, _Fall] = field(default_factory=dict)
+    """By margin; where items differ the deepest fall."""
+
+    def add(self, falls: Iterable[tuple[str, _Fall]]) -> None:
+        """Take in what fell in one of its items."""
+        self.items += 1
+        for name, (then, now) in falls:
+            if name not in self.falls or then - now > self.falls[name][0] - self.falls[name][1]:
+                self.falls[name] = then, now
+
+    def text(self) -> str:
+        """Return which margins fell, in one line."""
+        told = first([f"{name} {then:.2f} -> {now:.2f} s" for name, (then, now) in self.falls.items()], _NAMED)
+        return told + (f", in {self.items} items of its run" if self.items > 1 else "")
+
+
+def _falls(record: Record, before: Record, least: float) -> list[tuple[str, _Fall]]:
+    """Return which margins that matter fell by more than `least` [s]; that of a rule with its name."""
     now, then = _margins(record), _margins(before)
-    return ", ".join(
-        f"{name} {then[name]:.2f} -> {value:.2f} s" for name, value in now.items() if name in then and then[name] - value > least
-    )
+    return [
+        (f"margin of {record.asks}" if name == "margin" else name, (then[name], value))
+        for name, value in now.items()
+        if name in then and value < MATTERS[name] and then[name] - value > least
+    ]
 
 
 def _margins(record: Record) -> dict[str, float]:
@@ -119,8 +175,8 @@ def _margins(record: Record) -> dict[str, float]:
     waits = [-i.margin for verdict in record.verdicts for i in verdict.instances if i.margin is not None]
     kpis = record.kpis
     found = {
-        "margin": min(waits, default=None),
         "ttc": kpis.ttc if kpis else None,
         "pet": kpis.pet if kpis else None,
+        "margin": min(waits, default=None),
     }
     return {name: value for name, value in found.items() if value is not None}

@@ -1,11 +1,12 @@
-"""A report as Markdown, for GitHub's job summary among others."""
+"""A report as Markdown, for GitHub's job summary among others: what the session was and causes first, the rest folded."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
 
-from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
+from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
 from pytest_rvads.report.rollup import WORST
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.wording import printable
@@ -19,14 +20,36 @@ _ESCAPES = (
     (re.compile(r"<(?=[A-Za-z/!?])"), "&lt;"),  # HTML, addresses in angle brackets
     (re.compile(r"^[-+>#\[]|[\\`*~$|]|(?<![^\W_])_|_(?![^\W_])|\](?=[(\[])"), r"\\\g<0>"),  # blocks, spans, cells, links
     (re.compile(r"(?i)\b(javascript|vbscript|data|file|http|ftp|mailto|xmpp)(?=:)|\bwww(?=\.)"), r"\g<0>\\"),  # bare addresses
-    (re.compile(r"(?<!\w)@(?=\w)"), "@\N{WORD JOINER}"),  # mentions
+    (re.compile(r"(?<!\w)@(?=\w)|(?<![\w;])#(?=\d)"), "\\g<0>\N{WORD JOINER}"),  # mentions, numbers of issues
 )
 
 
 def markdown(report: Report) -> str:
-    """Return a report as Markdown: the tables last, because they are long."""
-    blocks = sorted(outline(report), key=lambda block: isinstance(block, Verdicts))
-    return "\n".join(("# rvads verdicts", *(line for block in blocks for line in ("", *_render(block))))) + "\n"
+    """Return a report as Markdown: what it was, what changed, and what caused failures; sums; all else folded."""
+    blocks = outline(report)
+    shown, closed = [block for block in blocks if _open(block)], [block for block in blocks if not _open(block)]
+    lines = ["# rvads verdicts"]
+    for block in sorted(shown, key=lambda block: isinstance(block, RollUp)):
+        lines += ["", *_render(block)]
+    for title, several in groupby(closed, _summary):
+        told = [line for block in several for line in ("", *_render(block))]
+        lines += ["", f"<details><summary>{title}</summary>", *told, "", "</details>"]
+    return "\n".join(lines) + "\n"
+
+
+def _open(block: Block) -> bool:
+    """Tell whether a block is read without opening anything: sums are, because they are as long for any number of verdicts."""
+    return isinstance(block, Notes | Head | Changes | RollUp) or block.title == FAILURES
+
+
+def _summary(block: Block) -> str:
+    """Return what a folded part is called; nothing that comes from elsewhere, because that is HTML."""
+    match block:
+        case Verdicts():
+            return "verdict tables"
+        case Figures(title=title):
+            return f"{title} and figures"
+    return block.title
 
 
 def section(title: str, lines: Sequence[str], columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
@@ -58,9 +81,12 @@ def _render(block: Block) -> Iterator[str]:
                 yield from ("", *_folded(head, [_row(table.cells(row)) for row in table.rows], f"{table.corner}s"))
         case Verdicts(matrix):
             yield from (f"## {_text(matrix.title)}", "")
-            head = _row([matrix.corner, *matrix.headings]), "|---|" + "---|" * len(matrix.columns)
+            columns = [f"{matrix.numbers.get(cfg, cfg)} {rule}".lstrip() for cfg, rule in matrix.columns]
+            head = _row([matrix.corner, *columns]), "|---|" + "---|" * len(columns)
             rows = [_row([label, *(entry.text for entry in entries)]) for label, entries in matrix.rows]
             yield from _folded(head, rows, "rows")
+            if matrix.numbers:
+                yield from ("", *(f"- {_text(f'{number} = {label}')}" for label, number in matrix.numbers.items()))
 
 
 def _folded(head: tuple[str, ...], rows: Sequence[str], what: str, most: int = WORST) -> Iterator[str]:

@@ -22,8 +22,10 @@ from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.triage import ByText, Cause, causes, idle, known, provoked, unavoidable, unsure
 from pytest_rvads.wording import plural
 
-__all__ = ["Block", "Causes", "Changes", "Figures", "Head", "Notes", "RollUp", "Verdicts", "outline"]
+__all__ = ["FAILURES", "Block", "Causes", "Changes", "Figures", "Head", "Notes", "RollUp", "Verdicts", "outline"]
 
+FAILURES = "causes of failures"
+"""Title of the block of causes that no format folds."""
 _REASONS = 5
 """Reasons told in short why junctions are left out."""
 _LISTED = 10
@@ -133,7 +135,7 @@ class _Tally(Protocol):
 
 
 _GROUPED: tuple[tuple[str, Callable[[], ByText]], ...] = (
-    ("causes of failures", causes),
+    (FAILURES, causes),
     ("provoked by traffic", provoked),
     ("unavoidable: nobody could have kept the rule", unavoidable),
     ("unsure: another reading of what was recorded changes the verdict", unsure),

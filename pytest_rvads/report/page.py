@@ -1,21 +1,22 @@
-"""A report as a self-contained page: sums, causes, coverage, verdict matrices, and the items with their replays."""
+"""A report as a self-contained page: what the session was, causes, failures; all else is folded, and made when it is opened."""
 
 from __future__ import annotations
 
 import os
 import re
+import shlex
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from heapq import nsmallest
 from pathlib import Path
 from typing import Any
 
 from pytest_rvads.report.matrix import group_of, member_of
 from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
+from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.rollup import Sums
-from pytest_rvads.report.session_report import Report
+from pytest_rvads.report.session_report import TOLD, Report
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import markup, printable
 
@@ -26,6 +27,12 @@ _ITEMS = 5000
 _WEB = re.compile(r"https://[^\\\s]+")
 _NO_PATH = re.compile(r"[^/?#]*:| *//|.*[\\\t\n]", re.DOTALL)
 """An address with a scheme, of another host, or what browsers would make one of."""
+_SHELL = re.compile(r"[\"$`\\!]")
+"""What a shell expands inside double quotes."""
+_TERMS = ("began", "driven by", "simulated by", "command:", "", "exit status")
+"""What lines of the head begin with, in the order of the page; the one on all verdicts begins with their number."""
+_LINES = 10
+"""Lines of the head, and changes, that are not folded."""
 
 
 def page(report: Report, folder: Path) -> str:
@@ -38,15 +45,19 @@ def page(report: Report, folder: Path) -> str:
     blocks = outline(report, tables=True)
     chosen = _chosen(report)
     seen = {record.status for record in chosen}
+    rolled = [block for block in blocks if isinstance(block, RollUp)]
     content = {
-        "items": [_item(record, folder) for record in chosen],
+        "items": [_item(record, folder, report) for record in chosen],
         "all": len(report.records),
-        "sums": [_sums(table) for block in blocks if isinstance(block, RollUp) for table in block.sums],
+        "sums": [_sums(table) for block in rolled for table in block.sums],
+        "rolled": "".join(block.title for block in rolled),
         "causes": [_causes(block) for block in blocks if isinstance(block, Causes)],
         "matrices": [_matrix(block) for block in blocks if isinstance(block, Verdicts)],
         "statuses": {outcome: outcome.mark for outcome in Outcome.worst_first() if outcome in seen},
     }
-    return webpage("pytest_rvads.report", "page", "rvads verdicts", content, said="".join(map(_said, blocks)))
+    figures = "".join(_figures(block) for block in blocks if isinstance(block, Figures))
+    said = "".join(map(_said, blocks))
+    return webpage("pytest_rvads.report", "page", "rvads verdicts", content, said=said, figures=figures)
 
 
 def _chosen(report: Report) -> list[Record]:
@@ -67,26 +78,49 @@ def _chosen(report: Report) -> list[Record]:
 
 
 def _said(block: Block) -> str:
-    """Return a block of plain sentences as HTML; what can be clicked is made on the page."""
+    """Return a block that the page begins with as HTML; what can be clicked is made on the page."""
     match block:
         case Notes(lines):
             return "".join(f"<p class=note>{markup(note)}</p>" for note in lines)
         case Head(lines):
-            return f"<ul>{''.join(f'<li>{markup(line)}' for line in lines)}</ul>"
+            return _head(lines)
         case Changes(comparison):
-            changes = "".join(f"<li>{markup(line)}" for line in comparison.lines())
-            return f"<h2>{block.title}</h2><p>{markup(comparison.headline)}</p><ul>{changes}</ul>"
-        case RollUp():
-            return f"<h2>{block.title}</h2><div id=sums></div>"
-        case Figures(lines):
-            figures = "".join(f"<li>{markup(line)}" for line in lines)
-            return f"<div id=causes></div><h2>{block.title}</h2><ul>{figures}</ul>"
+            changes = [f"<li>{markup(line)}" for line in comparison.lines()]
+            more = len(changes) - _LINES
+            rest = f"<details><summary>{more} more</summary><ul>{''.join(changes[_LINES:])}</ul></details>" if more > 0 else ""
+            told = f"<ul>{''.join(changes[:_LINES])}</ul>{rest}" if changes else ""
+            return f"<h2>{block.title}</h2><p>{markup(comparison.headline)}</p>{told}"
     return ""
 
 
+def _head(lines: Sequence[str]) -> str:
+    """Return what the session was as a list of terms; many drivers are folded."""
+    rows = [
+        f"<div><dt>{term.rstrip(':') or 'found'}</dt><dd>{markup(line.removeprefix(term).lstrip())}</dd></div>"
+        for term in _TERMS
+        for line in lines
+        if _term(line) == term
+    ]
+    few, more = (rows, []) if len(rows) <= _LINES else (rows[: _LINES - 3] + rows[-3:], rows[_LINES - 3 : -3])
+    folded = f"<details><summary>{len(more)} more</summary><dl class=head>{''.join(more)}</dl></details>" if more else ""
+    return f"<dl class=head>{''.join(few)}</dl>{folded}"
+
+
+def _term(line: str) -> str:
+    return next(term for term in sorted(_TERMS, reverse=True) if line.startswith(term))
+
+
+def _figures(block: Figures) -> str:
+    figures = "".join(f"<li>{markup(line)}" for line in block.lines)
+    return f"<details class=fold><summary>{block.title} and figures</summary><ul>{figures}</ul></details>"
+
+
 def _causes(block: Causes) -> dict[str, Any]:
-    causes = [{"count": c.count, "rule": c.rule, "text": c.line, "ids": c.nodeids, "first": c.example} for c in block.causes]
-    return {"title": block.title, "again": block.again, "causes": causes}
+    causes = [
+        {"count": c.count, "rule": c.rule, "text": c.line, "ids": c.nodeids, "first": c.example, "again": block.first(c)}
+        for c in block.causes
+    ]
+    return {"title": block.title, "failed": block.title == FAILURES, "causes": causes}
 
 
 def _sums(table: Sums) -> dict[str, Any]:
@@ -101,17 +135,26 @@ def _matrix(block: Verdicts) -> dict[str, Any]:
         (label, [(entry.text, entry.bad) for entry in entries], members)
         for (label, entries), members in zip(matrix.rows, matrix.members, strict=True)
     ]
-    return {"title": block.title, "junction": matrix.junction, "corner": matrix.corner, "columns": matrix.columns, "rows": rows}
+    return {
+        "title": block.title,
+        "junction": matrix.junction,
+        "corner": matrix.corner,
+        "columns": matrix.columns,
+        "numbers": matrix.numbers,
+        "rows": rows,
+    }
 
 
-def _item(record: Record, folder: Path) -> dict[str, Any]:
+def _item(record: Record, folder: Path, report: Report) -> dict[str, Any]:
     return {
         "id": record.nodeid,
         "group": group_of(record),
         "junction": record.junction,
         "kind": record.kind,
         "status": record.status,
+        "failed": record.failed,
         "known": bool(record.known),
+        "change": record.change if record.change in TOLD else "",
         "member": member_of(record),
         "cfg": record.cfg,
         "rule": record.asks,
@@ -119,11 +162,25 @@ def _item(record: Record, folder: Path) -> dict[str, Any]:
         "driver": record.driver,
         "simulator": record.simulator,
         "look": _link(record.look, folder),
+        "draw": _drawing(record, report),
     }
+
+
+def _drawing(record: Record, report: Report) -> str:
+    """Return the command that draws the replay of an item, where it has a run that may be kept and none is drawn."""
+    if record.look and not record.look.startswith("not drawn"):
+        return ""
+    if not record.hash or not (record.failed or report.kept) or not report.again.startswith("pytest"):
+        return ""
+    # In quotes of which a shell takes nothing for its own.
+    quoted = shlex.quote(record.nodeid) if _SHELL.search(record.nodeid) else f'"{record.nodeid}"'
+    return f"rvads replay {quoted}"
 
 
 def _link(look: str, folder: Path) -> str:
     """Return a link to a page, for a file in a folder; nothing where that would be neither a relative path nor https."""
+    if look.startswith("not drawn"):
+        return ""
     look = printable(look, len(look))  # control characters become backslashes, which are refused
     if _WEB.fullmatch(look):
         return look

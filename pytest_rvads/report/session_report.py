@@ -11,7 +11,20 @@ from msgspec import Meta, Struct
 
 from pytest_rvads.report.record import Record
 
-__all__ = ["UNFINISHED", "Cell", "Change", "Comparison", "Drawn", "Extent", "Move", "Report", "begun", "cell_of", "in_order"]
+__all__ = [
+    "TOLD",
+    "UNFINISHED",
+    "Cell",
+    "Change",
+    "Comparison",
+    "Drawn",
+    "Extent",
+    "Move",
+    "Report",
+    "begun",
+    "cell_of",
+    "in_order",
+]
 
 UNFINISHED = 2
 """Exit status of a session that did not come to its end, as of one that was interrupted."""
@@ -62,7 +75,7 @@ _KINDS = {
     "OUTSIDE": "is in the baseline and was not selected now",
 }
 """Every kind of change, in the order of the summary."""
-_TOLD = ("NEW", "FIXED", "ERODED", "LOST", "KNOWN")
+TOLD = ("NEW", "FIXED", "ERODED", "LOST", "KNOWN")
 """Kinds that are listed item by item."""
 
 
@@ -106,7 +119,7 @@ class Comparison:
             most: per kind; the rest is counted.
         """
         yield from self.versions
-        for kind in _TOLD:
+        for kind in TOLD:
             told = [change for change in self.changes if change.kind == kind]
             for change in told[:most]:
                 yield f"{kind:<7} {change.nodeid}" + (f"  {change.text}" if change.text else "")

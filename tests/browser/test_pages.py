@@ -18,6 +18,7 @@ from pytest_rvads.junctions.finder import find
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report, in_order
+from pytest_rvads.report.terminal import summary
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.recording import Track as Samples
@@ -27,6 +28,8 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.wording import printable
+
+from .large_session import large_session
 
 Chrome = Any  # of selenium.webdriver, which not everybody has
 Open = Callable[..., Chrome]
@@ -194,6 +197,18 @@ def record(cls: int, rule: str, status: str) -> Record:
     return conclude(structs.replace(found, look=look), [verdict], "call", outcome, text=f"{rule} <b>at</b> t=1")
 
 
+def unfold(browser: Chrome, selector: str) -> None:
+    """Open a folded part, which is made then."""
+    browser.find_element("css selector", f"{selector} > summary").click()
+    wait(browser, lambda: bool(browser.find_elements("css selector", f"{selector} > :not(summary)")))
+
+
+def items(browser: Chrome, within: str = "#found") -> list[str]:
+    """The items that are shown there."""
+    script = "return [...document.querySelectorAll(arguments[0])].map(item => item.innerText)"
+    return list(browser.execute_script(script, f"{within} .items > li"))
+
+
 def test_the_index_leads_from_a_cell_to_its_replay(open_page: Open) -> None:
     from selenium.webdriver.support.select import Select
 
@@ -202,26 +217,27 @@ def test_the_index_leads_from_a_cell_to_its_replay(open_page: Open) -> None:
     ]
     report = Report(in_order(records), {4: (24, 81)}, (), {}, 1, ("2 items did not run",))
     browser = open_page(page(report, Path(".rvads")), "")
-
-    def rows() -> list[str]:
-        script = "return [...document.querySelectorAll('#items tbody tr')].map(row => row.innerText)"
-        return list(browser.execute_script(script))
-
-    assert by_id(browser, "count").text == "798 of 798 items"
-    assert len(rows()) == 300
-    by_id(browser, "more").click()
-    assert len(rows()) == 600
+    assert by_id(browser, "count").text == "1 failing of 798 items"
+    assert len(items(browser, "")) == 1, "what passed is not there until it is asked for"
+    unfold(browser, ".passed")
+    assert len(items(browser, ".passed")) == 100
+    browser.find_element("css selector", ".passed .more").click()
+    assert len(items(browser, ".passed")) == 200
     assert "2 items did not run" in browser.find_element("css selector", ".note").text
+    unfold(browser, ".tables")
     browser.find_element("xpath", "//table[@class='matrix']//button[text()='FAIL']").click()
     assert by_id(browser, "count").text == "1 of 798 items"
-    assert "<b>at</b>" in rows()[0]
-    assert browser.find_element("css selector", "#items a").get_dom_attribute("href") == "2.html#t=1.00"
+    assert "<b>at</b>" in items(browser)[0]
+    assert browser.find_element("css selector", "#found a").get_dom_attribute("href") == "2.html#t=1.00"
     by_id(browser, "clear").click()
     Select(by_id(browser, "rule")).select_by_value("p2")
     assert by_id(browser, "count").text == "399 of 798 items"
+    assert not by_id(browser, "grouped").is_displayed()
+    assert by_id(browser, "failures").text == "items found"
     by_id(browser, "search").send_keys("class01-")
     assert by_id(browser, "count").text == "1 of 798 items"
     by_id(browser, "clear").click()
+    assert by_id(browser, "grouped").is_displayed()
     browser.find_element("css selector", ".causes button").click()
     assert by_id(browser, "count").text == "1 of 798 items"
 
@@ -238,6 +254,8 @@ def test_the_sums_of_a_town_lead_to_the_table_and_the_items_of_a_junction(open_p
     def names() -> list[str]:
         return [one.text for one in browser.find_elements("css selector", ".sums button")]
 
+    assert names() == []
+    unfold(browser, ".rolled")
     assert names() == ["4-way stop", "p1", "p2", "J24", *(f"J{place}" for place in range(19))], "the worst first"
     assert not browser.find_elements("css selector", ".matrix")
     browser.find_element("xpath", "//button[text()='5 more junctions']").click()
@@ -267,15 +285,177 @@ def test_a_row_of_recordings_leads_to_all_of_them(open_page: Open) -> None:
 
     records = [recorded(f"d{number}", "UNSURE" if number == 5 else "NA") for number in range(10)]
     browser = open_page(page(Report(in_order(records)), Path(".rvads")), "")
+    assert by_id(browser, "grouped").text == "No item failed."
+    unfold(browser, ".tables")
     browser.find_element("xpath", "//table[@class='matrix']//tr[th='d0, d1, d2 and 6 more']//button[text()='NA']").click()
     assert by_id(browser, "count").text == "9 of 10 items"
     browser.find_element("xpath", "//table[@class='matrix']//tr[th='d5']//button[text()='unsure']").click()
     assert by_id(browser, "count").text == "1 of 10 items"
-    assert browser.find_element("css selector", "#items .s.doubt").text == "UNSURE"
-    assert [title.text for title in browser.find_elements("css selector", "#causes h2")] == [
-        "unsure: another reading of what was recorded changes the verdict",
-        "not applicable, skipped or not run",
+    assert browser.find_element("css selector", "#found .s.doubt").text == "UNSURE"
+    assert [title.text for title in browser.find_elements("css selector", ".others > summary")] == [
+        "unsure: another reading of what was recorded changes the verdict (1)",
+        "not applicable, skipped or not run (9)",
     ]
+
+
+@pytest.fixture(scope="module")
+def large() -> Report:
+    return large_session()
+
+
+@pytest.fixture
+def phone(browser: Chrome) -> Iterator[None]:
+    metrics = {"width": 375, "height": 812, "deviceScaleFactor": 1, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    yield
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def extent(browser: Chrome) -> tuple[int, int]:
+    """Width and height of the whole page [px]."""
+    script = "const {scrollWidth, scrollHeight} = document.documentElement; return [scrollWidth, scrollHeight]"
+    width, height = browser.execute_script(script)
+    return width, height
+
+
+@pytest.mark.usefixtures("phone")
+def test_a_large_session_keeps_to_ten_screens_of_a_phone(open_page: Open, large: Report) -> None:
+    assert (len(large.records), sum(one.failed for one in large.records)) == (3000, 300)
+    browser = open_page(page(large, Path(".rvads")))
+    width, height = extent(browser)
+    assert width == 375
+    assert height < 10 * 812
+    for kind in ("tables", "others", "passed"):
+        unfold(browser, f".{kind}")
+
+    def all_open() -> bool:
+        browser.execute_script("document.querySelectorAll('details').forEach(one => { one.open = true; })")
+        return len(items(browser, "#grouped")) == 300
+
+    wait(browser, all_open)
+    assert extent(browser)[0] == 375, "tables scroll within their boxes"
+    table, its = (browser.find_element("css selector", name).rect["width"] for name in (".matrix", ".scroll"))
+    assert its < 375 < table
+
+
+def test_a_session_page_begins_with_what_it_was_then_causes_then_failures(open_page: Open, large: Report) -> None:
+    browser = open_page(page(large, Path(".rvads")))
+    terms = {row.find_element("tag name", "dt").text: row.find_element("tag name", "dd").text for row in heads(browser)}
+    assert terms == {
+        "began": "2026-11-23T12:46:18+00:00",
+        "driven by": "pilots.hurried.HurriedPilot (pilots/hurried.py 3fa29c01): 600 runs",
+        "simulated by": "bullet 3.2.7: 600 runs",
+        "command": "pytest tests/test_pilots.py --rvads-report=verdicts.html -n 4",
+        "found": "3,000 verdicts on 600 runs: 1825 pass, 160 fail, 140 open, 875 NA",
+        "exit status": "1",
+    }
+    assert [title.text for title in browser.find_elements("tag name", "h2")] == [
+        "causes of failures",
+        "failures",
+        "everything else",
+    ]
+    first = browser.find_element("css selector", ".causes > li")
+    example = "tests/test_pilots.py::test_rules[light4-class01-as1101-cfgd10.00,12.50v05.00,08.33-p1]"
+    assert first.find_element("tag name", "code").text == f'pytest "{example}"'
+    link = first.find_element("link text", "replay of the first")
+    assert link.get_dom_attribute("href").startswith("light4-class01-as1101-cfgd10.00")
+    assert len(items(browser, "#grouped")) == 10, "an example of each of the causes that are shown"
+    assert example in items(browser, "#grouped")[0]
+    assert {text.split()[0] for text in items(browser, "")} == {"FAIL", "OPEN"}, "neither NA nor PASS"
+
+
+def heads(browser: Chrome) -> Any:
+    return browser.find_elements("css selector", ".head > div")
+
+
+def test_failures_stand_with_their_cause_and_those_without_a_replay_tell_how_to_draw_it(open_page: Open, large: Report) -> None:
+    browser = open_page(page(large, Path(".rvads")))
+    unfold(browser, "#grouped > .group:nth-child(2) > details")
+    group = "#grouped > .group:nth-child(2)"
+    assert len(items(browser, group)) == 20
+    drawn = browser.find_elements("css selector", f"{group} a")
+    commands = [one.text for one in browser.find_elements("css selector", f"{group} code")]
+    assert (len(drawn), len(commands)) == (8, 12), "as many as the session has drawn"
+    assert commands[0] == 'rvads replay "tests/test_pilots.py::test_rules[light4-class01-as1101-cfgd14.00,12.50v05.00,08.33-p2]"'
+    unfold(browser, "#grouped > details")
+    assert len(items(browser, "#grouped > details")) == 5
+
+
+def test_configurations_have_the_numbers_of_the_terminal(open_page: Open, large: Report) -> None:
+    browser = open_page(page(large, Path(".rvads")))
+    unfold(browser, ".tables")
+    heading = browser.find_elements("css selector", ".matrix:first-of-type thead tr:first-child th")
+    assert [one.text for one in heading[:20]] == [f"#{number}" for number in range(1, 21)]
+    legend = [one.text for one in browser.find_elements("css selector", ".legend p")]
+    assert legend[:2] == ["#1 = d10.00,12.50v05.00,08.33", "#2 = d11.00,12.50v06.00,08.33"]
+    said = summary(large, colour=False, width=100, unicode=True, full=True)
+    assert all(f" {line}\n" in said for line in legend)
+
+
+def test_what_changed_since_a_baseline_is_marked_and_can_be_searched(open_page: Open) -> None:
+    records = [structs.replace(record(cls, "p1", "PASS"), change="ERODED" if cls == 3 else "UNCHANGED") for cls in range(1, 6)]
+    comparison = Comparison("main.json", tuple(Change(one.change, one.nodeid, "ttc 3.00 -> 1.00 s") for one in records))
+    browser = open_page(page(Report(tuple(records), comparison=comparison), Path(".rvads")))
+    assert "ERODED test_x.py::test[stop4-class03-p1] ttc 3.00 -> 1.00 s" in by_text(browser)
+    by_id(browser, "search").send_keys("eroded")
+    (found,) = items(browser)
+    assert found.startswith("PASS, ERODED test_x.py::test[stop4-class03-p1]")
+
+
+def by_text(browser: Chrome) -> str:
+    return str(browser.find_element("tag name", "main").text)
+
+
+@pytest.mark.parametrize("label", ["toString", "__proto__", "constructor"])
+def test_a_configuration_may_be_called_as_anything_in_a_script(open_page: Open, label: str) -> None:
+    named = structs.replace(record(1, "p1", "FAIL"), cfg=label)
+    browser = open_page(page(Report((named,)), Path(".rvads")))
+    unfold(browser, ".tables")
+    shown = "toString" if label == "toString" else "#1"
+    assert browser.find_element("css selector", ".matrix thead th").text == shown
+    browser.find_element("css selector", ".matrix button").click()
+    assert by_id(browser, "count").text == "1 of 1 item"
+
+
+def test_a_session_page_is_worked_by_keys(open_page: Open) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    records = [record(cls, "p1", "FAIL" if cls < 3 else "PASS") for cls in range(1, 5)]
+    browser = open_page(page(Report(tuple(records)), Path(".rvads")))
+
+    def press(key: str) -> str:
+        browser.switch_to.active_element.send_keys(key)
+        one = browser.switch_to.active_element
+        return str(one.get_dom_attribute("id") or one.get_dom_attribute("class") or one.text)
+
+    seen = [press(Keys.TAB) for _ in range(10)]
+    assert seen == [
+        *("theme", "replay of the first", "2 items", "status", "rule", "search"),
+        *("replay", "1 more of this cause", "verdicts in 1 table", "2 items that did not fail"),
+    ]
+    browser.switch_to.active_element.send_keys(Keys.SHIFT, Keys.TAB)
+    browser.switch_to.active_element.send_keys(Keys.ENTER)
+    wait(browser, lambda: bool(browser.find_elements("css selector", ".matrix")))
+    assert press(Keys.TAB) == "scroll", "it can be scrolled by keys"
+    assert press(Keys.TAB) == "bad"
+    assert press(Keys.ENTER) == "count", "one is led to what was found"
+    assert by_id(browser, "count").text == "2 of 4 items"
+
+
+def test_a_session_page_is_printed_light_and_without_what_only_a_screen_can(open_page: Open, large: Report) -> None:
+    browser = open_page(page(large, Path(".rvads")))
+    unfold(browser, ".tables")
+    browser.execute_script("document.documentElement.dataset.theme = 'dark'")
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    try:
+        background = browser.execute_script("return getComputedStyle(document.documentElement).getPropertyValue('--bg')")
+        assert background == "#fff"
+        assert not by_id(browser, "bar").is_displayed()
+        assert not by_id(browser, "theme").is_displayed()
+        table, sheet = (browser.find_element("css selector", name).rect["width"] for name in (".matrix", "main"))
+        assert table <= sheet, "no column is cut off where nobody can scroll"
+    finally:
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
 
 
 HOSTILE = [
@@ -311,20 +491,40 @@ def test_a_replay_shows_hostile_names_and_plays(open_page: Open, run: Run, text:
 @pytest.mark.parametrize("text", HOSTILE)
 def test_an_index_shows_hostile_texts_and_can_be_clicked(open_page: Open, text: str) -> None:
     one = structs.replace(record(2, text, "FAIL"), message=text, look=text, driver=text, junction=text, cfg=text, known=text)
-    report = Report((one,), {4: (24, 81)}, (), {text: text}, 1, (text,), comparison=Comparison(text, (Change("NEW", text),)))
+    one = structs.replace(one, source=text, simulator=text, hash="1", nodeid=f"{text}2", variant=text)
+    quiet = structs.replace(record(3, text, "PASS"), nodeid=text, message=text * 300, hash="2", variant=text)
+    report = Report(
+        (one, quiet),
+        {4: (24, 81)},
+        (),
+        {text: text},
+        1,
+        (text,),
+        comparison=Comparison(text, (Change("NEW", text),) * 12),
+        began=text,
+        command=text,
+        kept=text,
+    )
     browser = open_page(page(report, Path()))
+    for kind in ("tables", "passed"):
+        unfold(browser, f".{kind}")
+    browser.execute_script("document.querySelectorAll('details').forEach(one => { one.open = true; })")
     for button in browser.find_elements("css selector", ".causes button, .matrix button"):
         button.click()
-        assert by_id(browser, "count").text == "1 of 1 items"
+        assert by_id(browser, "count").text == "1 of 2 items"
     assert {link.get_attribute("protocol") for link in browser.find_elements("tag name", "a")} <= {"file:"}
     assert untouched(browser)
     assert browser.find_element("css selector", ".note").text == printable(text)
+    told = [row.find_element("tag name", "dd").get_property("textContent") for row in heads(browser)]
+    assert told[0] == printable(text)
+    assert told[1] == f"{printable(text)} ({printable(text)}): 1 run"
 
 
 @pytest.mark.parametrize("text", HOSTILE)
 def test_sums_show_hostile_names_and_can_be_clicked(open_page: Open, text: str) -> None:
     records = [structs.replace(record(1, text, "FAIL"), junction=f"{text}{place}", control=text) for place in range(5)]
     browser = open_page(page(Report(tuple(records)), Path()))
+    unfold(browser, ".rolled")
     for button in browser.find_elements("css selector", ".sums button"):
         button.click()
     assert len(browser.find_elements("css selector", ".unfolded .matrix")) == 5

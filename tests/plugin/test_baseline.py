@@ -101,6 +101,38 @@ def test_what_vanished_and_what_was_not_selected(tests: pytest.Pytester) -> None
     )
 
 
+ONE_RUN = """
+    import pytest_rvads as rvads
+
+    @rvads.scenario("stop4", classes=1, distances=0.3, rules="p1", duration=10)
+    def test_enters(run, rule, monitor):
+        monitor.check(rule)
+
+    test_enters_again = test_enters
+"""
+
+
+def test_a_run_that_eroded_is_one_change_however_often_it_is_judged(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_it=ONE_RUN)
+    session(pytester, "False", "--rvads-report=old.json")
+    report = json.loads((pytester.path / "old.json").read_text(encoding="utf-8"))
+    for record in report["records"]:
+        record["kpis"]["ttc"] += 1.0
+    (pytester.path / "old.json").write_text(json.dumps(report), encoding="utf-8")
+    lets = session(pytester, "False", "--rvads-baseline=old.json", "--rvads-fail-on=new", "--rvads-report=now.json")
+    lets.stdout.fnmatch_lines(
+        [
+            "against old.json: 1 ERODED, 1 UNCHANGED",
+            "  ERODED  test_it.py::test_enters[[]*-p1[]]  ttc 1.48 -> 0.48 s, in 2 items of its run",
+        ]
+    )
+    assert lets.ret == 0
+    now = json.loads((pytester.path / "now.json").read_text(encoding="utf-8"))
+    assert [record["change"] for record in now["records"]] == ["ERODED", "UNCHANGED"]
+    fails = session(pytester, "False", "--rvads-baseline=old.json", "--rvads-fail-on=eroded")
+    assert fails.ret == pytest.ExitCode.TESTS_FAILED
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [
@@ -178,8 +210,9 @@ def test_merged_shards_beside_a_baseline(tests: pytest.Pytester, capsys: pytest.
     capsys.readouterr()
     assert main(["report", "merge", *shards, "--baseline", old]) == 1
     said = capsys.readouterr().out.splitlines()
-    assert said[0].endswith("old.json: 1 NEW, 2 UNCHANGED, 1 OUTSIDE")
-    assert said[1].startswith("  NEW     test_it.py::test_rules[stop4-class02-as1112-cfgB-p1]  p1 at t=")
+    (headline,) = (number for number, line in enumerate(said) if line.startswith("against "))
+    assert said[headline].endswith("old.json: 1 NEW, 2 UNCHANGED, 1 OUTSIDE")
+    assert said[headline + 1].startswith("  NEW     test_it.py::test_rules[stop4-class02-as1112-cfgB-p1]  p1 at t=")
 
 
 def test_comparing_runs_and_verdicts(pytester: pytest.Pytester) -> None:

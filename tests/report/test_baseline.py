@@ -12,14 +12,16 @@ from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.terminal import summary
 
 
-def record(name: str, status: str, *, known: str | None = None, margin: float | None = None, pet: float | None = None) -> Any:
-    keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": "p1"}
+def record(
+    name: str, status: str, *, known: str | None = None, margin: float | None = None, rule: str = "p1", **kpis: Any
+) -> Any:
+    keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": rule}
     made = planned_record(name, 3, "test", keys, 4)
     if status == "NOT RUN":
         return made
     outcome = "skipped" if status in ("NA", "UNSURE") or known else "passed" if status == "PASS" else "failed"
     verdicts = [{"status": status, "cause": "both in", "instances": [{"margin": margin}]}]
-    made = replace(made, kpis=Indicators(pet=pet))
+    made = replace(made, kpis=Indicators(**kpis))
     return conclude(made, verdicts, "call", outcome, known=known, text="p1 at t=1.00 s: both in")
 
 
@@ -75,10 +77,61 @@ def test_a_margin_that_fell_is_eroded() -> None:
     before = record("t", "PASS", margin=-2.0, pet=3.0)
     assert changes([before], [record("t", "PASS", margin=-1.6, pet=2.6)]).count("UNCHANGED") == 1
     (change,) = changes([before], [record("t", "PASS", margin=-1.4, pet=2.6)]).changes
-    assert (change.kind, change.text) == ("ERODED", "margin 2.00 -> 1.40 s")
+    assert (change.kind, change.text) == ("ERODED", "margin of p1 2.00 -> 1.40 s")
     (change,) = changes([before], [record("t", "PASS", margin=-2.5, pet=1.0)]).changes
     assert change.text == "pet 3.00 -> 1.00 s"
     assert changes([before], [record("t", "FAIL", margin=1.0, pet=-1.0)]).count("NEW") == 1, "worse than eroded"
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "kind"),
+    [
+        ({"ttc": 900.0}, {"ttc": 834.0}, "UNCHANGED"),
+        ({"ttc": 834.0}, {"ttc": 4.0}, "UNCHANGED"),
+        ({"ttc": 4.5}, {"ttc": 3.9}, "ERODED"),
+        ({"pet": 20.0}, {"pet": 5.0}, "UNCHANGED"),
+        ({"pet": 20.0}, {"pet": 4.9}, "ERODED"),
+        ({"margin": -30.0}, {"margin": -5.0}, "UNCHANGED"),
+        ({"margin": -30.0}, {"margin": -4.9}, "ERODED"),
+    ],
+)
+def test_a_margin_above_its_threshold_has_not_eroded(before: dict[str, Any], now: dict[str, Any], kind: str) -> None:
+    (change,) = changes([record("t", "PASS", **before)], [record("t", "PASS", **now)]).changes
+    assert change.kind == kind
+
+
+def run_of(rules: int, run: str, *, wrong: str = "", **margins: Any) -> list[Any]:
+    """The records of one run, a rule each."""
+    names = [f"p{number}" for number in range(1, rules + 1)]
+    made = [record(f"t[{run}-{name}]", "FAIL" if name == wrong else "PASS", rule=name, **margins) for name in names]
+    return [replace(one, hash=f"{run} {sorted(margins.items())}") for one in made]
+
+
+def test_erosion_is_told_once_per_run() -> None:
+    before = run_of(10, "a", ttc=3.0) + run_of(10, "b", ttc=3.0)
+    now = run_of(10, "a", ttc=1.0) + run_of(10, "b", ttc=2.0)
+    found = changes(before, now)
+    assert found.headline == "against old.json: 2 ERODED, 18 UNCHANGED"
+    assert list(found.lines()) == [
+        "ERODED  t[a-p1]  ttc 3.00 -> 1.00 s, in 10 items of its run",
+        "ERODED  t[b-p1]  ttc 3.00 -> 2.00 s, in 10 items of its run",
+    ]
+    kinds = [one.change for one in with_baseline(Report(tuple(now)), found).records]
+    assert kinds == ["ERODED", *["UNCHANGED"] * 9] * 2, "records say what the changes say"
+
+
+def test_rules_of_a_run_tell_their_margins_together() -> None:
+    found = changes(run_of(7, "a", margin=-3.0, pet=4.0), run_of(7, "a", margin=-1.0, pet=2.0))
+    (change,) = (one for one in found.changes if one.kind == "ERODED")
+    margins = ", ".join(f"margin of p{number} 3.00 -> 1.00 s" for number in range(1, 5))
+    assert change.text == f"pet 4.00 -> 2.00 s, {margins} and 3 more, in 7 items of its run"
+
+
+def test_a_run_in_which_something_fails_is_new_and_not_eroded() -> None:
+    before, now = run_of(3, "a", ttc=3.0), run_of(3, "a", wrong="p3", ttc=1.0)
+    assert changes(before, now).headline == "against old.json: 1 NEW, 2 UNCHANGED"
+    again = changes(run_of(3, "a", wrong="p1", ttc=3.0), run_of(3, "a", wrong="p1", ttc=1.0))
+    assert [one.kind for one in again.changes] == ["UNCHANGED", "ERODED", "UNCHANGED"], "it failed before, too"
 
 
 @pytest.mark.parametrize(
@@ -106,13 +159,14 @@ def test_what_the_session_has_no_record_of() -> None:
     assert [(c.kind, c.nodeid, c.text) for c in lost.changes] == [("LOST", "a", "was PASS, does not exist any more")]
 
 
-def test_summary_and_report_start_with_what_changed() -> None:
+def test_summary_and_report_tell_what_changed_before_the_causes() -> None:
     old = [replace(record(f"t{i}", "PASS"), simulator="bullet") for i in range(12)]
     now = [replace(record(f"t{i}", "FAIL"), simulator="mine") for i in range(12)] + [record("u", "PASS")]
     base = Report(tuple(old), {4: (24, 81)}, versions={"numpy": "1.0", "python": "3.11"})
     report = Report(tuple(now), {4: (24, 81)}, versions={"numpy": "2.0", "python": "3.11"})
     report = with_baseline(report, compare(report, base, "old.json", 0.5, lambda _: False))
     text = summary(report, colour=False, width=100, unicode=False).splitlines()
+    text = text[text.index("against old.json: 12 NEW, 1 ADDED") :]  # after what the session was
     assert text[:4] == [
         "against old.json: 12 NEW, 1 ADDED",
         "  numpy was 1.0 and is 2.0",

@@ -127,13 +127,14 @@ def read(form: str, text: str) -> str:
     if form == ".html":
         (data,) = re.findall(r'<script type="application/json" id="data">(.*)</script>', text)
         markup = text[: text.index("<script")].replace("<li>", "\n")
+        markup = markup.replace("<dt>command</dt><dd>", "command: ").replace("</dt><dd>", " ")
         return unescape(re.sub(r"<[^>]*>", "\n", markup)) + "\n".join(strings(json.loads(data)))
     if form == ".json":
         return "\n".join(strings(json.loads(text)))
     if form == ".csv":
         return "\n".join(cell for row in csv.reader(text.splitlines()) for cell in row)
     if form == ".md":
-        return unescape(re.sub(r"\\([!-/:-@\[-`{-~])", r"\1", text))
+        return unescape(re.sub(r"\\([!-/:-@\[-`{-~])", r"\1", text)).replace("\u2060", "")
     return text
 
 

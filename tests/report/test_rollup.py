@@ -237,7 +237,9 @@ def test_a_summary_keeps_to_a_screen_or_two_whatever_grows(what: str, width: int
 
 @pytest.mark.parametrize("what", GROWN)
 def test_what_markdown_does_not_fold_keeps_to_some_screens_whatever_grows(what: str) -> None:
-    unfolded = re.sub(r"<details>.*?</details>", "", markdown(GROWN[what]), flags=re.DOTALL)
+    unfolded, folds = markdown(GROWN[what]), 1
+    while folds:  # some are within others
+        unfolded, folds = re.subn(r"<details>(?:(?!<details>).)*?</details>", "", unfolded, flags=re.DOTALL)
     assert len(unfolded.splitlines()) < 130
 
 
