@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.wording import page
 
 if TYPE_CHECKING:
     import pytest
@@ -33,8 +34,8 @@ class _Option:
 
 _DECLARED = {
     "sut": _Option(
-        "system under test: the command of a stack in another process, see docs/attach-your-stack.md; where there are no "
-        "tests, those that come with the plugin run",
+        "system under test: the command of a stack in another process, see 'Attach your stack' in the documentation; where there "
+        "are no tests, those that come with the plugin run",
         metavar="COMMAND",
     ),
     "autopilot": _Option(
@@ -235,7 +236,7 @@ class Options:
 
 def declare(parser: pytest.Parser) -> None:
     """Add every option and its ini twin to pytest's parser."""
-    group = parser.getgroup("rvads", "traffic-rule validation (pytest-rvads)")
+    group = parser.getgroup("rvads", f"traffic-rule validation (pytest-rvads), documented at {page()}")
     for name, option in _DECLARED.items():
         dest = _dest(name)
         more: dict[str, Any] = {"action": "append"} if option.several else {}

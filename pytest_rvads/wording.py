@@ -8,7 +8,10 @@ from collections.abc import Sequence
 from html import escape
 from typing import TextIO
 
-__all__ = ["encode_all", "first", "markup", "one_line", "plural", "printable"]
+__all__ = ["encode_all", "first", "markup", "one_line", "page", "plural", "printable"]
+
+SITE = "https://pytest-rvads.github.io/pytest-rvads/"
+"""Where the pages of ``docs/`` can be read by somebody who has only installed the package."""
 
 _UNFIT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]")
 """What steers a terminal, turns the direction of writing, or can't be encoded; line ends and tabs are fit."""
@@ -46,3 +49,8 @@ def encode_all(*streams: TextIO | None) -> None:
 def plural(count: int, thing: str, several: str = "") -> str:
     """Return so many things in words: ``1 run``, ``1,200 runs``; `several` where its plural has no s."""
     return f"{count:,} {thing if count == 1 else several or f'{thing}s'}"
+
+
+def page(name: str = "") -> str:
+    """Return the address of a page of the documentation, by the name of its file in ``docs/`` without ending, or the first."""
+    return f"{SITE}{name}/" if name else SITE

@@ -17,6 +17,7 @@ from pytest_rvads.cli import (
     compare_command,
     export_command,
     import_command,
+    init_command,
     map_commands,
     power_command,
     report_commands,
@@ -25,7 +26,7 @@ from pytest_rvads.cli import (
 )
 from pytest_rvads.cli.common import warn
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.wording import encode_all
+from pytest_rvads.wording import encode_all, page
 
 __all__ = ["main"]
 
@@ -54,10 +55,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="rvads", description="Validate autonomous-driving controllers against traffic rules.")
+    parser = argparse.ArgumentParser(
+        prog="rvads",
+        description="Validate autonomous-driving controllers against traffic rules.",
+        epilog=f"Documentation: {page()}",
+    )
     parser.add_argument("--version", action="version", version=f"rvads {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for module in (
+        init_command,
         map_commands,
         import_command,
         export_command,

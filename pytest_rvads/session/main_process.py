@@ -271,6 +271,7 @@ class Session:
                 terminalreporter.write_line(f"look: {self.outputs.index}")
         for trouble in self.troubles:
             terminalreporter.write_line(f"rvads: {printable(trouble)}", red=True)
+        self.outputs.annotate(self.report, terminalreporter)
 
     def _summary(self, report: Report, colour: bool) -> str:
         from pytest_rvads.report.terminal import summary

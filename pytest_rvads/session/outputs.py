@@ -114,6 +114,20 @@ class Outputs:
             self.journal.remove()
         return list(dict.fromkeys([*told, *lacking, *lost])), not (lacking or lost)
 
+    def annotate(self, report: Report | None, reporter: pytest.TerminalReporter) -> None:
+        """Print what GitHub Actions shows beside the lines of a change, in one of its jobs; each begins a line."""
+        if report is None or os.environ.get("GITHUB_ACTIONS") != "true":
+            return
+        from pytest_rvads.report.annotations import annotate
+
+        root = self._config.rootpath
+        found: list[str] = []
+        workspace = Path(os.environ.get("GITHUB_WORKSPACE") or root)
+        troubles = _attempt("the annotations of the job", lambda: found.extend(annotate(report, root, workspace)))
+        for line in (*(f"rvads: {trouble}" for trouble in troubles), *found):
+            reporter.ensure_newline()
+            reporter.write_line(line)
+
     def _save(self, report: Report, wanted: Callable[[Path], bool]) -> list[str]:
         if not self._reports:
             return []

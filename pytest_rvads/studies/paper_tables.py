@@ -9,6 +9,7 @@ from pytest_rvads.scenarios.classes import parse, rotate
 from pytest_rvads.studies.experiment import ROWS, TABLES, WAIT, Key, Table
 from pytest_rvads.studies.paper import Shares
 from pytest_rvads.studies.published import FITTED, agreement, null_models, published
+from pytest_rvads.wording import page
 
 __all__ = ["MARK", "disagreements", "svg_tables", "text_sweep", "text_tables"]
 
@@ -115,7 +116,7 @@ def _summary(verdicts: Mapping[Key, str]) -> list[str]:
     fitted, told = agreement(verdicts, FITTED), agreement(verdicts, (2, 4))
     guess = null_models()["by rule and configuration"]
     return [
-        "Replicated with a calibrated surrogate (docs/replication.md).",
+        f"Replicated with a calibrated surrogate: {page('replication')}",
         f"Classes 1 and 3, fitted: {fitted[0]} of {fitted[1]} cells as published; "
         f"a table by rule and configuration alone would get {guess}.",
         f"Classes 2 and 4, not fitted: {told[0]} of the {told[1]} cells that the paper's text tells.",

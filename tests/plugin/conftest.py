@@ -10,7 +10,7 @@ Lines = Callable[[pytest.RunResult], list[str]]
 @pytest.fixture(autouse=True)
 def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing of the developer's environment reaches the inner session."""
-    for name in ("RVADS_MAP", "GITHUB_STEP_SUMMARY"):
+    for name in ("RVADS_MAP", "GITHUB_ACTIONS", "GITHUB_STEP_SUMMARY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("COLUMNS", "200")
 
