@@ -8,8 +8,6 @@ from types import ModuleType
 
 import pytest
 
-from pytest_rvads.simulators.planar import usual
-
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(p.relative_to(ROOT / "docs").as_posix() for p in (ROOT / "docs").rglob("*.md"))
 
@@ -97,9 +95,7 @@ def test_pictures_of_concepts_are_what_the_script_draws() -> None:
     kept = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "concepts").glob("*.svg")}
     assert sorted(drawn) == sorted(kept)
     differing = [name for name in drawn if drawn[name] != kept[name]]
-    # Another engine moves bodies by other bits; what is on the pictures is the same.
-    if usual().name == "bullet":
-        assert not differing, "run: python tools/make_pictures.py"
+    assert not differing, "run: python tools/make_pictures.py"
     text = "\n".join((ROOT / "docs" / page).read_text(encoding="utf-8") for page in PAGES if page.startswith("concepts/"))
     assert [name for name in kept if f"({name}.svg)" not in text] == []
 
