@@ -151,7 +151,7 @@ def test_links_that_leave_the_folder_work_on_the_site(hooks: ModuleType, source:
 
 def test_pages_made_from_the_code_hold_every_option_and_command(hooks: ModuleType, pytester: pytest.Pytester) -> None:
     offered = set(re.findall(r"^  (--rvads-[a-z-]*[a-z])", pytester.runpytest("--help").stdout.str(), re.MULTILINE))
-    rows = re.findall(r"^\| `(--rvads-[a-z-]+)=.*` \| `(rvads_\w+)` \|", hooks.options(), re.MULTILINE)
+    rows = re.findall(r"^## (--rvads-[a-z-]+)\n\n`\1=[^`]+`, in the ini file `(rvads_\w+)`, ", hooks.options(), re.MULTILINE)
     assert {flag for flag, _ in rows} == offered
     assert all(ini == flag.removeprefix("--").replace("-", "_") for flag, ini in rows)
     commands = re.findall(r"^## rvads ([\w-]+)$", hooks.commands(), re.MULTILINE)

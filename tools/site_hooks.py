@@ -36,10 +36,7 @@ rvads_map = "maps/town.xodr"
 rvads_cover = "scenario"
 ```
 
-The command line comes before an environment variable, and that before the ini file.
-
-| option | in the ini file | default | what it does |
-|---|---|---|---|"""
+The command line comes before an environment variable, and that before the ini file."""
 _REPLAY = re.compile(r"^<!-- replay: ([\w-]+) -->$", re.MULTILINE)
 
 
@@ -122,7 +119,7 @@ class _Declared:
     """Stands for pytest's parser and keeps what is declared."""
 
     def __init__(self) -> None:
-        self.rows: list[str] = []
+        self.sections: list[str] = []
 
     def getgroup(self, *_: str) -> _Declared:
         """Return the group, which is all that there is."""
@@ -132,19 +129,20 @@ class _Declared:
         """Leave the ini twin out: the flag's own help names it."""
 
     def addoption(self, flag: str, *, dest: str, help: str, **more: Any) -> None:
-        """Keep a flag as a row of a table."""
+        """Keep a flag as a section."""
         text, _, ending = help.replace("%%", "%").rpartition(" (ini: ")
         _, _, default = ending.removesuffix(")").partition(", default ")
-        told = text.replace("|", "\\|")
-        value = "\\|".join(more["choices"]) if "choices" in more else more["metavar"]
-        self.rows.append(f"| `{flag}={value}` | `{dest}` | {default and f'`{default}`'} | {told} |")
+        value = "|".join(more["choices"]) if "choices" in more else more["metavar"]
+        held = f"default `{default}`" if default else "no default"
+        told = re.sub(r"\bdocs/([\w-]+\.md)", r"[\1](\1)", f"{text[0].upper()}{text[1:]}.")
+        self.sections.append(f"## {flag}\n\n`{flag}={value}`, in the ini file `{dest}`, {held}\n\n{told}")
 
 
 def options() -> str:
     """Return the page of all options."""
     declared = _Declared()
     declare(cast(Any, declared))
-    return "\n".join([_OPTIONS, *declared.rows]) + "\n"
+    return "\n\n".join([_OPTIONS, *declared.sections]) + "\n"
 
 
 def commands() -> str:
