@@ -53,4 +53,4 @@ def plural(count: int, thing: str, several: str = "") -> str:
 
 def page(name: str = "") -> str:
     """Return the address of a page of the documentation, by the name of its file in ``docs/`` without ending, or the first."""
-    return f"{SITE}{name}/" if name else SITE
+    return f"{SITE}{name}.html" if name else SITE
