@@ -113,4 +113,4 @@ def test_help_says_where_the_documentation_is(pytester: pytest.Pytester, capsys:
     with pytest.raises(SystemExit):
         main(["--help"])
     assert f"Documentation: {page()}" in capsys.readouterr().out
-    assert page("ci") == f"{SITE}ci/"
+    assert page("ci") == f"{SITE}ci.html"
