@@ -21,6 +21,7 @@ from pytest_rvads.fixtures.running import run, rvads_cell, rvads_recorded, rvads
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
 from pytest_rvads.options import Options, declare
 from pytest_rvads.session.bundled import offer
+from pytest_rvads.session.closing import Causes, Verdicts
 from pytest_rvads.session.comparing import explain
 from pytest_rvads.session.exports import check_library
 from pytest_rvads.session.interrupts import end_with_parent, heed
@@ -100,7 +101,11 @@ def pytest_configure(config: pytest.Config) -> None:
         end_with_parent()
     else:
         heed(config)
-        config.pluginmanager.register(Session(config, planner), "rvads_session")
+        session = Session(config, planner)
+        verdicts = Verdicts(session)
+        config.pluginmanager.register(session, "rvads_session")
+        config.pluginmanager.register(verdicts, "rvads_verdicts")
+        config.pluginmanager.register(Causes(verdicts, session), "rvads_causes")
 
 
 def pytest_report_header(config: pytest.Config) -> list[str]:

@@ -21,6 +21,10 @@ _LINES: tuple[tuple[str, tuple[tuple[str, str, _Pick, str], ...]], ...] = (
 _PICKS = tuple((key, pick) for _, indicators in _LINES for _, key, pick, _ in indicators)
 
 
+_ENGINES = {"bullet": "pybullet", "mujoco": "mujoco", "sumo": "libsumo"}
+"""Simulator to the package that it is built on."""
+
+
 class Makers:
     """Takes records in and tells who drove and what simulated."""
 
@@ -34,13 +38,18 @@ class Makers:
                 runs = self._runs.get(made) or self._runs.setdefault(made, set())
                 runs.add(record.ran_as)
 
-    def lines(self) -> list[str]:
-        """Return a line per system under test, and one per simulator: what it is called, its code, and how many runs it made."""
-        found = sorted(self._runs.items(), key=lambda entry: entry[0][0])
-        return [
-            f"{what} by {name}{f' ({source})' if source else ''}: {plural(len(runs), 'run')}"
-            for (what, name, source), runs in found
-        ]
+    def lines(self, versions: Mapping[str, str]) -> list[str]:
+        """Return a line per system under test, and one per simulator: name, code or version, and how many runs it made.
+
+        Args:
+            versions: of packages, by name.
+        """
+        lines = []
+        for (what, name, source), runs in sorted(self._runs.items(), key=lambda entry: entry[0][0]):
+            engine = _ENGINES.get(name, "") if what == "simulated" else ""
+            code = source or (f"{engine} {versions[engine]}" if engine in versions else "")
+            lines.append(f"{what} by {name}{f' ({code})' if code else ''}: {plural(len(runs), 'run')}")
+        return lines
 
 
 class Extremes:
@@ -116,7 +125,7 @@ class _Computed:
 
     def line(self, stack: str) -> str:
         mean = math.fsum(self._seconds) / max(self._decisions, 1)
-        told = f"{self._decisions} decisions in {self.runs} runs"
+        told = f"{plural(self._decisions, 'decision')} in {plural(self.runs, 'run')}"
         return f"{stack}: {told}, {1000 * mean:.2g} ms each, {1000 * self._longest:.2g} ms the longest"
 
 
