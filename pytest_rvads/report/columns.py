@@ -93,9 +93,10 @@ def blocks(corner: str, labels: Sequence[str], columns: Sequence[Column], width:
     gap = _GAPS[1 + beside + sum(_GAPS[0] + each for each in wide) > width]
     if 1 + beside + sum(gap + each for each in wide) > width:
         word = max(_longest(text) for text in (corner, *labels))
-        beside = max(min(beside, width // 3), min(beside, word + _INDENT))
+        most = max(min(beside, width // 3), min(beside, word + _INDENT))
+        beside = max(cell_len(line) for text in (corner, *labels) for line in wrapped(text, most, _INDENT))
         if 1 + beside + gap + max(_longest(text) for column in columns for text in column.texts) > width:
-            return [_listed(labels, columns, width)]
+            return [_listed(corner, labels, columns, width)]
     room = width - 1 - beside
     wide = [min(each, room - gap) for each in wide]
     pages = _packed(columns, [gap + each for each in wide], room)
@@ -104,8 +105,8 @@ def blocks(corner: str, labels: Sequence[str], columns: Sequence[Column], width:
 
 def _wide(column: Column) -> int:
     """Return how wide a column is to be: as its texts, or where they are long as its words."""
-    natural = max(map(cell_len, column.texts))
-    return natural if natural <= _PLEASANT else max(_PLEASANT, max(map(_longest, column.texts)))
+    most = max(_PLEASANT, max(map(_longest, column.texts)))
+    return max(cell_len(line) for text in column.texts for line in wrapped(text, most))
 
 
 def _longest(text: str) -> int:
@@ -173,11 +174,11 @@ def _row(  # noqa: PLR0913 - likewise
     return lines
 
 
-def _listed(labels: Sequence[str], columns: Sequence[Column], width: int) -> Block:
+def _listed(corner: str, labels: Sequence[str], columns: Sequence[Column], width: int) -> Block:
     """Return a table as a list: a row is its name, and below it what its columns say."""
     lines: list[Text] = []
     for number, label in enumerate(labels):
-        lines += [Text(f" {line}") for line in wrapped(label, width - 1, _INDENT)]
+        lines += [Text(f" {line}") for line in wrapped(f"{corner} {label}", width - 1, _INDENT)]
         told = [f"{' '.join(filter(None, c.heads))}: {c.cells[number].text}" for c in columns if c.cells[number].text]
         lines += [Text(f"{' ' * (1 + _INDENT)}{line}") for line in wrapped("; ".join(told), width - 1 - _INDENT, _INDENT)]
     return Block(tuple(range(len(columns))), tuple(lines))

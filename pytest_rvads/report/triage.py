@@ -268,8 +268,8 @@ def _signature(record: Record) -> Hashable:
     if verdict:
         # What can't be kept is one cause, however it ended.
         return "" if verdict.unavoidable else record.status, _violated(record)
-    # One fault of a stack is one cause, whatever rules would have judged its runs.
-    rule = "" if record.status is Outcome.ERROR else record.asks
+    # One fault of a stack is one cause, whatever rules would have judged its runs; and so is chance in it.
+    rule = "" if record.status in (Outcome.ERROR, Outcome.FLAKY) else record.asks
     return record.status, rule, _VARIES.sub("#", _violated(record))
 
 

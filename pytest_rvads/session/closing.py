@@ -79,15 +79,21 @@ class Verdicts:
             if self.summary and terminalreporter.verbosity < 2 and self._session.options.summary != "full":
                 self._fold(terminalreporter, {*self.summary.examples})
 
+    def _lines_of(self, reporter: pytest.TerminalReporter) -> set[str]:
+        """Return which kinds of reports have lines in pytest's short summary."""
+        if self._session.config.getoption("no_summary", False):
+            return set()
+        return {kind for kind, letter in _FOLDED.items() if letter in getattr(reporter, "reportchars", "")}
+
     def _fold(self, reporter: pytest.TerminalReporter, kept: set[str]) -> None:
         """Leave out, until `Causes` puts them back, reports of items that a cause counts and that are not its first."""
-        for kind, letter in _FOLDED.items():
+        for kind in self._lines_of(reporter):
             reports = reporter.stats.get(kind, [])
             left = [report for report in reports if not self._counted(report) or report.nodeid in kept]
             if len(left) < len(reports):
                 self.whole[kind] = reports
                 reporter.stats[kind] = left
-                self.lines += (len(reports) - len(left)) * (letter in getattr(reporter, "reportchars", ""))
+                self.lines += len(reports) - len(left)
 
     def _counted(self, report: Any) -> bool:
         """Tell whether a report is that of a failure that a cause counts; what breaks while clearing up is none."""

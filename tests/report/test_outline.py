@@ -143,7 +143,13 @@ def test_no_form_leaves_out_what_another_says(form: str) -> None:
     report = everything()
     blocks = outline(report)
     assert [block.title for block in blocks] == [
-        *("notes", "session", "since the baseline", "stop4 among hesitant traffic   t.py::test", "stop4 as recorded   t.py::test"),
+        *(
+            "notes",
+            "session",
+            "since the baseline",
+            "stop4 among hesitant traffic   t.py::test",
+            "stop4 as recorded   t.py::test",
+        ),
         *("causes of failures", "provoked by traffic", "unavoidable: nobody could have kept the rule"),
         "unsure: another reading of what was recorded changes the verdict",
         *("known failures", "not applicable, skipped or not run", "coverage"),

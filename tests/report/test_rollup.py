@@ -61,7 +61,7 @@ def told(report: Report, width: int = 80, full: bool = False) -> str:
 
 def rows(text: str) -> list[str]:
     """The lines of a summary that stand in tables."""
-    return [line for line in text[: text.index("causes of failures")].splitlines() if line.startswith((" ", "-"))]
+    return [line for line in text[: text.index("causes of failures")].splitlines() if re.match(" (?! *first: )|-", line)]
 
 
 def written(form: str, report: Report) -> str:
