@@ -125,6 +125,10 @@ class _Table:
         self.below: tuple[list[str], ...] = tuple([] for _ in parts)
         """What is told below the table of each block, once."""
 
+    def rank(self, k: int) -> tuple[bool, int]:
+        """Return what a block is sorted by: those with something wrong first, of each table one before any has two."""
+        return not self.wrong[k], self.wrong[:k].count(self.wrong[k])
+
     def height(self, k: int) -> int:
         """Return how many lines a block takes, with title and what stands below."""
         return len(self.parts[k].lines) + len(self.below[k]) + 2
@@ -178,7 +182,7 @@ class _Screen:
             return set(every)
         kept: set[tuple[int, int]] = set()
         lines = 0
-        for number, k in sorted(every, key=lambda one: not tables[one[0]].wrong[one[1]]):
+        for number, k in sorted(every, key=lambda one: tables[one[0]].rank(one[1])):
             lines += tables[number].height(k)
             if kept and lines > _LINES:
                 break
