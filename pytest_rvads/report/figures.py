@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from pytest_rvads.report.record import Computing, Indicators, PairIndicators, Record, VehicleIndicators
-from pytest_rvads.wording import plural
+from pytest_rvads.wording import first, plural
 
-__all__ = ["Extremes", "Makers", "Timing", "slowest"]
+__all__ = ["Extremes", "Makers", "Timing", "Titles", "slowest"]
 
 _Pick = Callable[..., Any]
 _LINES: tuple[tuple[str, tuple[tuple[str, str, _Pick, str], ...]], ...] = (
@@ -50,6 +50,24 @@ class Makers:
             code = source or (f"{engine} {versions[engine]}" if engine in versions else "")
             lines.append(f"{what} by {name}{f' ({code})' if code else ''}: {plural(len(runs), 'run')}")
         return lines
+
+
+class Titles:
+    """Takes records in and tells what rules are called in words, of those whose names share none with their titles."""
+
+    def __init__(self) -> None:
+        self._titles: dict[str, str] = {}
+
+    def add(self, record: Record) -> None:
+        """Take a record in."""
+        for verdict in record.verdicts:
+            if verdict.title and {*verdict.rule.casefold().split("_")}.isdisjoint(verdict.title.casefold().split()):
+                self._titles.setdefault(verdict.rule, verdict.title)
+
+    def lines(self, most: int | None) -> list[str]:
+        """Return a line that names them, at most so many; none where all names say it."""
+        told = [f"{rule} ({title})" for rule, title in sorted(self._titles.items())]
+        return [f"rules: {first(told, most)}"] if told else []
 
 
 class Extremes:

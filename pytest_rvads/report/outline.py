@@ -12,7 +12,7 @@ from typing import Protocol
 
 from pytest_rvads.report.at_junctions import FEW, AtJunction, AtJunctions
 from pytest_rvads.report.coverage import Cells, Requirements, dropped
-from pytest_rvads.report.figures import Extremes, Makers, Timing, slowest
+from pytest_rvads.report.figures import Extremes, Makers, Timing, Titles, slowest
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.outcome import Tallied, counted
 from pytest_rvads.report.record import Record
@@ -168,9 +168,20 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
     """
     at_junctions = AtJunctions(report.totals, report.extents)
     matrices, cells, requirements = Matrices(), Cells(report.planned), Requirements()
-    makers, extremes, timing = Makers(), Extremes(), Timing()
+    makers, titles, extremes, timing = Makers(), Titles(), Extremes(), Timing()
     groups = [(title, make()) for title, make in (_GROUPED[:-1] if short else _GROUPED)]
-    _fill(report.records, matrices, at_junctions, cells, requirements, makers, extremes, timing, *(group for _, group in groups))
+    _fill(
+        report.records,
+        matrices,
+        at_junctions,
+        cells,
+        requirements,
+        makers,
+        titles,
+        extremes,
+        timing,
+        *(group for _, group in groups),
+    )
     many = at_junctions.many or matrices.too_many
     brief = _LISTED if short else None
     blocks: list[Block] = [Notes(report.notes)] if report.notes else []
@@ -186,6 +197,7 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
         blocks += [Causes(title, tuple(found), report.again, title in _SETTLED)] if (found := group.causes(many)) else []
     versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
     lines = (
+        *titles.lines(brief),
         *extremes.lines(),
         *(_worst(at_junctions.found) if many else (one.line() for one in at_junctions.found)),
         *_few(timing.lines(), brief),

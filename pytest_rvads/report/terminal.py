@@ -99,6 +99,7 @@ def summarise(  # noqa: PLR0913 - what a terminal is like, and how much to show
             case RollUp() | Verdicts():
                 tables.append(block)
             case Causes(settled=False):
+                causes.lines([""] if causes.text() else [])
                 causes.causes(block)
                 examples += [cause.example for cause in block.causes[: causes.most] if block.title == FAILURES]
             case _:
@@ -108,6 +109,7 @@ def summarise(  # noqa: PLR0913 - what a terminal is like, and how much to show
         match block:
             case Causes():
                 verdicts.causes(block)
+                verdicts.lines([""])
             case Figures(lines):
                 verdicts.lines(lines)
     return Summary(verdicts.text(), causes.text(), tuple(examples))
@@ -151,7 +153,12 @@ class _Screen:
         return self._out.getvalue()
 
     def lines(self, told: Iterable[str]) -> None:
-        """Print lines as they are."""
+        """Print lines, each broken at spaces where it is too long."""
+        for one in told:
+            self.lines_as_they_are(wrapped(_fit(one, self._length), self._width, 4))
+
+    def lines_as_they_are(self, told: Iterable[str]) -> None:
+        """Print lines, which terminals break where they like."""
         for line in told:
             self._line(line)
 
@@ -198,7 +205,7 @@ class _Screen:
         hidden = sum(len(part.columns) for k, part in enumerate(table.parts) if k not in parts)
         for left_out in (*table.hidden, *([plural(hidden, "more column")] if hidden else [])):
             self._paragraph(f"... and {left_out}: {self._more}")
-        self.lines(dict.fromkeys(line for k in parts for line in table.below[k]))
+        self.lines_as_they_are(dict.fromkeys(line for k in parts for line in table.below[k]))
         self._line("")
 
     def _matrix(self, whole: Matrix) -> _Table:

@@ -60,8 +60,12 @@ def told(report: Report, width: int = 80, full: bool = False) -> str:
 
 
 def rows(text: str) -> list[str]:
-    """The lines of a summary that stand in tables."""
-    return [line for line in text[: text.index("causes of failures")].splitlines() if re.match(" (?! *first: )|-", line)]
+    """The lines of a summary that stand in tables, and in what explains them."""
+    found, title = [], ""
+    for line in text[: text.index("causes of failures")].splitlines():
+        title = title if line.startswith((" ", "-")) else line
+        found += [line] if line != title and not re.search("verdicts on|status|driven|simulated|: |^not ", title) else []
+    return found
 
 
 def written(form: str, report: Report) -> str:

@@ -195,6 +195,16 @@ def test_words_of_tables_that_need_it_are_explained_once() -> None:
     assert "first: " not in text, "nobody has to look into it"
 
 
+@pytest.mark.parametrize("width", WIDTHS)
+def test_figures_are_broken_at_spaces(width: int) -> None:
+    report = Report((record(1, "p1", "NA", title="no two vehicles in the junction"), record(2, "p1", "PASS")), {4: (24, 81)})
+    text = told(report, width).verdicts
+    assert all(len(line) <= width for line in text.splitlines())
+    said = " ".join(text.split())
+    assert "stop4: 2/24 classes, 1/81 scenarios, 2 runs, 2 verdicts: 1 pass, 1 NA" in said
+    assert "rules: p1 (no two vehicles in the junction)" in said
+
+
 def test_a_cause_names_the_rule_in_words() -> None:
     stop = record(1, "p2", "FAIL", title="right-of-way"), record(2, "p1", "FAIL", title="")
     assert "1 x p2 (right-of-way): p2 was broken" in told(Report(stop)).causes
