@@ -8,12 +8,10 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Generator
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from pytest_rvads.session.items import OPTIONS
 from pytest_rvads.session.main_process import Session, ran
 from pytest_rvads.session.outputs import told
 from pytest_rvads.wording import encode_all, plural, printable
@@ -36,29 +34,26 @@ class Verdicts:
 
     def __init__(self, session: Session) -> None:
         self._session = session
+        self.summary: Summary | None = None
+        """What is printed; None where nothing of ours ran, or where it can't be shown."""
         self.whole: dict[str, list[Any]] = {}
         """What was folded of the terminal's reports, by kind, as it was."""
         self.lines = 0
         """How many lines of pytest were folded."""
 
-    @cached_property
-    def summary(self) -> Summary | None:
-        """The summary, made once; None where nothing of ours ran, or where it can't be shown."""
+    def _made(self, reporter: pytest.TerminalReporter) -> Summary | None:
         report = self._session.report
         if not report or not ran(report):
             return None
         from pytest_rvads.report.terminal import summarise
 
-        config = self._session.config
-        full = config.stash[OPTIONS].summary == "full"
-        reporter = config.pluginmanager.get_plugin("terminalreporter")
         try:
             return summarise(
                 report,
-                colour=bool(reporter and reporter.hasmarkup),
+                colour=reporter.hasmarkup,
                 width=shutil.get_terminal_size().columns,
                 unicode=(sys.stdout.encoding or "").lower().startswith("utf"),
-                full=full,
+                full=self._session.options.summary == "full",
                 more="--rvads-summary=full shows them all",
                 head=False,
             )
@@ -70,6 +65,7 @@ class Verdicts:
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> Generator[None, object, object]:
         """Print the verdicts, and leave pytest a failure per cause."""
         encode_all(sys.stdout)
+        self.summary = self._made(terminalreporter)
         if self.summary:
             terminalreporter.section("rvads verdicts")
             terminalreporter.write(self.summary.verdicts)
