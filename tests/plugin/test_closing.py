@@ -211,6 +211,9 @@ def test_a_stack_that_dies_is_one_cause(pytester: pytest.Pytester) -> None:
     )
     result = pytester.runpytest("--tb=no", f"--rvads-sut={sys.executable} stack.py")
     result.assert_outcomes(errors=8)
+    result.stdout.re_match_lines(
+        [r"rvads: driven by --rvads-sut=.* stack\.py \([0-9a-f]{8}\)", r"driven by stack .* \([0-9a-f]{8}\): "]
+    )
     assert [line for line in result.outlines if re.match(r" +\d+ x ", line)] == [
         line for line in result.outlines if re.match(r" +8 x full_stop, p1: ERROR: stack .* exited ", line)
     ]
