@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from rich.console import Console
@@ -11,8 +11,8 @@ from rich.text import Text
 
 from pytest_rvads.report.columns import Block as Part
 from pytest_rvads.report.columns import Cell, Column, blocks, wrapped
+from pytest_rvads.report.legend import legend
 from pytest_rvads.report.matrix import Matrix
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.rollup import WORST, Sums
 from pytest_rvads.report.session_report import Report
@@ -31,16 +31,6 @@ _LENGTH, _BRIEF = 20_000, 1_000
 _NARROWEST = 20
 """Of terminals that say they are narrower [characters]."""
 _CHANGES = {"NEW": "bold red", "FIXED": "green", "ERODED": "yellow", "LOST": "yellow"}
-_MEANINGS = {
-    Outcome.NA: "the rule did not apply",
-    Outcome.UNAVOIDABLE: "nobody could have kept the rule",
-    Outcome.PROVOKED: "broken by the doing of the traffic, not of the vehicle under test",
-    Outcome.OPEN: "still owed at the end of the run",
-    Outcome.UNSURE: "the recording is not exact enough to tell",
-    Outcome.FLAKY: "the same start gave another run",
-    Outcome.NOT_JUDGED: "the test judged nothing",
-}
-"""What a legend says of the words in tables, where they occur."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +240,7 @@ class _Screen:
 
     def _legend(self, found: Sequence[RollUp | Verdicts]) -> None:
         """Say what the words in the tables mean that need it."""
-        told = list(_words(found))
+        told = list(legend(found))
         if told:
             self._paragraph("; ".join(told))
             self._line("")
@@ -292,30 +282,6 @@ class _Screen:
         """Print a line that terminals break where it is too long, so that a command in it can be pasted."""
         end = "\n" if text.endswith("\n") else ""
         self._console.print(Text(_fit(text.removesuffix("\n"), self._length) + end, style=style), soft_wrap=True)
-
-
-def _words(found: Iterable[RollUp | Verdicts]) -> Iterator[str]:
-    """Yield what the words in tables mean, where they occur and need it."""
-    kinds: set[Outcome] = set()
-    known = shares = summed = False
-    for block in found:
-        match block:
-            case Verdicts(matrix):
-                entries = {entry for _, row in matrix.rows for entry in row if entry.outcome}
-                kinds |= {entry.outcome for entry in entries if entry.outcome and not entry.known}
-                known = known or any("xfail" in entry.text for entry in entries)
-                shares = shares or any("/" in entry.text for entry in entries)
-            case RollUp(sums):
-                summed = True
-                kinds |= {kind for table in sums for kind in table.kinds if kind}
-                known = known or any(None in table.kinds for table in sums)
-    if summed:
-        yield "wrong: runs with a failure that is not known, wrong at: junctions with one"
-    if shares:
-        yield "1/4: one of four items"
-    yield from (f"{kind.small}: {told}" for kind, told in _MEANINGS.items() if kind in kinds)
-    if known:
-        yield "known, xfail: a failure that the tests expect, by the reason that they give"
 
 
 def _fit(text: str, length: int = _LENGTH) -> str:
