@@ -21,6 +21,8 @@ from pytest_rvads.fixtures.running import run, rvads_cell, rvads_recorded, rvads
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
 from pytest_rvads.options import Options, declare
 from pytest_rvads.session.bundled import offer
+from pytest_rvads.session.closing import Causes, Verdicts
+from pytest_rvads.session.code import code_of_driver, code_of_simulator
 from pytest_rvads.session.comparing import explain
 from pytest_rvads.session.exports import check_library
 from pytest_rvads.session.interrupts import end_with_parent, heed
@@ -100,18 +102,26 @@ def pytest_configure(config: pytest.Config) -> None:
         end_with_parent()
     else:
         heed(config)
-        config.pluginmanager.register(Session(config, planner), "rvads_session")
+        session = Session(config, planner)
+        verdicts = Verdicts(session)
+        config.pluginmanager.register(session, "rvads_session")
+        config.pluginmanager.register(verdicts, "rvads_verdicts")
+        config.pluginmanager.register(Causes(verdicts, session), "rvads_causes")
 
 
 def pytest_report_header(config: pytest.Config) -> list[str]:
-    """Name what drives, and what simulates, where the options say so; with what that simulator says does not carry over."""
+    """Name what drives, and what simulates, where the options say so: with file and digest of its code.
+
+    Also told is what that simulator says does not carry over.
+    """
     options = config.stash[OPTIONS]
-    driven = [f"rvads: driven by {options.driver}"] if options.driver else []
+    driven = [f"rvads: driven by {options.driver}{code_of_driver(config)}"] if options.driver else []
     if not options.simulator:
         return driven
     caveat = getattr(choice().simulator, "caveat", "")
     said = [f"rvads: {one_line(caveat)}"] if isinstance(caveat, str) and caveat else []
-    return [*driven, f"rvads: simulated by --rvads-simulator={options.simulator}", *said]
+    made = f"rvads: simulated by --rvads-simulator={options.simulator}{code_of_simulator(config, choice().simulator)}"
+    return [*driven, made, *said]
 
 
 def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Item]) -> str | None:

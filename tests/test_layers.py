@@ -36,7 +36,7 @@ def test_data_flows_one_way() -> None:
         ("pybullet", {"physics/bullet_world.py"}),
         ("mujoco", {"physics/mujoco_world.py"}),
         ("libsumo", {"simulators/sumo/libsumo_server.py"}),
-        ("rich", {"report/terminal.py", "cli/progress_bar.py"}),
+        ("rich", {"report/terminal.py", "report/columns.py", "cli/progress_bar.py"}),
         ("hypothesis", {"search/strategies.py", "search/falsify.py", "studies/methods.py"}),
         ("platformdirs", {"physics/cache.py"}),
         ("pytest", {"plugin.py", "hooks.py", "options.py", "collection", "fixtures", "session"}),

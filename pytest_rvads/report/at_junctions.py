@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sized
 from itertools import combinations
 
 from pytest_rvads.report.outcome import Outcome, Tallied, counted
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Extent, Move
-from pytest_rvads.wording import first
+from pytest_rvads.wording import first, plural
 
 __all__ = ["FEW", "AtJunction", "AtJunctions"]
 
@@ -113,7 +113,7 @@ class AtJunction:
         """Return what was exercised, and the verdicts by status."""
         verdicts = self.tally
         name = f"{self.junction} as recorded" if self._recorded else self.junction
-        told = ", ".join([*self._covered(), f"{len(self.runs)} runs", f"{verdicts.total()} verdicts"])
+        told = ", ".join([*self._covered(), plural(len(self.runs), "run"), plural(verdicts.total(), "verdict")])
         idle = sorted(rule for rule, counts in self.counts.items() if set(counts) == {Outcome.NA})
         return f"{name}: {told}: {counted(verdicts)}" + (f"  (never applicable: {first(idle, _IDLE)})" if idle else "")
 
@@ -165,10 +165,15 @@ class _Full:
             where: which entrances are occupied.
         """
         classes, scenarios, seats = (f"/{total}" for total in totals) if totals else ("", "", "")
-        yield f"{len(self._classes)}{classes} classes{where}"
+        yield f"{_of(self._classes, classes, 'class', 'classes')}{where}"
         if self._seated:
-            yield f"{len(self._seated)}{seats} classes with a subject{where}"
-        yield f"{len(self._scenarios)}{scenarios} scenarios{where}"
+            yield f"{_of(self._seated, seats, 'class', 'classes')} with a subject{where}"
+        yield f"{_of(self._scenarios, scenarios, 'scenario')}{where}"
+
+
+def _of(found: Sized, total: str, thing: str, several: str = "") -> str:
+    """Return how many things were found, of how many: ``7/24 classes``; ``1 class`` where the total is not known."""
+    return f"{len(found)}{total} {several or f'{thing}s'}" if total else plural(len(found), thing, several)
 
 
 def _seated(scenario: str, seat: int, turns: int) -> tuple[str, int]:

@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from pytest_rvads.report.record import Computing, Indicators, PairIndicators, Record, VehicleIndicators
-from pytest_rvads.wording import plural
+from pytest_rvads.wording import first, plural
 
-__all__ = ["Extremes", "Makers", "Timing", "slowest"]
+__all__ = ["Extremes", "Makers", "Timing", "Titles", "slowest"]
 
 _Pick = Callable[..., Any]
 _LINES: tuple[tuple[str, tuple[tuple[str, str, _Pick, str], ...]], ...] = (
@@ -19,6 +19,10 @@ _LINES: tuple[tuple[str, tuple[tuple[str, str, _Pick, str], ...]], ...] = (
 )
 """Per line its first word, and per indicator what it is called, its name in the record, which one counts, its unit."""
 _PICKS = tuple((key, pick) for _, indicators in _LINES for _, key, pick, _ in indicators)
+
+
+_ENGINES = {"bullet": "pybullet", "mujoco": "mujoco", "sumo": "libsumo"}
+"""Simulator to the package that it is built on."""
 
 
 class Makers:
@@ -34,13 +38,36 @@ class Makers:
                 runs = self._runs.get(made) or self._runs.setdefault(made, set())
                 runs.add(record.ran_as)
 
-    def lines(self) -> list[str]:
-        """Return a line per system under test, and one per simulator: what it is called, its code, and how many runs it made."""
-        found = sorted(self._runs.items(), key=lambda entry: entry[0][0])
-        return [
-            f"{what} by {name}{f' ({source})' if source else ''}: {plural(len(runs), 'run')}"
-            for (what, name, source), runs in found
-        ]
+    def lines(self, versions: Mapping[str, str]) -> list[str]:
+        """Return a line per system under test, and one per simulator: name, code or version, and how many runs it made.
+
+        Args:
+            versions: of packages, by name.
+        """
+        lines = []
+        for (what, name, source), runs in sorted(self._runs.items(), key=lambda entry: entry[0][0]):
+            engine = _ENGINES.get(name, "") if what == "simulated" else ""
+            code = source or (f"{engine} {versions[engine]}" if engine in versions else "")
+            lines.append(f"{what} by {name}{f' ({code})' if code else ''}: {plural(len(runs), 'run')}")
+        return lines
+
+
+class Titles:
+    """Takes records in and tells what rules are called in words, of those whose names share none with their titles."""
+
+    def __init__(self) -> None:
+        self._titles: dict[str, str] = {}
+
+    def add(self, record: Record) -> None:
+        """Take a record in."""
+        for verdict in record.verdicts:
+            if verdict.title and {*verdict.rule.casefold().split("_")}.isdisjoint(verdict.title.casefold().split()):
+                self._titles.setdefault(verdict.rule, verdict.title)
+
+    def lines(self, most: int | None) -> list[str]:
+        """Return a line that names them, at most so many; none where all names say it."""
+        told = [f"{rule} ({title})" for rule, title in sorted(self._titles.items())]
+        return [f"rules: {first(told, most)}"] if told else []
 
 
 class Extremes:
@@ -116,7 +143,7 @@ class _Computed:
 
     def line(self, stack: str) -> str:
         mean = math.fsum(self._seconds) / max(self._decisions, 1)
-        told = f"{self._decisions} decisions in {self.runs} runs"
+        told = f"{plural(self._decisions, 'decision')} in {plural(self.runs, 'run')}"
         return f"{stack}: {told}, {1000 * mean:.2g} ms each, {1000 * self._longest:.2g} ms the longest"
 
 

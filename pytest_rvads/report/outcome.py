@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Literal
 
+from pytest_rvads.wording import plural
+
 __all__ = ["BAD", "Outcome", "Tallied", "counted", "told_in"]
 
 Meaning = Literal["violated", "error", "flaky", "passed", "idle"]
@@ -99,5 +101,6 @@ def told_in(counts: Mapping[Tallied, int]) -> list[Tallied]:
 
 
 def counted(counts: Mapping[Tallied, int]) -> str:
-    """Return verdicts by status: ``3 pass, 1 known failures, 2 NA``."""
-    return ", ".join(f"{counts[one]} {'known failures' if one is None else one.word}" for one in told_in(counts))
+    """Return verdicts by status: ``3 pass, 1 known failure, 2 NA``."""
+    told = told_in(counts)
+    return ", ".join(plural(counts[one], "known failure") if one is None else f"{counts[one]:,} {one.word}" for one in told)

@@ -12,7 +12,7 @@ from typing import Protocol
 
 from pytest_rvads.report.at_junctions import FEW, AtJunction, AtJunctions
 from pytest_rvads.report.coverage import Cells, Requirements, dropped
-from pytest_rvads.report.figures import Extremes, Makers, Timing, slowest
+from pytest_rvads.report.figures import Extremes, Makers, Timing, Titles, slowest
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.outcome import Tallied, counted
 from pytest_rvads.report.record import Record
@@ -55,6 +55,8 @@ class Head(_Lines):
     """When the session was and by which command, what drove, what came of it in all, and how it ended."""
 
     title: str = "session"
+    short: tuple[str, ...] = ()
+    """What of it whoever sees pytest's own lines and those below does not know."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +65,17 @@ class Changes:
 
     comparison: Comparison
     title: str = "since the baseline"
+    again: str = "pytest"
+    """The command that runs an item once more."""
 
     def plain(self) -> Iterator[str]:
         """Yield what the block says, a line each."""
         yield self.comparison.headline
         yield from self.comparison.lines()
+
+    def first(self, nodeid: str) -> str:
+        """Return the command that runs an item once more."""
+        return _command(self.again, nodeid)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +117,8 @@ class Causes:
     causes: tuple[Cause, ...]
     again: str = "pytest"
     """The command that runs an item once more."""
+    settled: bool = False
+    """Whether nobody has to look into them: known failures, and what did not apply or did not run."""
 
     def plain(self) -> Iterator[str]:
         """Yield what the block says, a line each."""
@@ -117,7 +127,7 @@ class Causes:
 
     def first(self, cause: Cause) -> str:
         """Return the command that runs the first item of a cause once more."""
-        return f'{self.again} "{cause.example}"'.lstrip()
+        return _command(self.again, cause.example)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +144,8 @@ class _Tally(Protocol):
     def add(self, record: Record) -> None: ...
 
 
+FAILURES = "causes of failures"
+"""Title of the block that groups failures."""
 _GROUPED: tuple[tuple[str, Callable[[], ByText]], ...] = (
     (FAILURES, causes),
     ("provoked by traffic", provoked),
@@ -142,7 +154,8 @@ _GROUPED: tuple[tuple[str, Callable[[], ByText]], ...] = (
     ("known failures", known),
     ("not applicable, skipped or not run", idle),
 )
-"""Titles of blocks of causes, and what finds them; the last two are left out in short."""
+"""Titles of blocks of causes, and what finds them; the last one is left out in short."""
+_SETTLED = {"known failures", "not applicable, skipped or not run"}
 
 
 def outline(report: Report, short: bool = False, tables: bool = False) -> list[Block]:
@@ -150,28 +163,43 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
 
     Args:
         report: of a session, merged, or of a campaign.
-        short: name three slow runs at most, none where all were quick, and leave out what a glance does not need: why items are
-            known failures or were not judged, requirements, versions.
+        short: name three slow runs at most, none where all were quick, and leave out what a glance does not need: why items were
+            not judged, requirements, versions.
         tables: give the table of every junction also where there are more of them than a few, beside the sums that stand for
             them otherwise; none where nobody could read them.
     """
     at_junctions = AtJunctions(report.totals, report.extents)
     matrices, cells, requirements = Matrices(), Cells(report.planned), Requirements()
-    makers, extremes, timing = Makers(), Extremes(), Timing()
-    groups = [(title, make()) for title, make in (_GROUPED[:-2] if short else _GROUPED)]
-    _fill(report.records, matrices, at_junctions, cells, requirements, makers, extremes, timing, *(group for _, group in groups))
+    makers, titles, extremes, timing = Makers(), Titles(), Extremes(), Timing()
+    groups = [(title, make()) for title, make in (_GROUPED[:-1] if short else _GROUPED)]
+    _fill(
+        report.records,
+        matrices,
+        at_junctions,
+        cells,
+        requirements,
+        makers,
+        titles,
+        extremes,
+        timing,
+        *(group for _, group in groups),
+    )
     many = at_junctions.many or matrices.too_many
     brief = _LISTED if short else None
     blocks: list[Block] = [Notes(report.notes)] if report.notes else []
-    blocks.append(Head((*_session(report, at_junctions.found), *_few(makers.lines(), brief))))
+    total, made = _total(at_junctions.found), tuple(_few(makers.lines(report.versions), brief))
+    ended = f"exit status {report.ended}"
+    # One junction says its verdicts itself.
+    blocks.append(Head((*_began(report), total, ended, *made), short=made if len(at_junctions.found) == 1 else (total, *made)))
     if report.comparison:
-        blocks.append(Changes(report.comparison))
+        blocks.append(Changes(report.comparison, again=report.again))
     blocks += [RollUp(sums(at_junctions.found))] if many else []
     blocks += map(Verdicts, matrices.matrices()) if tables or not many else []
     for title, group in groups:
-        blocks += [Causes(title, tuple(found), report.again)] if (found := group.causes(many)) else []
+        blocks += [Causes(title, tuple(found), report.again, title in _SETTLED)] if (found := group.causes(many)) else []
     versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
     lines = (
+        *titles.lines(brief),
         *extremes.lines(),
         *(_worst(at_junctions.found) if many else (one.line() for one in at_junctions.found)),
         *_few(timing.lines(), brief),
@@ -185,16 +213,23 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
     return [*blocks, Figures(lines)]
 
 
-def _session(report: Report, found: Sequence[AtJunction]) -> Iterator[str]:
-    """Yield when a session was and by which command, where that is known, what came of it in all, and how it ended."""
+def _command(again: str, nodeid: str) -> str:
+    return f'{again} "{nodeid}"'.lstrip()
+
+
+def _began(report: Report) -> Iterator[str]:
+    """Yield when a session was and by which command, where that is known."""
     if report.began:
         yield f"began {report.began}"
     if report.command:
         yield f"command: {report.command}"
+
+
+def _total(found: Sequence[AtJunction]) -> str:
+    """Return how many verdicts there are of what kind, on how many runs."""
     tally = sum((one.tally for one in found), Counter[Tallied]())
-    runs = len(set().union(*(one.runs for one in found)))
-    yield f"{plural(tally.total(), 'verdict')} on {plural(runs, 'run')}: {counted(tally)}"
-    yield f"exit status {report.ended}"
+    runs = len(set().union(*(one.runs | one.wrong for one in found)))
+    return f"{plural(tally.total(), 'verdict')} on {plural(runs, 'run')}: {counted(tally) or 'none'}"
 
 
 def _fill(records: Iterable[Record], *tallies: _Tally) -> None:
@@ -216,4 +251,4 @@ def _worst(found: Sequence[AtJunction]) -> Iterator[str]:
     """Yield a line for each of the worst few junctions."""
     yield from (one.line() for one in ranked(found)[:FEW])
     if len(found) > FEW:
-        yield f"... and {len(found) - FEW} more junctions, none worse"
+        yield f"... and {plural(len(found) - FEW, 'more junction')}, none worse"

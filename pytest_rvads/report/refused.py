@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.wording import first
+from pytest_rvads.wording import first, plural
 
 __all__ = ["refused"]
 
@@ -19,13 +19,8 @@ def refused(report: Report, most: int | None = None) -> list[str]:
         most: reasons told; the junctions of the others are counted.
     """
     reasons = sorted(report.refused.items(), key=lambda entry: -len(entry[1]))
-    lines = [f"{_counted(len(names))} left out: {reason}: {first(names, _NAMED)}" for reason, names in reasons[:most]]
-    where = "the reports of --rvads-report" if report.again.startswith("pytest") else "reports in files"
+    lines = [f"{plural(len(names), 'junction')} left out: {reason}: {first(names, _NAMED)}" for reason, names in reasons[:most]]
     others = {name for _, names in reasons[len(lines) :] for name in names}
     if others:
-        lines.append(f"{_counted(len(others))} left out for other reasons: {where} say which")
+        lines.append(f"{plural(len(others), 'junction')} left out for other reasons: reports in files say which")
     return lines + [f"{one.taken:,} of {one.total:,} {one.what} drawn, seed {one.seed}: {one.test}" for one in report.drawn]
-
-
-def _counted(count: int) -> str:
-    return f"{count:,} junction{'' if count == 1 else 's'}"

@@ -1,233 +1,289 @@
-"""The summary of a session as text; the one module that imports rich."""
+"""The summary of a session as text, for terminals and logs of any width."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Sequence
-from itertools import groupby
+from dataclasses import dataclass
 
-from rich import box
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
+from pytest_rvads.report.columns import Block as Part
+from pytest_rvads.report.columns import Cell, Column, blocks, wrapped
+from pytest_rvads.report.legend import legend
 from pytest_rvads.report.matrix import Matrix
-from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
+from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.rollup import WORST, Sums
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.wording import printable
+from pytest_rvads.wording import plural, printable
 
-__all__ = ["summary"]
+__all__ = ["Summary", "summarise", "summary"]
 
 _MOST = 10
 """Causes and changes of a kind listed; the rest is counted."""
 _ROWS = 20
 """Rows of a table shown; those with failures first."""
-_LINES = 60
-"""Lines of all tables of verdicts together; those with failures first."""
+_LINES = 50
+"""Lines of all tables together; those with failures first."""
 _LENGTH, _BRIEF = 20_000, 1_000
 """Characters of a line shown in full, and in short."""
+_NARROWEST = 20
+"""Of terminals that say they are narrower [characters]."""
 _CHANGES = {"NEW": "bold red", "FIXED": "green", "ERODED": "yellow", "LOST": "yellow"}
 
 
-def summary(report: Report, *, colour: bool, width: int, unicode: bool, full: bool = False) -> str:
-    """Return the outline of a report but for its notes, which callers print where they belong.
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """The summary of a report in two parts, because what has to be looked into comes last."""
+
+    verdicts: str
+    """Totals, changes, tables and figures."""
+    causes: str
+    """What is behind failures, and behind what was no failure."""
+    examples: tuple[str, ...]
+    """The first item of each cause of failures that is listed."""
+
+
+def summary(
+    report: Report, *, colour: bool, width: int, unicode: bool, full: bool = False, more: str = "reports in files hold all"
+) -> str:
+    """Return the outline of a report but for its notes, which callers print where they belong; the causes last.
 
     Args:
-        report: of the session.
+        report: of a session, merged, or of a campaign.
         colour: whether the terminal shows colours.
         width: of the terminal, in characters.
         unicode: whether its encoding has box characters.
-        full: whether to show all; by default no table is longer than a screen and no list longer than ten.
+        full: whether to show all; by default all tables together are no longer than a screen, and no list longer than ten.
+        more: what shows what is left out.
     """
-    screen = _Screen(colour, width, unicode, full, report.again)
-    blocks = outline(report, short=not full, tables=full)
-    tables = [block for block in blocks if isinstance(block, Verdicts)]
-    shown = tables if full else _fitting(tables, width)
-    for block in blocks:
-        if block not in tables or block in shown:
-            screen.show(block)
-        if tables and block is tables[-1]:
-            screen.left_out(len(tables) - len(shown))
-    return screen.text()
+    told = summarise(report, colour=colour, width=width, unicode=unicode, full=full, more=more)
+    return told.verdicts + told.causes
 
 
-def _fitting(tables: Sequence[Verdicts], width: int) -> list[Verdicts]:
-    """Return as many tables as fit, one at least: those in which something is wrong, then the first ones."""
-    right = [not any(entry.bad for _, entries in table.matrix.rows for entry in entries) for table in tables]
-    kept: list[Verdicts] = []
-    lines = 0
-    for number in sorted(range(len(tables)), key=right.__getitem__):
-        matrix = tables[number].matrix.shortened(_ROWS)
-        short, pages = _layout(matrix, width)
-        lines += sum(_height(matrix, page, short) for page in _telling(matrix, pages, short)) + 1
-        if kept and lines > _LINES:
-            break
-        kept.append(tables[number])
-    return kept
+def summarise(  # noqa: PLR0913 - what a terminal is like, and how much to show
+    report: Report, *, colour: bool, width: int, unicode: bool, full: bool, more: str, head: bool = True
+) -> Summary:
+    """Return the summary of a report in its two parts.
+
+    Args:
+        report: as for `summary`, and so the others.
+        colour: likewise.
+        width: likewise.
+        unicode: likewise.
+        full: likewise.
+        more: likewise.
+        head: whether to say when the session was, by which command and how it ended, which pytest says at its end.
+    """
+    verdicts, causes = (_Screen(colour, max(width, _NARROWEST), unicode, full, more) for _ in range(2))
+    tables: list[RollUp | Verdicts] = []
+    rest: list[Block] = []
+    examples: list[str] = []
+    for block in outline(report, short=not full, tables=full):
+        match block:
+            case Head(lines, _, short):
+                verdicts.lines(lines if head else short)
+            case Changes():
+                verdicts.changes(block)
+            case RollUp() | Verdicts():
+                tables.append(block)
+            case Causes(settled=False):
+                causes.lines([""] if causes.text() else [])
+                causes.causes(block)
+                examples += [cause.example for cause in block.causes[: causes.most] if block.title == FAILURES]
+            case _:
+                rest.append(block)
+    verdicts.tables(tables)
+    for block in rest:
+        match block:
+            case Causes():
+                verdicts.causes(block)
+                verdicts.lines([""])
+            case Figures(lines):
+                verdicts.lines(lines)
+    return Summary(verdicts.text(), causes.text(), tuple(examples))
+
+
+class _Table:
+    """A table, cut unless all is to be shown, as the blocks that a terminal has room for."""
+
+    def __init__(self, title: str, what: str, parts: Sequence[Part], hidden: Sequence[str]) -> None:
+        self.title, self.what, self.parts = title, what, parts
+        self.hidden = hidden
+        """What was left out before, in words."""
+        self.wrong: tuple[bool, ...] = (False,) * len(parts)
+        """Of each block, whether it has something to look at first."""
+        self.below: tuple[list[str], ...] = tuple([] for _ in parts)
+        """What is told below the table of each block, once."""
+
+    def rank(self, k: int) -> tuple[bool, int]:
+        """Return what a block is sorted by: those with something wrong first, of each table one before any has two."""
+        return not self.wrong[k], self.wrong[:k].count(self.wrong[k])
+
+    def height(self, k: int) -> int:
+        """Return how many lines a block takes, with title and what stands below."""
+        return len(self.parts[k].lines) + len(self.below[k]) + 2
 
 
 class _Screen:
     """Renders blocks; unless `full`, long lists and tables are cut."""
 
-    def __init__(self, colour: bool, width: int, unicode: bool, full: bool, again: str) -> None:
+    def __init__(self, colour: bool, width: int, unicode: bool, full: bool, more: str) -> None:
         self._out = io.StringIO()
         self._console = Console(
             file=self._out, force_terminal=colour, no_color=not colour, width=width, highlight=False, legacy_windows=False
         )
-        self._width, self._unicode = width, unicode
-        self._most = None if full else _MOST
-        self._rows = None if full else _ROWS
-        self._sums = None if full else WORST
-        self._all = "--rvads-summary=full shows them all" if again.startswith("pytest") else "reports in files hold them all"
+        self._width, self._rule = width, "─" if unicode else "-"
+        self.most = None if full else _MOST
+        self._full, self._more = full, more
 
     def text(self) -> str:
         """Return what was rendered."""
         return self._out.getvalue()
 
-    def show(self, block: Block) -> None:
-        """Render a block."""
-        match block:
-            case Changes(comparison):
-                self._line(comparison.headline, "bold")
-                for line in comparison.lines(self._most):
-                    self._line(f"  {line}", _CHANGES.get(line.partition(" ")[0], ""))
-                self._line("")
-            case RollUp(sums):
-                self._line(block.title, "bold")
-                for table in sums:
-                    self._rolled_up(table)
-            case Verdicts(matrix):
-                self._matrix(matrix)
-            case Causes():
-                self._causes(block)
-            case Head(lines) | Figures(lines):
-                for line in lines:
-                    self._line(line)
+    def lines(self, told: Iterable[str]) -> None:
+        """Print lines, each broken at spaces where it is too long."""
+        for one in told:
+            self.lines_as_they_are(wrapped(_fit(one, self._length), self._width, 4))
 
-    def left_out(self, tables: int) -> None:
-        """Say how many tables were left out, where any were."""
-        if tables:
-            self._line(f"... and {tables} more table{'' if tables == 1 else 's'}: {self._all}\n")
+    def lines_as_they_are(self, told: Iterable[str]) -> None:
+        """Print lines, which terminals break where they like."""
+        for line in told:
+            self._line(line)
+
+    def tables(self, found: Sequence[RollUp | Verdicts]) -> None:
+        """Render tables: as many blocks of them as fit on a screen, those in which something is wrong first, one at least."""
+        tables: list[_Table] = []
+        for block in found:
+            match block:
+                case RollUp(sums):
+                    tables += self._sums(sums)
+                case Verdicts(matrix):
+                    tables.append(self._matrix(matrix))
+        kept = self._kept(tables)
+        shown = [(table, [k for k in range(len(table.parts)) if (number, k) in kept]) for number, table in enumerate(tables)]
+        out = [table for table, parts in shown if table.parts and not parts]
+        for table, parts in shown:
+            if parts or not table.parts:
+                self._table(table, parts)
+        if out:
+            self._line(f"... and {plural(len(out), 'more table')}: {self._more}\n")
+        if shown:
+            self._legend(found)
+
+    def _kept(self, tables: Sequence[_Table]) -> set[tuple[int, int]]:
+        """Return which blocks of which tables are shown."""
+        every = [(number, k) for number, table in enumerate(tables) for k in range(len(table.parts))]
+        if self._full:
+            return set(every)
+        kept: set[tuple[int, int]] = set()
+        lines = 0
+        for number, k in sorted(every, key=lambda one: tables[one[0]].rank(one[1])):
+            lines += tables[number].height(k)
+            if kept and lines > _LINES:
+                break
+            kept.add((number, k))
+        return kept
+
+    def _table(self, table: _Table, parts: Sequence[int]) -> None:
+        if table.title:
+            self._line(table.title, "bold")
+        for k in parts:
+            for line in table.parts[k].lines:
+                self._console.print(line, soft_wrap=True)
+        hidden = sum(len(part.columns) for k, part in enumerate(table.parts) if k not in parts)
+        for left_out in (*table.hidden, *([plural(hidden, "more column")] if hidden else [])):
+            self._paragraph(f"... and {left_out}: {self._more}")
+        self.lines_as_they_are(dict.fromkeys(line for k in parts for line in table.below[k]))
+        self._line("")
+
+    def _matrix(self, whole: Matrix) -> _Table:
+        matrix = whole if self._full else whole.shortened(_ROWS)
+        short = matrix.numbers
+        columns = [
+            Column(
+                (_fit(short.get(label, label)), _fit(rule)),
+                tuple(Cell(_fit(entries[i].text), entries[i].style) for _, entries in matrix.rows),
+                group=(label,),
+            )
+            for i, (label, rule) in enumerate(matrix.columns)
+        ]
+        rows = [_fit(label) for label, _ in matrix.rows]
+        more = len(whole.rows) - len(rows)
+        parts = blocks(matrix.corner, rows, columns, self._width, self._rule) if rows else []
+        table = _Table(matrix.title, "column", parts, [plural(more, "more row")] if more else [])
+        table.wrong = tuple(any(entries[i].bad for _, entries in matrix.rows for i in part.columns) for part in parts)
+        labels = [dict.fromkeys(matrix.columns[i][0] for i in part.columns) for part in parts]
+        table.below = tuple([f" {short[name]} = {name}" for name in names if name in short] for names in labels)
+        return table
+
+    def _sums(self, sums: Sequence[Sums]) -> list[_Table]:
+        """Return the tables of sums, with as many rows of each as fit on a screen together."""
+        for most in (None,) if self._full else (WORST, 15, 12, 10, 8, 6, 5, 4, 3):
+            tables = [self._rolled_up(one, most, "" if k else "verdicts in sums") for k, one in enumerate(sums)]
+            if sum(table.height(k) for table in tables for k in range(len(table.parts))) <= _LINES:
+                break
+        for table in tables:
+            table.wrong = (True,) * len(table.parts)  # they are cut by rows, and none is left out before a matrix
+        return tables
+
+    def _rolled_up(self, sums: Sums, most: int | None, title: str) -> _Table:
+        rows = [sums.cells(row) for row in sums.rows[:most]]
+        columns = [
+            Column((_fit(sums.columns[i]),), tuple(Cell(_fit(row[i]), sums.styles[i]) for row in rows), sums.sides[i] == "right")
+            for i in range(1, len(sums.columns))
+        ]
+        parts = blocks(sums.corner, [_fit(row[0]) for row in rows], columns, self._width, self._rule)
+        more = len(sums.rows) - len(rows)
+        return _Table(title, "column", parts, [plural(more, f"more {sums.corner}")] if more else [])
+
+    def _legend(self, found: Sequence[RollUp | Verdicts]) -> None:
+        """Say what the words in the tables mean that need it."""
+        told = list(legend(found))
+        if told:
+            self._paragraph("; ".join(told))
+            self._line("")
+
+    def _paragraph(self, text: str) -> None:
+        for line in wrapped(text, self._width - 1, 2):
+            self._line(f" {line}")
+
+    def changes(self, block: Changes) -> None:
+        """Print what changed since the baseline."""
+        self._line(block.comparison.headline, "bold")
+        new = next((change.nodeid for change in block.comparison.changes if change.kind == "NEW"), "")
+        told = list(block.comparison.lines(self.most))
+        for number, line in enumerate(told):
+            kind = line.partition(" ")[0]
+            self._line(f"  {line}", _CHANGES.get(kind, ""))
+            if new and kind == "NEW" and not any(after.startswith("NEW ") for after in told[number + 1 :]):
+                self._line(f"          first: {block.first(new)}")
+        self._line("")
+
+    def causes(self, block: Causes) -> None:
+        """Print causes, and of those that somebody has to look into the command that runs the first item of each."""
+        self._line(block.title, "bold")
+        for cause in block.causes[: self.most]:
+            count = f"  {cause.count:4d} x "
+            lines = wrapped(f"{_fit(cause.rule)}: {_fit(cause.line, self._length)}", self._width - len(count))
+            for number, line in enumerate(lines):
+                self._line((" " * len(count) if number else count) + line)
+            if self._full or not block.settled:
+                self._line(f"         first: {block.first(cause)}")
+        if self.most is not None and len(block.causes) > self.most:
+            self._line(f"  ... and {len(block.causes) - self.most} more: {self._more}")
+
+    @property
+    def _length(self) -> int:
+        return _LENGTH if self._full else _BRIEF
 
     def _line(self, text: str, style: str = "") -> None:
-        self._console.print(_text(text, style, _LENGTH if self._rows is None else _BRIEF), soft_wrap=True)
-
-    def _causes(self, block: Causes) -> None:
-        self._line(block.title)
-        for cause in block.causes[: self._most]:
-            self._line(f"  {cause.count:4d} x {cause.rule}: {cause.line}")
-            self._line(f"         first: {block.first(cause)}")
-        if self._most is not None and len(block.causes) > self._most:
-            self._line(f"  ... and {len(block.causes) - self._most} more: {self._all}")
-
-    def _rolled_up(self, sums: Sums) -> None:
-        rows = [sums.cells(row) for row in sums.rows[: self._sums]]
-        wide = [max(map(len, column)) for column in zip(sums.columns, *rows, strict=True)]
-        name = min(wide[0], self._width // 3)
-        for page in _packed([[(i, 3 + wide[i])] for i in range(1, len(wide))], self._width - 3 - name):
-            table = self._new_table()
-            table.add_column(_text(sums.columns[0]), max_width=name, overflow="fold")
-            for i in page:
-                table.add_column(_text(sums.columns[i]), no_wrap=True, overflow="fold", justify=sums.sides[i])
-            for cells in rows:
-                table.add_row(_text(cells[0]), *(_text(cells[i], sums.styles[i]) for i in page))
-            self._console.print(table)
-        if len(sums.rows) > len(rows):
-            self._line(f" ... and {len(sums.rows) - len(rows)} more {sums.corner}s: {self._all}")
-        self._line("")
-
-    def _new_table(self) -> Table:
-        return Table(box=box.SIMPLE_HEAD if self._unicode else box.ASCII2, show_edge=False)
-
-    def _matrix(self, whole: Matrix) -> None:
-        matrix = whole if self._rows is None else whole.shortened(self._rows)
-        self._line(matrix.title, "bold")
-        short, pages = _layout(matrix, self._width)
-        shown = pages if self._rows is None else _telling(matrix, pages, short)
-        for columns in shown:
-            self._console.print(_filled(self._new_table(), matrix, columns, short, self._width))
-        more = len(whole.rows) - len(matrix.rows), sum(map(len, pages)) - sum(map(len, shown))
-        for count, what in zip(more, ("rows", "columns"), strict=True):
-            if count:
-                self._line(f" ... and {count} more {what}: {self._all}")
-        for label in _numbered(matrix, [i for page in shown for i in page], short):
-            self._line(f" {short[label]} = {label}")
-        self._line("")
+        """Print a line that terminals break where it is too long, so that a command in it can be pasted."""
+        end = "\n" if text.endswith("\n") else ""
+        self._console.print(Text(_fit(text.removesuffix("\n"), self._length) + end, style=style), soft_wrap=True)
 
 
-def _layout(matrix: Matrix, width: int) -> tuple[dict[str, str], list[list[int]]]:
-    """Return the numbers that stand for long configurations, and the columns of each table that a matrix is split into."""
-    short = matrix.numbers
-    return short, _pages(matrix, short, width) if matrix.rows else []
-
-
-def _telling(matrix: Matrix, pages: list[list[int]], short: dict[str, str]) -> list[list[int]]:
-    """Return as many of the tables as fit, one at least: those in which something is wrong, then the first ones."""
-    right = [not any(entries[i].bad for _, entries in matrix.rows for i in page) for page in pages]
-    kept: list[int] = []
-    lines = 0
-    for number in sorted(range(len(pages)), key=right.__getitem__):
-        lines += _height(matrix, pages[number], short)
-        if kept and lines > _LINES:
-            break
-        kept.append(number)
-    return [pages[k] for k in sorted(kept)]
-
-
-def _height(matrix: Matrix, page: list[int], short: dict[str, str]) -> int:
-    """Return how many lines a table takes: headings, rows, what stands above and below, and what numbers stand for."""
-    return len(matrix.rows) + 4 + len(_numbered(matrix, page, short))
-
-
-def _numbered(matrix: Matrix, columns: list[int], short: dict[str, str]) -> list[str]:
-    """Return the configurations of some columns for which numbers stand."""
-    return [label for label in dict.fromkeys(matrix.columns[i][0] for i in columns) if label in short]
-
-
-def _pages(matrix: Matrix, short: dict[str, str], width: int) -> list[list[int]]:
-    """Split the columns so that no table is wider than the terminal; a configuration stays together where it can."""
-    room = width - 3 - min(max(map(len, [matrix.corner, *(label for label, _ in matrix.rows)])), width // 3)
-    groups = groupby(range(len(matrix.columns)), lambda i: matrix.columns[i][0])
-    return _packed([[(i, _wide(matrix, i, short)) for i in group] for _, group in groups], room)
-
-
-def _packed(groups: Iterable[Sequence[tuple[int, int]]], room: int) -> list[list[int]]:
-    """Pack groups of columns, each with its width, into tables that are no wider than the room for them, where they can be."""
-    pages: list[list[int]] = [[]]
-    used = 0
-    for group in groups:
-        together = sum(wide for _, wide in group)
-        for k, (column, wide) in enumerate(group):
-            if pages[-1] and used + (wide if k else together) > room:
-                pages.append([])
-                used = 0
-            pages[-1].append(column)
-            used += wide
-    return pages
-
-
-def _wide(matrix: Matrix, column: int, short: dict[str, str]) -> int:
-    configuration, rule = matrix.columns[column]
-    return 3 + max(
-        len(short.get(configuration, configuration)), len(rule), *(len(cells[column].text) for _, cells in matrix.rows)
-    )
-
-
-def _filled(table: Table, matrix: Matrix, columns: list[int], short: dict[str, str], width: int) -> Table:
-    # Where it is narrow the classes are broken, not the names of rules.
-    room = width - 2 - sum(_wide(matrix, i, short) for i in columns)
-    table.add_column(matrix.corner, max_width=max(room, len(matrix.corner)))
-    previous = None
-    for configuration, rule in (matrix.columns[i] for i in columns):
-        head = short.get(configuration, configuration) if configuration != previous else ""
-        table.add_column(_text(head) + Text("\n") + _text(rule), no_wrap=len(columns) > 1, overflow="fold")
-        previous = configuration
-    for label, cells in matrix.rows:
-        table.add_row(_text(label), *(_text(cells[i].text, cells[i].style) for i in columns))
-    return table
-
-
-def _text(text: str, style: str = "", length: int = _LENGTH) -> Text:
-    """Return a text on one line, which neither the terminal nor rich takes for a command."""
-    return Text(printable(text.replace("\n", " "), length), style=style)
+def _fit(text: str, length: int = _LENGTH) -> str:
+    """Return a text on one line, which the terminal does not take for a command."""
+    return printable(text.replace("\n", " "), length)

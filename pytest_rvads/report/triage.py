@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, VerdictRecord
+from pytest_rvads.wording import plural
 
 __all__ = ["ByCause", "ByText", "Cause", "causes", "idle", "known", "provoked", "unavoidable", "unsure"]
 
@@ -29,6 +30,8 @@ _IDS = 1000
 """Items of a cause whose ids are kept; the rest is counted."""
 _GROUPS = 1000
 """Causes that are told apart; what comes after them is one more."""
+_VARIES = re.compile(r"0x[0-9a-fA-F]+|\d+([.,]\d+)*(e[+-]?\d+)?")
+"""What differs between messages of one fault: vehicles, times, lines, addresses. Names of vehicles end with a number."""
 _OPEN = 10_000
 """Runs that may go on failing: of one that fails once more when so many others have begun to, that is a cause of its own."""
 
@@ -52,18 +55,22 @@ class Cause:
     """Who did it most often, up to rotation, where it was not always the same."""
     junctions: int = 0
     """At how many, where that is told."""
+    title: str = ""
+    """Of the rule that was violated first, in words."""
 
     @property
     def rule(self) -> str:
-        """The rules in a few words."""
+        """The rules in a few words, the first with its title, where that says more than its name."""
         more = len(self.rules) - _RULES
-        return ", ".join(self.rules[:_RULES]) + (f" and {more} more" if more > 0 else "")
+        told = self.title and self.title.casefold() != self.rules[0].replace("_", " ").casefold()
+        names = (f"{self.rules[0]} ({self.title})" if told else self.rules[0], *self.rules[1:_RULES])
+        return ", ".join(names) + (f" and {more} more" if more > 0 else "")
 
     @property
     def line(self) -> str:
         """The cause in one line."""
-        at = f" at {self.junctions} junction{'' if self.junctions == 1 else 's'}" if self.junctions else ""
-        where = f", in {self.runs} runs{at}" if self.runs > 1 else ""
+        at = f" at {plural(self.junctions, 'junction')}" if self.junctions else ""
+        where = f", in {plural(self.runs, 'run')}{at}" if self.runs > 1 else ""
         return f"{self.text}{where}{f', mostly {self.roles}' if self.roles else ''}"
 
 
@@ -74,6 +81,7 @@ class _Part:
         self.signature, self.text = signature, text
         self.verdict, self.time = verdict is not None, _time(record)
         self.roles = verdict.roles if verdict else ""
+        self.title = verdict.title if verdict else ""
         self.example, self.rule = record.nodeid, record.asks
         self.run, self.junction = record.ran_as, record.junction
         self.rules, self.ids, self.count, self.number = {record.asks: None}, [record.nodeid], 1, 0
@@ -125,6 +133,7 @@ class _Group:
             example=self.first.example,
             roles=most,
             junctions=len(self._junctions) if junctions else 0,
+            title=self.first.title,
         )
 
 
@@ -152,7 +161,8 @@ class ByText:
 
     def _take(self, part: _Part) -> None:
         if part.signature not in self._groups and len(self._groups) >= _GROUPS:
-            part.signature, part.text, part.roles = None, f"something else than the {_GROUPS:,} causes told apart", ""
+            part.signature, part.text = None, f"something else than the {_GROUPS:,} causes told apart"
+            part.roles = part.title = ""
         group = self._groups.get(part.signature) or self._groups.setdefault(part.signature, _Group(part))
         group.take(part)
 
@@ -253,23 +263,27 @@ def _time(record: Record) -> tuple[float, str]:
 
 
 def _signature(record: Record) -> Hashable:
-    """Return what records with the same cause share; numbers in messages are not part of it."""
+    """Return what records with the same cause share; what messages of one fault differ in is not part of it."""
     verdict = _verdict(record)
     if verdict:
         # What can't be kept is one cause, however it ended.
         return "" if verdict.unavoidable else record.status, _violated(record)
-    # One fault of a stack is one cause, whatever rules would have judged its runs.
-    rule = "" if record.status is Outcome.ERROR else record.asks
-    return record.status, rule, re.sub(r"\d+(\.\d+)?", "#", _violated(record))
+    # One fault of a stack is one cause, whatever rules would have judged its runs; and so is chance in it.
+    rule = "" if record.status in (Outcome.ERROR, Outcome.FLAKY) else record.asks
+    return record.status, rule, _VARIES.sub("#", _violated(record))
 
 
 def _violated(record: Record) -> str:
+    """Return what was violated or went wrong, in words."""
     if record.status is Outcome.FLAKY:
         return "not deterministic: the same start gave another run"
     if record.status is Outcome.UNSURE:
         return _hanging(record)
     verdict = _verdict(record)
-    return (verdict.violated or verdict.cause) if verdict else _first_line(record)
+    if verdict is None:
+        return _first_line(record).removeprefix(f"{record.asks} {Outcome.ERROR}: ")
+    told = verdict.violated or verdict.cause
+    return told.replace("open: ", "still owed at the end of the run: ", 1) if told.startswith("open: ") else told
 
 
 def _hanging(record: Record) -> str:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-import shutil
-import sys
 from collections.abc import Generator
 from dataclasses import replace
 from datetime import datetime
@@ -20,15 +18,15 @@ from pytest_rvads.session.interrupts import leave_in_time, put_off
 from pytest_rvads.session.items import OPTIONS
 from pytest_rvads.session.outputs import Outputs, told, totals
 from pytest_rvads.session.plan import Planner
-from pytest_rvads.session.reasons import Ending, counted, reasons
+from pytest_rvads.session.reasons import Ending, reasons
 from pytest_rvads.session.time_budget import BUDGET
-from pytest_rvads.wording import encode_all, printable
+from pytest_rvads.wording import plural
 
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Report
 
-__all__ = ["Session"]
+__all__ = ["Session", "ran"]
 
 
 class Session:
@@ -161,7 +159,7 @@ class Session:
             ended = ended or pytest.ExitCode.TESTS_FAILED
         self.report = self._report(ended, cut=bool(session.shouldfail) or any(reason.cut for reason in found))
         ended = self.report.exitstatus
-        wrong, whole = self.outputs.end(self.report, _ran(self.report))
+        wrong, whole = self.outputs.end(self.report, ran(self.report))
         self.troubles += wrong
         if not whole:
             ended = ended or pytest.ExitCode.TESTS_FAILED
@@ -256,36 +254,14 @@ class Session:
         old = sum(record.failed for record in report.records)
         if ended and old and not self.others and not cut:
             self.troubles.append(
-                f"{counted(old)} failed as in the baseline, which --rvads-fail-on={self.options.fail_on} lets pass"
+                f"{plural(old, 'item')} failed as in the baseline, which --rvads-fail-on={self.options.fail_on} lets pass"
             )
             return pytest.ExitCode.OK
         return ended
 
-    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        """Print the verdict matrix, the causes and the coverage lines, if anything of ours ran."""
-        encode_all(sys.stdout)
-        if self.report and _ran(self.report):
-            terminalreporter.section("rvads verdicts")
-            terminalreporter.write(self._summary(self.report, terminalreporter.hasmarkup))
-            if self.outputs.index:
-                terminalreporter.write_line(f"look: {self.outputs.index}")
-        for trouble in self.troubles:
-            terminalreporter.write_line(f"rvads: {printable(trouble)}", red=True)
-        self.outputs.annotate(self.report, terminalreporter)
 
-    def _summary(self, report: Report, colour: bool) -> str:
-        from pytest_rvads.report.terminal import summary
-
-        width = shutil.get_terminal_size().columns
-        unicode = (sys.stdout.encoding or "").lower().startswith("utf")
-        try:
-            return summary(report, colour=colour, width=width, unicode=unicode, full=self.options.summary == "full")
-        except Exception as error:
-            self.troubles.append(f"the summary could not be shown: {told(error)}")
-            return ""
-
-
-def _ran(report: Report) -> bool:
+def ran(report: Report) -> bool:
+    """Return whether any item of a session ran."""
     return any(record.status is not Outcome.NOT_RUN for record in report.records)
 
 

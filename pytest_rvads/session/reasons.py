@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.wording import plural
 
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
 
-__all__ = ["Ending", "Reason", "counted", "reasons"]
+__all__ = ["Ending", "Reason", "reasons"]
 
 _FAILED = int(pytest.ExitCode.TESTS_FAILED)
 _NOTHING = int(pytest.ExitCode.NO_TESTS_COLLECTED)
@@ -60,18 +61,13 @@ def reasons(ending: Ending) -> list[Reason]:
     return [reason for check in _CHECKS if (reason := check(ending))]
 
 
-def counted(count: int) -> str:
-    """Return how many items."""
-    return f"{count} item{'' if count == 1 else 's'}"
-
-
 def _ended(ending: Ending) -> Reason | None:
-    missing = f"{counted(ending.missing)} did not run"
+    missing = f"{plural(ending.missing, 'item')} did not run"
     lacking = bool(ending.missing or ending.unsaid) or not ending.collected
     if not ending.collected:
         missing = "it was not yet known what is to run"
     elif ending.unsaid:
-        missing = f"none of {counted(ending.unsaid)} ended, and no worker came to say which of them ask for a run"
+        missing = f"none of {plural(ending.unsaid, 'item')} ended, and no worker came to say which of them ask for a run"
     if ending.exitstatus not in (pytest.ExitCode.OK, _FAILED, _NOTHING):
         text = f"the session did not end by itself (exit status {ending.exitstatus}): {missing}"
         return Reason(text, cut=lacking)
@@ -79,7 +75,7 @@ def _ended(ending: Ending) -> Reason | None:
 
 
 def _vanished(ending: Ending) -> Reason | None:
-    said = f"{counted(ending.vanished)} vanished: a plugin or conftest.py dropped them without deselecting them"
+    said = f"{plural(ending.vanished, 'item')} vanished: a plugin or conftest.py dropped them without deselecting them"
     return Reason(said) if ending.vanished else None
 
 
@@ -88,9 +84,9 @@ def _undriven(ending: Ending) -> Reason | None:
         return None
     where = next(filter(None, ending.undriven.values()), "")
     return Reason(
-        f"nothing says what drives in {counted(len(ending.undriven))}, so the bundled reference autopilot did, and nothing of "
-        "yours was tested: override the fixture rvads_autopilot, or name what drives by --rvads-autopilot=module:name or "
-        f"--rvads-sut (--rvads-autopilot=reference if you mean the reference){'; ' if where else ''}{where}"
+        f"nothing says what drives in {plural(len(ending.undriven), 'item')}, so the bundled reference autopilot did, and "
+        "nothing of yours was tested: override the fixture rvads_autopilot, or name what drives by --rvads-autopilot=module:name "
+        f"or --rvads-sut (--rvads-autopilot=reference if you mean the reference){'; ' if where else ''}{where}"
     )
 
 
@@ -108,17 +104,17 @@ def _hushed(ending: Ending) -> Reason | None:
     hushed = sorted(hidden | ending.turned)
     if not hushed:
         return None
-    return Reason(f"{counted(len(hushed))} passed though not kept: something catches failures, first {hushed[0]}")
+    return Reason(f"{plural(len(hushed), 'item')} passed though not kept: something catches failures, first {hushed[0]}")
 
 
 def _unkept(ending: Ending) -> Reason | None:
     unkept = [record.unkept for record in ending.records.values() if record.unkept]
-    return Reason(f"the runs of {counted(len(unkept))} could not be kept: {unkept[0]}") if unkept else None
+    return Reason(f"the runs of {plural(len(unkept), 'item')} could not be kept: {unkept[0]}") if unkept else None
 
 
 def _late(ending: Ending) -> Reason | None:
     late = sum(record.message == ending.late for record in ending.records.values()) if ending.late else 0
-    said = f"{ending.late.partition(': ')[2]}: {counted(late)} did not run"
+    said = f"{ending.late.partition(': ')[2]}: {plural(late, 'item')} did not run"
     return Reason(said, exitstatus=0, cut=False) if late else None
 
 

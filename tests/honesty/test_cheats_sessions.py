@@ -66,7 +66,7 @@ def test_a_fixture_in_another_test_file_drives_nothing(session: Session, pyteste
 def test_who_drove_is_told(session: Session, pytester: pytest.Pytester) -> None:
     """The fixture names the racer, and an option lets the reference autopilot drive in its place."""
     result = session(rules(duration=20), "--rvads-autopilot=reference")
-    result.stdout.fnmatch_lines(["rvads: driven by --rvads-autopilot=reference"])
+    result.stdout.fnmatch_lines(["rvads: driven by --rvads-autopilot=reference (pytest-rvads *)"])
     assert [str(record["driver"]).rpartition(".")[2] for record in records(pytester)] == ["Reference"]
 
 

@@ -23,6 +23,7 @@ def test_the_record_of_a_violation(make: Make, dt: float) -> None:
     run = replace(make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 150, 300)}, 400), dt=dt)
     assert check(run, "p2").record() == {
         "rule": "p2",
+        "title": "right-of-way",
         "status": "FAIL",
         "message": f"p2 at t={50 * dt:.2f} s: a0 left entrance 0 before a1 was in the junction",
         "reason": "",
@@ -64,6 +65,7 @@ def test_the_record_of_what_never_applied(make: Make) -> None:
     reason = "never triggered: the premise of no instance ever holds on the run"
     assert check(run, "p4").record() == {
         "rule": "p4",
+        "title": "red light",
         "status": "NA",
         "message": f"p4 NA: {reason}",
         "reason": reason,

@@ -185,7 +185,7 @@ def test_a_writer_that_fails_costs_its_own_file(tests: pytest.Pytester, workers:
         def broken(*args, **kwargs):
             raise KeyError("stack")
 
-        files.FORMATS[".md"] = terminal.summary = broken
+        files.FORMATS[".md"] = terminal.summarise = broken
     """)
     result = tests.runpytest_subprocess(*REPORTS, *workers, timeout=LONG)
     assert result.ret == pytest.ExitCode.TESTS_FAILED

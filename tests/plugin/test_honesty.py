@@ -109,7 +109,7 @@ def test_a_rule_without_a_judge_is_refused_or_not_judged(pytester: pytest.Pytest
             rvads.check(run, rule)
         """
     )
-    pytester.runpytest().stdout.fnmatch_lines(["stop4: *1 verdicts: 1 not judged*"])
+    pytester.runpytest().stdout.fnmatch_lines(["stop4: *1 verdict: 1 not judged*"])
     pytester.makepyfile(
         """
         import pytest_rvads as rvads

@@ -102,9 +102,9 @@ def test_only_what_the_subject_did_fails(pytester: pytest.Pytester, options: tup
             "stop3 among Rude traffic *test_mine*",
             "*provoked*",
             "stop3 among reference traffic *test_rude*",
+            "stop3: 1/4 classes, 1/8 classes with a subject, 1/8 scenarios, 2 runs, 3 verdicts: *1 provoked by traffic*",
             "provoked by traffic",
             "*1 x full_stop: *",
-            "stop3: 1/4 classes, 1/8 classes with a subject, 1/8 scenarios, 2 runs, 3 verdicts: *1 provoked by traffic*",
         ]
     )
     records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]

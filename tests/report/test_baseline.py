@@ -166,14 +166,14 @@ def test_summary_and_report_tell_what_changed_before_the_causes() -> None:
     report = Report(tuple(now), {4: (24, 81)}, versions={"numpy": "2.0", "python": "3.11"})
     report = with_baseline(report, compare(report, base, "old.json", 0.5, lambda _: False))
     text = summary(report, colour=False, width=100, unicode=False).splitlines()
-    text = text[text.index("against old.json: 12 NEW, 1 ADDED") :]  # after what the session was
+    text = text[text.index("against old.json: 12 NEW, 1 ADDED") :]
     assert text[:4] == [
         "against old.json: 12 NEW, 1 ADDED",
         "  numpy was 1.0 and is 2.0",
         "  the simulator was bullet and is mine",
         "  NEW     t0  p1 at t=1.00 s: both in",
     ]
-    assert text[13] == "  NEW     ... and 2 more"
+    assert text[13:15] == ["  NEW     ... and 2 more", '          first: pytest "t0"']
     assert markdown(report).index("against old.json") < markdown(report).index("Causes")
     assert markdown(report).count("- NEW     ") == 12, "a file has room for all"
     assert [r.change for r in report.records] == ["NEW"] * 12 + ["ADDED"]

@@ -72,7 +72,7 @@ def test_recordings_have_cells_of_their_own_and_no_classes() -> None:
     assert str(measure(report(*records, planned=()))) == "3/4 cells exercised (75.0 %): 1 NA"
     assert at_junctions(records, {4: (24, 81)}) == [
         "stop4 as recorded: 2 runs, 3 verdicts: 1 pass, 1 fail, 1 NA  (never applicable: p2)",
-        "stop4: 1/24 classes, 1/81 scenarios, 1 runs, 1 verdicts: 1 pass",
+        "stop4: 1/24 classes, 1/81 scenarios, 1 run, 1 verdict: 1 pass",
     ]
 
 

@@ -18,7 +18,7 @@ from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.report.files import FORMATS, load, save
 from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.outline import Block, Causes, Changes, RollUp, Verdicts, outline
+from pytest_rvads.report.outline import Block, Causes, Changes, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.record import Computing, Indicators, Record, VerdictRecord, conclude, planned_record, received, sent
 from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
@@ -49,6 +49,7 @@ def record(number: int, outcome: Outcome, known: str | None = None) -> Record:
         "traffic": "hesitant",
         "rule": f"p{number % 2}",
         "driver": "mine.Pilot",
+        "source": "mine.py 3fa29c01",
         "simulator": "mine",
     }
     start = planned_record(f"t.py::test[stop4-class{number:02d}-p{number % 2}]", 3, "test", keys, 4, ("REQ-1", "REQ-2"))
@@ -143,19 +144,25 @@ def test_no_form_leaves_out_what_another_says(form: str) -> None:
     report = everything()
     blocks = outline(report)
     assert [block.title for block in blocks] == [
-        *("notes", "since the baseline", "stop4 among hesitant traffic   t.py::test", "stop4 as recorded   t.py::test"),
+        *(
+            "notes",
+            "session",
+            "since the baseline",
+            "stop4 among hesitant traffic   t.py::test",
+            "stop4 as recorded   t.py::test",
+        ),
         *("causes of failures", "provoked by traffic", "unavoidable: nobody could have kept the rule"),
         "unsure: another reading of what was recorded changes the verdict",
         *("known failures", "not applicable, skipped or not run", "coverage"),
     ]
+    head = ["13 verdicts on 13 runs: 2 pass, 1 fail, ", "exit status 1", "driven by", "simulated by"]
+    assert [next(b for b in head if line.startswith(b)) for line in blocks[1].plain()] == head
     figures = blocks[-1].plain()
     begins = [
-        "driven by",
-        "simulated by",
         "nearest",
         "most",
         "stop4: ",
-        "stop4 as recorded: 1 runs",
+        "stop4 as recorded: 1 run, 1 verdict: ",
         "stack ./mine",
         "slowest",
         "requirement REQ-1",
@@ -181,7 +188,7 @@ def test_no_form_leaves_out_what_another_says_of_many_junctions(form: str) -> No
         for record in one.records
     ]
     blocks = outline(replace(one, records=tuple(records), planned=()))
-    assert [type(block) for block in blocks[2:4]] == [RollUp, Causes], "in place of tables"
+    assert [type(block) for block in blocks[1:5]] == [Head, Changes, RollUp, Causes], "in place of tables"
     said = rendered(form, replace(one, records=tuple(records), planned=()))
     wanted = [fact for block in blocks[1:] for fact in facts(block)]
     assert len(wanted) > 500
@@ -191,7 +198,7 @@ def test_no_form_leaves_out_what_another_says_of_many_junctions(form: str) -> No
 def rendered(form: str, report: Report) -> str:
     """What a reader of a form reads, in small letters."""
     if form == "terminal":
-        return summary(report, colour=False, width=400, unicode=True, full=True).lower()
+        return summary(report, colour=False, width=2000, unicode=True, full=True).lower()
     return read(form, written(form, report)).lower()
 
 
@@ -221,6 +228,7 @@ SUMMED_UP = {
     "unkept": "one note for all",
     "flaky": "as a cause",
     "look": "the page links them",
+    "variant": "rows of tables",
     "change": "in the list of changes",
 }
 """The fields of records that text does not say record by record, and what it says instead; JSON has all of them."""
@@ -238,6 +246,7 @@ def told(one: Record) -> dict[str, tuple[str, ...]]:
         "rule": (one.asks,),
         "traffic": (one.traffic or "",),
         "driver": (one.driver,),
+        "source": (one.source,),
         "simulator": (one.simulator,),
         "requirements": one.requirements,
         "status": () if one.known else (one.status.cell,),
@@ -356,4 +365,5 @@ def test_an_outcome_is_all_in_one_place() -> None:
     assert {outcome for outcome in Outcome if outcome.bad} == {"ERROR", "FLAKY", "FAIL", "NOT JUDGED", "OPEN"}
     assert all(Outcome(outcome.value) is outcome and outcome.word and outcome.cell for outcome in Outcome)
     empty = replace(everything(), records=(), seconds={}, notes=(), comparison=None, left_out={}, planned=(), versions={})
-    assert [list(block.plain()) for block in outline(empty)] == [["coverage: 0/0 cells exercised (0.0 %)"]]
+    said = [["0 verdicts on 0 runs: none", "exit status 1"], ["coverage: 0/0 cells exercised (0.0 %)"]]
+    assert [list(block.plain()) for block in outline(empty)] == said

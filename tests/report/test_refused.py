@@ -27,7 +27,7 @@ def test_junctions_are_counted_by_reason_and_the_first_named() -> None:
 
 
 def test_the_rest_of_many_reasons_is_counted() -> None:
-    assert refused(REPORT, 1)[1] == "3 junctions left out for other reasons: the reports of --rvads-report say which"
+    assert refused(REPORT, 1)[1] == "3 junctions left out for other reasons: reports in files say which"
     assert refused(REPORT, 3) == refused(REPORT)
     many = Report((), refused={f"reason {k}": (f"x.{k}",) for k in range(20)})
     assert len(refused(many, 5)) == 6

@@ -156,3 +156,45 @@ def test_messages_are_alike_up_to_their_numbers() -> None:
 
     found = causes([crash("one", "a2 raised at t=1.25 s"), crash("two", "a0 raised at t=0.5 s"), crash("three", "no sensor")])
     assert [(c.text, c.count) for c in found] == [("a2 raised at t=1.25 s", 2), ("no sensor", 1)]
+
+
+def test_one_crash_is_one_cause_wherever_its_message_differs_by_run() -> None:
+    def crash(run: str, rule: str, text: str) -> Record:
+        return replace(conclude(failed(run, rule, "", None), (), "call", "failed", text=text, error=Outcome.ERROR), hash=None)
+
+    (cause,) = causes(
+        [
+            crash("one", "p1", "p1 ERROR: Mine driving a0 raised KeyError: 'gap' (mine.py:12) at 1.25 s in <Plan at 0x7f9a>"),
+            crash("two", "red", "red ERROR: Mine driving a12 raised KeyError: 'gap' (mine.py:131) at 10 s in <Plan at 0x10cF>"),
+        ]
+    )
+    assert (cause.count, cause.runs) == (2, 2)
+    assert cause.text.startswith("Mine driving a0 raised KeyError"), "not the name of a rule"
+
+
+def test_chance_is_one_cause_over_all_rules() -> None:
+    records = [replace(failed("one", rule, "both in", 1.0), status=Outcome.FLAKY, verdicts=()) for rule in ("p1", "p2")]
+    (cause,) = causes(records)
+    assert (cause.rule, cause.text) == ("p1, p2", "not deterministic: the same start gave another run")
+
+
+def test_a_cause_says_in_words_what_is_owed_and_which_rule_it_is() -> None:
+    open_ = {"status": "OPEN", "title": "everybody gets into the junction"}
+    (cause,) = causes([replace_status(failed("one", "arrives", "open: everybody gets into the junction", 1.0, **open_))])
+    assert cause.text == "still owed at the end of the run: everybody gets into the junction"
+    assert cause.rule == "arrives (everybody gets into the junction)"
+    (first,) = causes([failed("one", "p1", "both in", 2.0, title="one"), failed("one", "p2", "left", 1.0, title="two")])
+    assert first.rule == "p2 (two), p1", "the title is that of what broke first"
+
+
+def test_an_obligation_that_is_open_is_told_in_words() -> None:
+    place = rvads.find("stop4")
+    run = rvads.simulate(rvads.Case(rvads.Scenario(place, "1133", distance=20.0, duration=0.5), rvads.Reference))
+    text = "forall a. F a@j"
+    named, unnamed = rvads.Rule("arrives", text, title="everybody gets into the junction"), rvads.Rule("arrives", text)
+    assert rvads.check(run, named).violated == "open: everybody gets into the junction"
+    assert "F " not in (said := rvads.check(run, unnamed).violated), said
+
+
+def replace_status(record: Record) -> Record:
+    return replace(record, status=Outcome.OPEN)

@@ -229,7 +229,7 @@ def test_the_option_chooses_what_simulates_and_how_fast_one_may_come(pytester: p
     options = ("--rvads-autopilot=reference", "-p", "no:cacheprovider")
     result = pytester.runpytest(*options, "--rvads-simulator=own:counting")
     result.assert_outcomes(passed=2)
-    result.stdout.fnmatch_lines(["rvads: simulated by --rvads-simulator=own:counting"])
+    result.stdout.fnmatch_lines(["rvads: simulated by --rvads-simulator=own:counting (own.py *)"])
     result = pytester.runpytest(*options, "--rvads-simulator=own:nothing")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines(["*simulator 'own:nothing' can't be loaded*"])
@@ -380,7 +380,7 @@ def test_a_test_has_the_simulator_of_its_own_file_in_any_scope_and_every_result_
         *(f"--rvads-report={name}" for name in files),
     )
     result.assert_outcomes(passed=11)
-    result.stdout.fnmatch_lines([f"simulated by {usual().name}: 1 run", "simulated by mine: 1 run"])
+    result.stdout.fnmatch_lines([f"simulated by {usual().name} (*): 1 run", "simulated by mine: 1 run"])
     text = {name: (pytester.path / name).read_text(encoding="utf-8") for name in files}
     made = {record["nodeid"].partition("::")[0]: record["simulator"] for record in json.loads(text["out.json"])["records"]}
     assert made == {

@@ -28,8 +28,8 @@ def test_an_example_runs_in_sumo_with_its_driver(pytester: pytest.Pytester) -> N
     result = pytester.runpytest(SUMO, "--rvads-autopilot=sumo", "-k", "class01 and cfgC", "--rvads-report=report.json")
     result.stdout.fnmatch_lines(
         [
-            "rvads: driven by --rvads-autopilot=sumo",
-            "rvads: simulated by --rvads-simulator=sumo",
+            "rvads: driven by --rvads-autopilot=sumo (pytest-rvads *)",
+            "rvads: simulated by --rvads-simulator=sumo (pytest-rvads *)",
             "rvads: SUMO's driver drives only where it is named (--rvads-autopilot sumo, traffic='sumo'); its vehicles have no *",
             "*p1 at t=* both in junction*",
         ]
@@ -86,4 +86,4 @@ def test_a_simulator_of_ones_own_may_say_what_does_not_carry_over(pytester: pyte
         test_one="def test_nothing():\n    pass",
     )
     result = pytester.runpytest("--rvads-simulator=own:own")
-    result.stdout.fnmatch_lines(["rvads: simulated by --rvads-simulator=own:own", "rvads: its tyres are square"])
+    result.stdout.fnmatch_lines(["rvads: simulated by --rvads-simulator=own:own (own.py *)", "rvads: its tyres are square"])

@@ -145,8 +145,9 @@ def _violated(story: Story, worst: Judgement | None) -> str:
 
     shape, run = worst.template.shape, story.run
     if worst.status is Status.OPEN:
-        owed = f"{say(shape.waits, name)} until {say(shape.goes, name)}" if shape.waits and shape.goes else str(shape.obligation)
-        return f"open: {owed}"
+        if shape.waits and shape.goes:
+            return f"open: {say(shape.waits, name)} until {say(shape.goes, name)}"
+        return f"open: {story.rule.title or say(shape.obligation, name)}"
     by = cause_between(worst, run)
     blame = [name(e) for e in responsible(worst, run)] if by else []
     # Whether it was one step too early or many is no other violation.

@@ -1,0 +1,220 @@
+"""The end of a session in the terminal: pytest's lines of failures folded per cause, then the causes."""
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+RUDE = """
+    import pytest
+    import pytest_rvads as rvads
+
+    class Racer(rvads.Follower):
+        def target_speed(self, seen):
+            return 8.0
+
+    @pytest.fixture
+    def rvads_autopilot():
+        return Racer
+
+    @rvads.scenario("stop4", classes=(1, 2, 7), grid="E", rules=("p1", "p3", "full_stop"), duration=10)
+    def test_rules(run, rule, monitor):
+        monitor.check(rule)
+
+    def test_of_something_else():
+        assert 1 + 1 == 3
+
+    @pytest.fixture
+    def broken():
+        raise OSError("no disk")
+
+    def test_with_a_broken_fixture(broken): ...
+
+    @pytest.mark.xfail
+    def test_known(): assert False
+"""
+
+
+def named(result: pytest.RunResult, word: str = "FAILED") -> list[str]:
+    """The items that have a line in pytest's short summary."""
+    lines = result.outlines[result.outlines.index(next(line for line in result.outlines if "short test summary" in line)) :]
+    return [line.split()[1].partition("::")[2] for line in lines if line.startswith(f"{word} ")]
+
+
+def sections(result: pytest.RunResult) -> list[str]:
+    """The titles of sections, in order."""
+    return [found[1] for line in result.outlines if (found := re.fullmatch(r"=+ (.*?) =+", line))]
+
+
+@pytest.mark.parametrize(
+    "options", [(), pytest.param(("-n", "2"), marks=pytest.mark.slow), ("-p", "no:cacheprovider", "--tb=no")]
+)
+def test_failures_are_folded_per_cause_and_causes_come_last(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
+    pytester.makepyfile(RUDE)
+    result = pytester.runpytest("-rfEx", *options)
+    titles = sections(result)
+    assert titles[-4:-1] == ["rvads verdicts", "short test summary info", "rvads causes"]
+    counts = result.parseoutcomes()
+    assert counts["failed"] > 4, "the closing line counts all"
+    causes = len([line for line in result.outlines if re.match(r" +6 x p1 ", line)])
+    assert causes == 1
+    first = next(line for line in result.outlines if "first: pytest " in line).partition("::")[2].rstrip('"')
+    assert sorted(named(result)) == sorted([first, "test_of_something_else"])
+    assert named(result, "ERROR") == ["test_with_a_broken_fixture"]
+    left_out = counts["failed"] - 2
+    result.stdout.fnmatch_lines(
+        [f"{left_out} more lines are left out of the short test summary, whose items these causes count: -vv shows all"]
+    )
+    assert result.outlines.index(next(line for line in result.outlines if line.startswith("XFAIL"))) > 0
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+
+
+@pytest.mark.parametrize("options", [("-vv",), ("--rvads-summary=full",)])
+def test_all_lines_are_there_for_who_asks(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
+    pytester.makepyfile(RUDE)
+    result = pytester.runpytest("--tb=no", *options)
+    assert len(named(result)) == result.parseoutcomes()["failed"]
+    result.stdout.no_fnmatch_line("*left out of the short test summary*")
+    assert sections(result)[-2] == "rvads causes"
+
+
+def test_nothing_is_said_to_be_left_out_where_pytest_has_no_lines(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(RUDE)
+    for options in (("-rN",), ("--no-summary",), ("-q", "-rx")):
+        result = pytester.runpytest("--tb=no", *options)
+        result.stdout.no_fnmatch_line("*left out of the short test summary*")
+        result.stdout.fnmatch_lines(["*= rvads causes =*", "causes of failures", "*first: pytest *"])
+
+
+def test_who_sees_no_terminal_sees_no_summary(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(RUDE)
+    result = pytester.runpytest("-p", "no:terminal")
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    assert "rvads" not in result.stdout.str()
+    quiet = pytester.runpytest("-qq", "--tb=no")
+    quiet.stdout.fnmatch_lines(["*= rvads verdicts =*", "FAILED *", "*= rvads causes =*", "causes of failures"])
+
+
+def test_other_plugins_see_all_reports_at_the_end(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(RUDE)
+    pytester.makeconftest(
+        """
+        import pytest
+
+        class Outermost:
+            @pytest.hookimpl(wrapper=True, tryfirst=True)
+            def pytest_terminal_summary(self, terminalreporter):
+                before = {kind: len(found) for kind, found in terminalreporter.stats.items()}
+                yield
+                after = {kind: len(found) for kind, found in terminalreporter.stats.items()}
+                terminalreporter.write_line(f"the same: {before == after}")
+
+        def pytest_sessionstart(session):
+            session.config.pluginmanager.register(Outermost())
+
+        def pytest_terminal_summary(terminalreporter):
+            terminalreporter.write_line(f"inside: {len(terminalreporter.stats['failed'])} failed")
+        """
+    )
+    result = pytester.runpytest("--tb=no")
+    result.stdout.fnmatch_lines(["inside: *", "*= rvads causes =*", "the same: True"])
+    assert f"inside: {result.parseoutcomes()['failed']} failed" in result.outlines
+
+
+def test_a_plugin_that_raises_costs_neither_the_causes_nor_the_counts(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(RUDE)
+    pytester.makeconftest("def pytest_terminal_summary(): raise OSError('a plugin is broken')")
+    result = pytester.runpytest("--tb=no")
+    result.stdout.fnmatch_lines(["*= rvads verdicts =*", "*= rvads causes =*", "causes of failures"])
+    assert "a plugin is broken" in result.stdout.str() + result.stderr.str()
+
+
+def test_a_session_where_all_is_well_has_no_section_of_causes(pytester: pytest.Pytester, reference: None) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=1, grid="E", rules="p1")
+        def test_rules(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest()
+    assert sections(result)[1:-1] == ["rvads verdicts"]
+    assert "1 run, 1 verdict: 1 pass" in result.stdout.str()
+
+
+@pytest.mark.skipif(importlib.util.find_spec("pytest_sugar") is None, reason="pytest-sugar is not installed")
+def test_it_works_with_sugar(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(RUDE)
+    result = pytester.runpytest_subprocess("-p", "pytest_sugar", "--tb=no")
+    result.stdout.fnmatch_lines(["*rvads verdicts*", "*rvads causes*", "causes of failures"])
+
+
+CRASH = """
+    import pytest
+    import pytest_rvads as rvads
+
+    class Broken(rvads.Follower):
+        def control(self, seen):
+            if seen.me.zone > 0:  # another vehicle at another time, by scenario
+                raise ValueError(f"no gap for {seen.me.name} after {seen.time:.2f} s")
+            return super().control(seen)
+
+    @pytest.fixture
+    def rvads_autopilot():
+        return Broken
+
+    @rvads.scenario("stop4", classes=(1, 2, 7), distances=[(9, 5, 3, 1), (1, 4, 8, 6)], speeds=0, rules=("p1", "full_stop"))
+    def test_rules(run, rule, monitor):
+        monitor.check(rule)
+"""
+
+
+def test_one_crash_of_a_driver_is_one_cause_over_all_rules_runs_and_times(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(CRASH)
+    result = pytester.runpytest("--tb=no", "-rE", "-vv")
+    messages = {line.partition(" - ")[2] for line in result.outlines if line.startswith("ERROR ")}
+    assert len(messages) > 1, "what this is about: they differ"
+    result = pytester.runpytest("--tb=no")
+    result.assert_outcomes(errors=12)
+    assert sum("first: pytest" in line for line in result.outlines) == 1
+    result.stdout.fnmatch_lines(["  *12 x full_stop, p1: ERROR: Broken driving a? raised ValueError: no gap for *"])
+    assert len(named(result, "ERROR")) == 1
+
+
+STACK = """
+    import os, sys
+    sys.path.insert(0, {folder!r})
+    import rvads_client
+
+    for seen in rvads_client.connect("dying", rate=20):
+        if seen.time > 0.3 + seen.me["entrance"] / 10 + seen.me["speed"] / 50:
+            os._exit(7)
+        seen.answer(target_speed=5.0)
+"""
+
+
+def test_a_stack_that_dies_is_one_cause(pytester: pytest.Pytester) -> None:
+    client = Path(__file__).parents[2] / "clients" / "python"
+    pytester.makefile(".py", stack=STACK.format(folder=str(client)))
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=(1, 2), grid="CE", rules=("p1", "full_stop"))
+        def test_rules(run, rule, monitor):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest("--tb=no", f"--rvads-sut={sys.executable} stack.py")
+    result.assert_outcomes(errors=8)
+    result.stdout.re_match_lines(
+        [r"rvads: driven by --rvads-sut=.* stack\.py \([0-9a-f]{8}\)", r"driven by stack .* \([0-9a-f]{8}\): "]
+    )
+    assert [line for line in result.outlines if re.match(r" +\d+ x ", line)] == [
+        line for line in result.outlines if re.match(r" +8 x full_stop, p1: ERROR: stack .* exited ", line)
+    ]
+    assert len(named(result, "ERROR")) == 1
