@@ -50,7 +50,7 @@ def annotate(report: Report, root: Path, workspace: Path) -> list[str]:
 
 
 def _annotation(kind: str, cause: Cause, place: dict[str, str], again: str) -> str:
-    title = f"{cause.rule} ({plural(cause.count, 'item')})"
+    title = f"{cause.rule}, {plural(cause.count, 'item')}"
     told = (cause.line, f'rerun: {again} "{cause.example}"')
     return _command(kind, {**place, "title": title}, *told)
 

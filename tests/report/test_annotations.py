@@ -125,7 +125,7 @@ def test_a_session_prints_them_in_a_job_of_github(
     result = pytester.runpytest(*options)
     (line,) = [line for line in result.outlines if line.startswith("::")]
     place = f"{pytester.path.name}/test_a_session_prints_them_in_a_job_of_github.py"
-    assert understood(line)[1] == {"file": place, "line": "8", "title": "p3 (1 item)"}
+    assert understood(line)[1] == {"file": place, "line": "8", "title": "p3 (first come, first served), 1 item"}
 
 
 def test_nobody_else_sees_them(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
