@@ -51,7 +51,7 @@ def test_a_cause_is_told_once_at_its_first_test_from_the_repository() -> None:
     lines = told(failed("one", "p1", "both in"), failed("two", "p1", "both in", line=9), failed("three", "p3", "too early"))
     assert lines == [
         '::error file=sub/t.py,line=4,title=p1 (2 items)::both in, in 2 runs%0Arerun: pytest --rvads-grid=C "t.py::test[one-p1]"',
-        '::error file=sub/t.py,line=4,title=p3 (1 item)::too early%0Arerun: pytest --rvads-grid=C "t.py::test[three-p3]"',
+        '::error file=sub/t.py,line=4,title=p3%2C 1 item::too early%0Arerun: pytest --rvads-grid=C "t.py::test[three-p3]"',
     ]
 
 
@@ -79,7 +79,7 @@ def test_there_are_ten_at_most_and_the_last_one_counts_the_rest(count: int, last
 )
 def test_what_lies_outside_of_the_repository_has_no_file(file: str, workspace: str) -> None:
     (line,) = told(failed("one", "p1", "both in", file), workspace=workspace)
-    assert understood(line)[1] == {"title": "p1 (1 item)"}
+    assert understood(line)[1] == {"title": "p1, 1 item"}
 
 
 @given(HOSTILE, HOSTILE, HOSTILE)
@@ -90,7 +90,7 @@ def test_no_text_ends_its_value_or_its_line(cause: str, rule: str, file: str) ->
         assert name == "error"
         assert set(properties) <= {"file", "line", "title"}
         assert properties.get("line", "4") == "4"
-        assert properties["title"].endswith("(1 item)")
+        assert properties["title"].endswith(", 1 item")
         assert len(message.split("\n")) == 2
         line.encode()
         assert "\x1b" not in line
