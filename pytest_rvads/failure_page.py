@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pytest_rvads.draw.picture import picture
-from pytest_rvads.draw.replay import Track, replay
-from pytest_rvads.errors import FormulaError
+from pytest_rvads.draw.replay import Beside, Track, replay
+from pytest_rvads.errors import FormulaError, RvadsError
+from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.timeline import timelines
 from pytest_rvads.runs.run import ARRAYS, Run
+from pytest_rvads.wording import one_line
 
-__all__ = ["Page", "failure_pages", "failure_picture", "moment", "when"]
+__all__ = ["Page", "failure_pages", "failure_picture", "moment", "other_verdicts", "when"]
 
 _BEFORE, _AFTER = 30.0, 10.0
 """How much of recorded traffic a page shows before and after what it is about [s]: minutes of dense traffic fill megabytes."""
+_WORST = ("FAIL", "OPEN", "ERROR", "UNSURE", "PROVOKED", "UNAVOIDABLE", "PASS", "NA")
+"""What a verdict of a run is, the worst first."""
 _TROUBLE = (Status.FAIL, Status.OPEN, Status.UNSURE)
 
 
@@ -47,7 +51,7 @@ def failure_picture(run: Run, verdict: Verdict) -> str:
     return picture(run, tick, verdict.message, verdict.responsible)
 
 
-def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str) -> Iterator[Page]:
+def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, beside: Beside | None = None) -> Iterator[Page]:
     """Yield pages that show what is violated, open or unsure, with the monitors of the rule; `moment` is on the first.
 
     Of a run that is complete in itself there is one. Of recorded traffic there is one for each instance that no earlier page
@@ -58,15 +62,19 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str) -> I
         verdict: what went wrong.
         rule: that was broken.
         notes: what the pages say beside the picture.
+        beside: what else they say and show. Recorded traffic has no ghost: it is what it is, whoever judges it.
 
     Raises:
         RunError: the run holds no positions, or no states.
         MapError: its junction has no geometry.
     """
+    beside = beside or Beside()
     if run.excerpt is None:
         time, message = moment(run, verdict), verdict.message
-        yield Page(time, replay(run, message, notes, [(time, message)], _tracks(run, rule), verdict.responsible))
+        marked = [(time, message)]
+        yield Page(time, replay(run, message, notes, marked, _tracks(run, rule), verdict.responsible, beside=beside))
         return
+    beside = replace(beside, ghost=None, ghost_name="")
     tracks = sorted(_tracks(run, rule), key=lambda track: track.changes[-1][1] != "violated")
     found = _troubled(verdict)
     shown: list[tuple[int, int]] = []
@@ -81,7 +89,31 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str) -> I
         marked = [(t, _line(verdict, i)) for t, i in found if part.start <= t <= part.start + part.duration]
         lines = [cut for track in tracks if (cut := _within(track, begin, end))]
         who = {name for t, i in found if t == time for name in i.responsible}
-        yield Page(time, replay(part, title, notes, marked or [(time, title)], lines, who, time))
+        yield Page(time, replay(part, title, notes, marked or [(time, title)], lines, who, time, beside))
+
+
+def other_verdicts(run: Run, rules: Iterable[str | Rule], but: str = "") -> tuple[tuple[str, str, str], ...]:
+    """Return rule, status and message of a run's verdicts by some rules, the worst first; for `Beside.others`.
+
+    The status is PROVOKED or UNAVOIDABLE where the verdict is, and ERROR with the reason where a rule can't judge the run.
+
+    Args:
+        run: what to judge.
+        rules: by what.
+        but: name of the rule that is left out, because the page is about it.
+    """
+    names = {rule if isinstance(rule, str) else rule.name: rule for rule in rules}
+    found = [_judged(run, name, rule) for name, rule in names.items() if name != but]
+    return tuple(sorted(found, key=lambda one: _WORST.index(one[1])))
+
+
+def _judged(run: Run, name: str, rule: str | Rule) -> tuple[str, str, str]:
+    try:
+        verdict = check(run, rule)
+    except RvadsError as error:
+        return name, Status.ERROR.value, one_line(str(error))
+    status = "UNAVOIDABLE" if verdict.unavoidable else "PROVOKED" if verdict.provoked else verdict.status.value
+    return name, status, verdict.message
 
 
 def _troubled(verdict: Verdict) -> list[tuple[float, InstanceVerdict]]:

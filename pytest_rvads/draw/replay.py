@@ -57,6 +57,7 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
     tracks: Iterable[Track] = (),
     responsible: Collection[str] = (),
     opened: float | None = None,
+    beside: Beside | None = None,
 ) -> str:
     """Return an HTML page that replays `run`, state by state.
 
@@ -69,6 +70,7 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
         responsible: names of the vehicles to point out.
         opened: time at which the page opens [s], the one of the further events that all rows are marked at; by default the
             beginning, and all of them.
+        beside: what else the page says and shows.
 
     Times that are given and shown are on the clock of the recording that the run is an excerpt of, ticks count from its start.
 
