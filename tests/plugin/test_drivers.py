@@ -50,9 +50,9 @@ def test_every_result_says_what_drove(tests: pytest.Pytester) -> None:
     assert row["agents"].startswith("car a0 from 0.0 to 1.0; car a1 from 1.0 to 2.0; ")
     properties = {p.get("name"): p.get("value") for p in ET.parse(tests.path / "out.xml").iter("property")}
     assert properties["driver"] == "stack.Racer"
-    (replay,) = (p for p in (tests.path / ".rvads").rglob("*.html") if p.name != "index.html")
+    (replay,) = (p for p in (tests.path / ".rvads" / "1").glob("*.html") if p.name != "index.html")
     assert "stack.Racer" in replay.read_text(encoding="utf-8")
-    assert "stack.Racer" in (tests.path / ".rvads" / "index.html").read_text(encoding="utf-8")
+    assert "stack.Racer" in (tests.path / ".rvads" / "1" / "index.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -34,8 +34,8 @@ def content(page: Path) -> dict[str, Any]:
 def test_the_index_links_every_failure_to_its_replay(pytester: pytest.Pytester, workers: str) -> None:
     pytester.makepyfile(FAILING)
     result = pytester.runpytest(workers, "--rvads-report=out/verdicts.html")
-    result.stdout.fnmatch_lines(["look: .rvads/index.html"])
-    for page in (pytester.path / ".rvads" / "index.html", pytester.path / "out" / "verdicts.html"):
+    result.stdout.fnmatch_lines(["look: .rvads/1/index.html"])
+    for page in (pytester.path / ".rvads" / "1" / "index.html", pytester.path / "out" / "verdicts.html"):
         items = content(page)["items"]
         assert len(items) == 2
         failed = [item for item in items if item["status"] == "FAIL"]
@@ -49,7 +49,7 @@ def test_the_index_links_every_failure_to_its_replay(pytester: pytest.Pytester, 
 def test_the_replay_shows_the_monitors_and_the_vehicle_to_blame(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(FAILING)
     pytester.runpytest("-k", "p3")
-    (page,) = (pytester.path / ".rvads").glob("*p3.html")
+    (page,) = (pytester.path / ".rvads" / "1").glob("*p3.html")
     run = content(page)
     assert run["responsible"]
     assert "violated" in {word for _, changes in run["tracks"] for _, word in changes}
@@ -68,5 +68,5 @@ def test_pytest_html_gets_the_picture(pytester: pytest.Pytester, monkeypatch: py
     monkeypatch.delenv("PYTEST_ADDOPTS")  # by which tests/conftest.py puts it away
     pytester.makepyfile(FAILING)
     pytester.runpytest("-k", "p3", "--html=report.html", "--self-contained-html")
-    (drawn,) = (pytester.path / ".rvads").glob("*p3.svg")
+    (drawn,) = (pytester.path / ".rvads" / "1").glob("*p3.svg")
     assert base64.b64encode(drawn.read_bytes()).decode() in (pytester.path / "report.html").read_text(encoding="utf-8")
