@@ -39,11 +39,14 @@ def test_every_result_says_what_drove(tests: pytest.Pytester) -> None:
     files = ("out.json", "out.html", "out.md", "out.csv")
     result = tests.runpytest(*NAMED, "--junitxml=out.xml", *(f"--rvads-report={name}" for name in files))
     result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["rvads: driven by --rvads-autopilot=stack:Racer", "driven by stack.Racer: 1 run"])
+    result.stdout.fnmatch_lines(
+        ["rvads: driven by --rvads-autopilot=stack:Racer", "driven by stack.Racer (stack.py ????????): 1 run"]
+    )
     text = {name: (tests.path / name).read_text(encoding="utf-8") for name in files}
     (record,) = json.loads(text["out.json"])["records"]
     assert record["driver"] == "stack.Racer"
-    assert all("driven by stack.Racer: 1 run" in text[name] for name in ("out.html", "out.md"))
+    assert record["source"].startswith("stack.py ")
+    assert all(f"driven by stack.Racer ({record['source']}): 1 run" in text[name] for name in ("out.html", "out.md"))
     (row,) = (row for row in csv.DictReader(text["out.csv"].splitlines()) if row["item"])
     assert row["driver"] == "stack.Racer"
     assert record["agents"][1] == {"name": "a1", "kind": "car", "entrance": [1, 0], "exit": [2, 0]}
@@ -66,7 +69,7 @@ def test_every_result_says_what_drove(tests: pytest.Pytester) -> None:
 def test_an_option_names_what_drives(tests: pytest.Pytester, name: str, driver: str) -> None:
     tests.makeconftest("import pytest\n\n@pytest.fixture\ndef rvads_autopilot():\n    return 'not asked'")
     result = tests.runpytest(f"--rvads-autopilot={name}")
-    assert re.findall(r"driven by (\S+): 1 run", result.stdout.str()) == [driver]
+    assert re.findall(r"driven by (\S+) \(.*\): 1 run", result.stdout.str()) == [driver]
 
 
 @pytest.mark.parametrize(
