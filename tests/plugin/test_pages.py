@@ -185,19 +185,25 @@ def test_runs_that_take_too_much_are_not_kept_and_that_is_told(
     assert len(list((racing / "1" / "runs").iterdir())) == 1
 
 
-def test_a_run_that_can_t_be_kept_is_drawn(pytester: pytest.Pytester, racing: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (racing / "1").mkdir(parents=True)
-    (racing / "1" / ".session").write_text("other")
-    pytester.makeconftest("""
-        from pytest_rvads.report import folders
-        from pathlib import Path
-
-        Path("taken").write_text("")
-        folders.run_file = lambda folder, digest: Path("taken") / digest
-    """)
-    result = pytester.runpytest_subprocess("-k", "class01 and full_stop")
-    (look,) = looks(result)
+def test_a_run_that_can_t_be_kept_is_drawn(pytester: pytest.Pytester, racing: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (pytester.path / "file").write_text("in the way", encoding="utf-8")
+    monkeypatch.setattr(folders, "run_file", lambda _, digest: pytester.path / "file" / digest)
+    (look,) = looks(pytester.runpytest("-k", "class01 and full_stop"))
     assert (pytester.path / look.partition("#")[0]).exists()
+
+
+def test_a_session_that_is_killed_leaves_what_it_had(
+    pytester: pytest.Pytester, racing: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytester.makepyfile(test_it=RACING + "\ndef test_end():\n    import os\n    os._exit(9)\n")
+    assert pytester.runpytest_subprocess("-k", "(class01 and full_stop) or end").ret == 9
+    assert {path.suffix for path in (racing / "1").iterdir()} == {"", ".html", ".svg"}
+    assert len(list((racing / "1" / "runs").iterdir())) == 1
+    capsys.readouterr()
+    assert main(["replay"]) == 2
+    assert "the session of .rvads/1 has not ended, or died" in capsys.readouterr().err
+    pytester.runpytest("-k", "class07 and full_stop").stdout.fnmatch_lines(["look: .rvads/2/index.html"])
+    assert main(["replay", "class07"]) == 0
 
 
 def test_the_last_few_sessions_stay(pytester: pytest.Pytester, racing: Path) -> None:
