@@ -19,9 +19,12 @@ def facts(record: Record, start: str, rerun: str) -> tuple[tuple[str, str], ...]
     """
     verdict = record.verdicts[-1] if record.verdicts else None
     rule = verdict.rule if verdict else record.rule or ""
+    driver = f"{record.driver} ({record.source})" if record.source else record.driver
+    if record.traffic and verdict and verdict.subject:
+        driver = f"{driver}, {verdict.subject} alone; the others by {record.traffic}"
     found = (
         ("recorded" if record.recording else "scenario", start),
-        ("driven by", f"{record.driver} ({record.source})" if record.source else record.driver),
+        ("driven by", driver),
         ("simulated by", record.simulator),
         ("rule", f"{rule}: {verdict.title}" if verdict and verdict.title else rule),
         ("requirements", ", ".join(record.requirements)),
