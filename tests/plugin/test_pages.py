@@ -141,6 +141,7 @@ def test_workers_write_to_the_folder_of_their_session(pytester: pytest.Pytester,
     assert len(list((racing / "1").glob("test_it*.html"))) == 4
 
 
+@pytest.mark.slow  # two processes; tests/report/test_folders.py has many of them claim folders at once
 def test_two_sessions_at_once_have_two_folders(pytester: pytest.Pytester, racing: Path) -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
     sessions = [subprocess.Popen([*command, "-k", name], stdout=subprocess.DEVNULL) for name in ("class01", "class07")]
