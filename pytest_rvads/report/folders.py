@@ -16,8 +16,8 @@ _OURS = (".html", ".svg", ".json", ".npz", ".part")
 """Endings of what lies in the folder of a session; anything else is the user's."""
 _ALIVE = 3600.0
 """A session without a report that wrote something so lately may still be running [s]."""
-_ATTEMPTS = 100
-"""As many other sessions may begin while one of them looks for a number."""
+_ATTEMPTS, _PAUSE = 100, 0.02
+"""How often a process looks whether another one has made the folder of their session, and how long it waits in between [s]."""
 
 
 def sessions(root: Path) -> list[Path]:
@@ -37,21 +37,27 @@ def claimed(root: Path, token: str, keep: int) -> Path:
     Raises:
         OSError: it can't be made.
     """
-    if found := _of(root, token):
-        return found
-    _prepare(root)
     part = root / f".{token}"
     for _ in range(_ATTEMPTS):
-        mine = _begun(root, part, token)
         if found := _of(root, token):
-            if mine == found:
-                _point(root, found, token)
-                _prune(root, keep)
-            elif mine:
-                _remove(mine)
-            _remove(part)
             return found
-    raise OSError(EEXIST, "too many sessions begin there at once", str(root))
+        _prepare(root)
+        try:
+            part.mkdir()  # one process alone can
+        except FileExistsError:
+            time.sleep(_PAUSE)
+            continue
+        try:
+            # Where it can be made again, another process has moved it to its place since we looked.
+            if found := _of(root, token):
+                return found
+            made = _numbered_anew(root, part, token)
+        finally:
+            _remove(part)
+        _point(root, made, token)
+        _prune(root, keep)
+        return made
+    raise OSError(EEXIST, "another process of this session began to make a folder there and did not end", str(root))
 
 
 def shown(folder: Path, name: str) -> Path:
@@ -102,26 +108,22 @@ def _of(root: Path, token: str) -> Path | None:
     return None
 
 
-def _begun(root: Path, part: Path, token: str) -> Path | None:
-    """Return a new folder with a number of its own; None where another process was faster.
+def _numbered_anew(root: Path, part: Path, token: str) -> Path:
+    """Return a folder that has been moved to a number of its own.
 
-    It is made under another name and moved there with its marker: a folder that holds something is replaced by no other one.
+    It has its marker by then: a folder that holds something is replaced by no other one.
 
     Raises:
-        OSError: it can't be made.
+        OSError: it can't be moved there.
     """
-    mine = root / str(max(_numbered(root), default=0) + 1)
-    try:
-        part.mkdir(exist_ok=True)
-        (part / _MARKER).write_text(token, encoding="utf-8")
-        part.rename(mine)
-    except FileNotFoundError:  # another process of this session has moved it
-        return None
-    except OSError:
-        if not mine.exists():
-            raise
-        return None
-    return mine
+    (part / _MARKER).write_text(token, encoding="utf-8")
+    while True:
+        mine = root / str(max(_numbered(root), default=0) + 1)
+        try:
+            return part.rename(mine)
+        except OSError:
+            if not mine.exists():  # else another session has that number
+                raise
 
 
 def _prepare(root: Path) -> None:
@@ -171,5 +173,5 @@ def _remove(folder: Path) -> None:
     with suppress(OSError):
         runs.rmdir()
     with suppress(OSError):
-        (folder / _MARKER).unlink()
+        (folder / _MARKER).unlink(missing_ok=True)
         folder.rmdir()

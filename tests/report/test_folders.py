@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from pytest_rvads.report import folders
 from pytest_rvads.report.folders import INDEX, REPORT, claimed, run_file, sessions, used
 
 KEEP = 5
@@ -153,6 +154,14 @@ def test_processes_race_too(tmp_path: Path) -> None:
     assert found[0] == found[2]
     assert found[1] == found[3]
     assert sorted(set(found)) == ["1", "2"]
+
+
+def test_who_died_while_making_one_is_not_waited_for_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(folders, "_PAUSE", 0.0)
+    (tmp_path / ".a").mkdir()
+    with pytest.raises(OSError, match="another process of this session began to make a folder there and did not end"):
+        claimed(tmp_path, "a", KEEP)
+    assert claimed(tmp_path, "b", KEEP).name == "1"
 
 
 def test_a_folder_that_can_t_be_made_is_told(tmp_path: Path) -> None:
