@@ -25,6 +25,8 @@ __all__ = ["Page", "failure_pages", "failure_picture", "moment", "other_verdicts
 
 _BEFORE, _AFTER = 30.0, 10.0
 """How much of recorded traffic a page shows before and after what it is about [s]: minutes of dense traffic fill megabytes."""
+_WORST = ("FAIL", "OPEN", "ERROR", "UNSURE", "PROVOKED", "UNAVOIDABLE", "PASS", "NA")
+"""What a verdict of a run is, the worst first."""
 _TROUBLE = (Status.FAIL, Status.OPEN, Status.UNSURE)
 
 

@@ -109,7 +109,12 @@ _DECLARED = {
         "failed",
         ("failed", "never"),
     ),
-    "artefacts": _Option("folder for the replay pages of failures and an index of the session, or 'none'", ".rvads"),
+    "artefacts": _Option(
+        "folder below which every session has one of its own, with its page, its report, the runs that failed and their replay "
+        "pages, see `rvads replay`; or 'none'",
+        ".rvads",
+    ),
+    "keep-sessions": _Option("how many sessions stay in that folder, this one included", "5", metavar="N"),
     "unavoidable": _Option("what a violation that nobody could have avoided does to its test", "pass", ("pass", "fail")),
     "unsure": _Option(
         "what a verdict does to its test that another reading of the recording, within its accuracy, would change",
@@ -170,6 +175,9 @@ class Options:
     repeat: str
     """Which runs are simulated once more: failed or never."""
     artefacts: str | None
+    """Folder below which every session has one of its own."""
+    keep_sessions: int
+    """How many sessions stay there."""
     again: str
     """The command that runs an item once more as it ran here, when its id follows in quotes."""
     open: str
@@ -227,6 +235,7 @@ class Options:
             time_budget=_number("time-budget", values["time-budget"], 1e6),
             repeat=values["repeat"],
             artefacts=None if values["artefacts"] == "none" else values["artefacts"],
+            keep_sessions=_count("keep-sessions", values["keep-sessions"]),
             again=_again(config),
             open=values["open"],
             unavoidable=values["unavoidable"],

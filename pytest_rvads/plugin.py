@@ -25,6 +25,7 @@ from pytest_rvads.session.closing import Causes, Verdicts
 from pytest_rvads.session.code import code_of_driver, code_of_simulator
 from pytest_rvads.session.comparing import explain
 from pytest_rvads.session.exports import check_library
+from pytest_rvads.session.folder import FOLDER, SessionFolder
 from pytest_rvads.session.interrupts import end_with_parent, heed
 from pytest_rvads.session.items import OPTIONS, RECORD, attach, letter, prepare
 from pytest_rvads.session.limits import limits
@@ -95,6 +96,8 @@ def pytest_configure(config: pytest.Config) -> None:
     config.stash[BUDGET] = None if seconds is None else Budget(config, seconds)
     if config.stash[BUDGET]:
         config.pluginmanager.register(config.stash[BUDGET], "rvads_budget")
+    config.stash[FOLDER] = SessionFolder(config, options)
+    config.pluginmanager.register(config.stash[FOLDER], "rvads_folder")
     config.pluginmanager.register(Recorded(), "rvads_recorded")
     planner = Planner(config)
     config.pluginmanager.register(planner, "rvads_planner")

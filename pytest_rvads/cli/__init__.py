@@ -20,6 +20,7 @@ from pytest_rvads.cli import (
     init_command,
     map_commands,
     power_command,
+    replay_command,
     report_commands,
     simulate_commands,
     town_command,
@@ -72,6 +73,7 @@ def _parser() -> argparse.ArgumentParser:
         simulate_commands,
         compare_command,
         report_commands,
+        replay_command,
         power_command,
     ):
         module.declare(commands)

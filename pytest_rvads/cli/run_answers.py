@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from shlex import quote
@@ -12,11 +12,13 @@ from typing import Any
 from pytest_rvads.cli.answers import named_rules
 from pytest_rvads.conduct.kpis import describe, kpis
 from pytest_rvads.conduct.validate import damage, validate
+from pytest_rvads.draw.replay import Beside
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.failure_page import failure_pages, when
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.storage import slug, write_file
@@ -26,6 +28,8 @@ __all__ = ["NOTABLE", "Batch", "Judge", "Part", "Question", "RunAnswer", "Verdic
 
 _LISTED = {Status.FAIL: "violated", Status.OPEN: "open", Status.UNSURE: "unsure"}
 """What instances are listed under in JSON."""
+_Summed = tuple[tuple[str, str, str], ...]
+"""Rule, status and message of every verdict of a run."""
 NOTABLE = (*_LISTED, Status.ERROR)
 """What is not as it should be."""
 
@@ -144,7 +148,7 @@ class Judge:
 
     def _one(self, file: str, number: int, run: Run) -> RunAnswer:
         reasons: dict[str, list[str]] = {}
-        verdicts = []
+        given: list[tuple[Rule, Verdict]] = []
         for rule in self._rules:
             try:
                 verdict = check(run, rule)
@@ -152,7 +156,9 @@ class Judge:
                 verdict = Verdict(rule.name, Status.ERROR, f"{rule.name} ERROR: {_told(error)}", reason=_told(error))
             if verdict.status is Status.ERROR:
                 reasons.setdefault(verdict.reason, []).append(rule.name)
-            verdicts.append(self._verdict(file, number, run, rule, verdict))
+            given.append((rule, verdict))
+        others = _summed(verdict for _, verdict in given)
+        verdicts = [self._verdict(file, number, run, rule, verdict, others) for rule, verdict in given]
         asked = self._question.kpis or (self._question.alone and run.excerpt is None)
         found = kpis(run) if asked and not damage(run) else None
         judged = None if run.excerpt is None else run.excerpt.judged
@@ -173,7 +179,7 @@ class Judge:
         by = "" if len(names) == len(self._rules) else f" by {', '.join(names)}"
         return f"can't be judged{by}: {reason}"
 
-    def _verdict(self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict) -> VerdictAnswer:
+    def _verdict(self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, all: _Summed) -> VerdictAnswer:
         told = verdict.message.removeprefix(f"{verdict.rule} {verdict.status}: ")
         listed: dict[str, list[dict[str, Any]]] = {word: [] for word in _LISTED.values()}
         for instance in verdict.instances:
@@ -183,24 +189,39 @@ class Judge:
         if len(doubts) == 1 and verdict.status is Status.UNSURE and verdict.reason:
             doubts = []  # the line says it
         unsure = (": ".join(filter(None, (", ".join(name for _, name in i.binding), i.hangs))) for i in doubts)
-        pages, undrawn = self._pages(file, number, run, rule, verdict) if verdict.status in _LISTED else ((), "")
+        pages, undrawn = self._pages(file, number, run, rule, verdict, all) if verdict.status in _LISTED else ((), "")
         line = f"{verdict.status.value:5} {told if told.startswith(verdict.rule) else f'{verdict.rule}: {told}'}"
         return VerdictAnswer(rule.name, verdict.status, line, listed, tuple(unsure), pages, undrawn)
 
-    def _pages(self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict) -> tuple[tuple[tuple[str, float], ...], str]:
+    def _pages(
+        self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, all: _Summed
+    ) -> tuple[tuple[tuple[str, float], ...], str]:
         """Write the pages of a verdict; return their names and times, and what there is to say where one can't be drawn."""
         if self._question.pages is None:
             return (), ""
-        notes = f"{verdict.explanation}\nrecorded  {file}\nrerun     rvads check {quote(file)} --rule {rule.name}"
+        again = f"rvads check {quote(file)} --rule {rule.name}"
+        notes = f"{verdict.explanation}\nrecorded  {file}\nrerun     {again}"
+        facts = ("recorded", file), ("rule", f"{rule.name}: {rule.title}" if rule.title else rule.name), ("rerun", again)
+        beside = Beside(facts, tuple(told for told in all if told[0] != rule.name), "index.html")
         pages: list[tuple[str, float]] = []
         try:
-            for page in failure_pages(run, verdict, rule, notes):
+            for page in failure_pages(run, verdict, rule, notes, beside):
                 name = f"{slug(f'{run.label}-{rule.name}-{number}.{len(pages)}-{file}')}.html"
                 write_file(Path(self._question.pages) / name, page.html.encode())
                 pages.append((name, page.time))
         except Exception as error:
             return tuple(pages), f"{notes}\n(no page: {_told(error)})"
         return tuple(pages), ""
+
+
+def _summed(verdicts: Iterable[Verdict]) -> _Summed:
+    """Return rule, status and message of verdicts, the worst first."""
+    found = []
+    for verdict in verdicts:
+        status = Outcome(verdict.status.value)
+        status = Outcome.UNAVOIDABLE if verdict.unavoidable else Outcome.PROVOKED if verdict.provoked else status
+        found.append((status.severity, (verdict.rule, status.value, verdict.message)))
+    return tuple(told for _, told in sorted(found, key=lambda one: one[0]))
 
 
 def _record(verdict: Verdict, instance: InstanceVerdict) -> dict[str, Any]:

@@ -1,57 +1,85 @@
-"""The pictures and replay pages of failures."""
+"""What a session leaves of its failures: the runs, and of the first ones pictures and replay pages."""
 
 from __future__ import annotations
 
 from base64 import b64encode
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from pytest_rvads.errors import RvadsError
+from pytest_rvads.session.folder import FOLDER
 from pytest_rvads.storage import slug, write_file
 from pytest_rvads.wording import one_line
 
 if TYPE_CHECKING:
+    from pytest_rvads.draw.replay import Beside
     from pytest_rvads.logic.judging.verdicts import Verdict
     from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.runs.run import Run
 
-__all__ = ["look", "prepare_folder", "show"]
+__all__ = ["Shown", "look", "show"]
 
-_MOST = 100
-"""A session that breaks everywhere needs no more pages than this from one process."""
+_MOST = 20
+"""A process draws the first failures, and the first of every rule; whoever wants to see another one asks `rvads replay`."""
+_ROOM = 200 * 2**20
+"""What the runs of a session may take on disk; one of four vehicles and 30 s takes a quarter of a megabyte [bytes]."""
+_DRAWN: pytest.StashKey[Counter[str]] = pytest.StashKey()
+"""Rule to how many of its failures this process has drawn."""
 
-_WRITTEN = pytest.StashKey[int]()
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """Where a failure can be looked at."""
+
+    told: str
+    """The page with the time of the violation, else the command that draws it, or why there is neither."""
+    page: str = ""
+    """The page again, empty if there is none."""
+    image: str = ""
+    """The picture as SVG, empty if there is none."""
 
 
-def look(item: pytest.Item, folder: str, run: Run, verdict: Verdict, rule: str | Rule, notes: str) -> tuple[str, str]:
-    """Write the replay page and the picture of a failure.
+def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes: str, around: Callable[[], Beside]) -> Shown:
+    """Keep the run of a failure, and write its replay page and picture where it is among the first.
 
     What can't be written is said in its place: a picture never costs a verdict.
 
     Args:
         item: whose it is.
-        folder: where to write.
         run: what to show.
         verdict: what went wrong.
         rule: that was broken, to show its monitors.
         notes: what the page says beside the picture.
-
-    Returns:
-        The page with the time of the violation, or why there is none; and the picture as SVG, empty if there is none.
+        around: gives what else it says and shows; asked only for a page that is drawn.
     """
-    written = item.config.stash.get(_WRITTEN, 0)
-    if written >= _MOST:
-        return f"not drawn: {_MOST} failures of this process are drawn already", ""
+    from pytest_rvads.report.facts import quoted
+
+    drawn = item.config.stash.setdefault(_DRAWN, Counter())
+    session = item.config.stash[FOLDER]
+    try:
+        folder = session.made()
+        unkept = _keep(folder, run)
+    except Exception as error:
+        return Shown(f"not drawn: {_said(error)}")
+    if drawn.total() >= _MOST and drawn[verdict.rule]:
+        which = session.told(folder)
+        where = "" if Path(which).parent == Path(".rvads") else f" --session {quoted(which)}"
+        return Shown(f"not drawn, and {unkept}" if unkept else f"rvads replay{where} {quoted(item.nodeid)}")
+    try:
+        found = _draw(folder, item, run, verdict, rule, notes, around())
+    except Exception as error:
+        return Shown(f"not drawn: {_said(error)}")
+    drawn[verdict.rule] += 1
     from pytest_rvads.failure_page import moment
 
-    path = Path(folder) / f"{slug(item.nodeid)}.html"
-    try:
-        image = _write(item.config.invocation_params.dir / path, run, verdict, rule, notes)
-    except Exception as error:
-        return f"not drawn: {type(error).__name__}: {one_line(str(error))}", ""
-    item.config.stash[_WRITTEN] = written + 1
-    return f"{path.as_posix()}#t={moment(run, verdict):.2f}", image
+    page, image = found
+    told = f"{session.told(page)}#t={moment(run, verdict):.2f}"
+    return Shown(told, told, image)
 
 
 def show(item: pytest.Item, report: pytest.TestReport, image: str) -> None:
@@ -65,24 +93,37 @@ def show(item: pytest.Item, report: pytest.TestReport, image: str) -> None:
         report.extras = [*getattr(report, "extras", []), extra]  # type: ignore[attr-defined]
 
 
-def prepare_folder(folder: Path) -> None:
-    """Make the folder of artefacts, which version control ignores.
-
-    Raises:
-        OSError: it can't be made.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    ignored = folder / ".gitignore"
-    if not ignored.exists():
-        ignored.write_text("*\n", encoding="utf-8")
+def _said(error: Exception) -> str:
+    return f"{type(error).__name__}: {one_line(str(error))}"
 
 
-def _write(target: Path, run: Run, verdict: Verdict, rule: str | Rule, notes: str) -> str:
+def _keep(folder: Path, run: Run) -> str:
+    """Keep a run, unless another failure of it has; return why it is not, or nothing."""
+    from pytest_rvads.report.folders import run_file, used
+    from pytest_rvads.runs.runfile import save_run
+
+    path = run_file(folder, run.hash)
+    if path.exists():
+        return ""
+    if used(folder) >= _ROOM:
+        return f"its run is not kept, those of this session take {_ROOM // 2**20} MB already: run it again alone"
+    try:
+        save_run(run, path)
+    except RvadsError as error:  # a full disk, or a provenance that no file holds
+        return f"its run is not kept: {one_line(str(error))}"
+    return ""
+
+
+def _draw(  # noqa: PLR0913 - a failure, and what is said of it
+    folder: Path, item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes: str, beside: Beside
+) -> tuple[Path, str]:
+    """Write page and picture, and return where the page is, and the picture."""
     from pytest_rvads.failure_page import failure_pages, failure_picture
+    from pytest_rvads.report.folders import shown
 
-    prepare_folder(target.parent)
-    page = next(failure_pages(run, verdict, rule, notes))
+    target = shown(folder, slug(item.nodeid))
+    page = next(failure_pages(run, verdict, rule, notes, beside))
     write_file(target, page.html.encode())
     image = failure_picture(run, verdict)
     write_file(target.with_suffix(".svg"), image.encode())
-    return image
+    return target, image

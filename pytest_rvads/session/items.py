@@ -6,6 +6,7 @@ It crosses xdist on the report as builtins, and lands in JUnit and report logs.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -15,6 +16,7 @@ from pytest_rvads.drivers.naming import stand_in
 from pytest_rvads.options import Options
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.session.artefacts import look, show
+from pytest_rvads.session.beside import beside
 from pytest_rvads.session.chosen_driver import where_else
 from pytest_rvads.session.exports import export
 from pytest_rvads.session.plan import start
@@ -253,19 +255,23 @@ def _made(item: pytest.Item, scenario: Scenario, record: Record) -> list[str]:
 
 def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: pytest.TestReport) -> tuple[str, str]:
     """Return what to print of a failure, and its page or nothing; its picture is put on the report."""
+    from pytest_rvads.report.facts import quoted
+
     cell: Cell | RecordedCell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
     made = [f"recorded  {cell.path}"] if isinstance(cell, RecordedCell) else _made(item, cell.scenario, record)
     lines = [verdict.explanation, *made]
-    options = item.config.stash[OPTIONS]
-    run, folder = item.stash.get(RUN, None), options.artefacts
-    rerun, page = f'rerun     {options.again} "{item.nodeid}"', ""
-    if folder and run is not None:
+    options, run = item.config.stash[OPTIONS], item.stash.get(RUN, None)
+    again, page = f"{options.again} {quoted(item.nodeid)}", ""
+    rerun = f"rerun     {again}"
+    if options.artefacts and run is not None:
         rule = cell.rule if cell.rule and cell.rule.name == verdict.rule else verdict.rule
-        told, image = look(item, folder, run, verdict, rule, "\n".join((*lines, rerun)))
-        lines.append(f"look      {told}")
-        if image:
-            page = told
-            show(item, report, image)
+        start = cell.path if isinstance(cell, RecordedCell) else cell.scenario.describe()
+        around = partial(beside, item, options, record, run, start, again)
+        shown = look(item, run, verdict, rule, "\n".join((*lines, rerun)), around)
+        lines.append(f"look      {shown.told}")
+        page = shown.page
+        if shown.image:
+            show(item, report, shown.image)
     if (exports := options.export) and run is not None:
         name = item.nodeid.replace(cell.id, cell.run)
         lines.append(f"export    {export(item, exports, name, run, verdict, options.map)}")

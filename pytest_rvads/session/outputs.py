@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from pytest_rvads.session.folder import FOLDER
 from pytest_rvads.session.items import OPTIONS
 from pytest_rvads.wording import one_line
 
@@ -56,7 +57,7 @@ class Outputs:
 
     def __init__(self, config: pytest.Config) -> None:
         options, self._config = config.stash[OPTIONS], config
-        self._here, self._artefacts = config.invocation_params.dir, options.artefacts
+        self._artefacts = options.artefacts
         self._reports = () if _runs_nothing(config.option) else options.reports
         self._announced = False
         """Whether the reports say what is to run."""
@@ -99,7 +100,7 @@ class Outputs:
         """
         told = self._troubles
         if self._artefacts and ran:
-            told = told + _attempt("the index of the session", partial(self._write_index, report, self._artefacts))
+            told = told + _attempt("the index of the session", partial(self._write_index, report))
         lacking = self._save(report, lambda path: path.suffix != ".json")
         if (summary := os.environ.get("GITHUB_STEP_SUMMARY")) and report.records:
             from pytest_rvads.report.files import append_summary
@@ -136,15 +137,16 @@ class Outputs:
         jobs = [partial(save, path, report) for path in self._reports if wanted(path)]
         return [trouble for job in jobs for trouble in _attempt("the report", job)]
 
-    def _write_index(self, report: Report, artefacts: str) -> None:
-        """Write the page that leads from the verdicts to the replays."""
+    def _write_index(self, report: Report) -> None:
+        """Write the page that leads from the verdicts to the replays, and the report that `rvads replay` reads."""
         from pytest_rvads.report.files import save
-        from pytest_rvads.session.artefacts import prepare_folder
+        from pytest_rvads.report.folders import INDEX, REPORT
 
-        folder = self._here / artefacts
-        prepare_folder(folder)
-        save(folder / "index.html", report)
-        self.index = f"{Path(artefacts).as_posix()}/index.html"
+        folder = self._config.stash[FOLDER]
+        path = folder.made() / INDEX
+        save(path, report)
+        self.index = folder.told(path)
+        save(path.with_name(REPORT), report)
 
 
 def _attempt(what: str, write: Callable[[], None]) -> list[str]:

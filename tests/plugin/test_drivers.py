@@ -45,16 +45,19 @@ def test_every_result_says_what_drove(tests: pytest.Pytester) -> None:
     text = {name: (tests.path / name).read_text(encoding="utf-8") for name in files}
     (record,) = json.loads(text["out.json"])["records"]
     assert record["driver"] == "stack.Racer"
-    assert all(re.search(r"driven by stack.Racer \(stack.py [0-9a-f]{8}\): 1 run", text[name]) for name in ("out.html", "out.md"))
+    assert record["source"].startswith("stack.py ")
+    told = f"stack.Racer ({record['source']}): 1 run"
+    assert f"driven by {told}" in text["out.md"]
+    assert f"<dt>driven by</dt><dd>{told}</dd>" in text["out.html"]
     (row,) = (row for row in csv.DictReader(text["out.csv"].splitlines()) if row["item"])
     assert row["driver"] == "stack.Racer"
     assert record["agents"][1] == {"name": "a1", "kind": "car", "entrance": [1, 0], "exit": [2, 0]}
     assert row["agents"].startswith("car a0 from 0.0 to 1.0; car a1 from 1.0 to 2.0; ")
     properties = {p.get("name"): p.get("value") for p in ET.parse(tests.path / "out.xml").iter("property")}
     assert properties["driver"] == "stack.Racer"
-    (replay,) = (p for p in (tests.path / ".rvads").rglob("*.html") if p.name != "index.html")
+    (replay,) = (p for p in (tests.path / ".rvads" / "1").glob("*.html") if p.name != "index.html")
     assert "stack.Racer" in replay.read_text(encoding="utf-8")
-    assert "stack.Racer" in (tests.path / ".rvads" / "index.html").read_text(encoding="utf-8")
+    assert "stack.Racer" in (tests.path / ".rvads" / "1" / "index.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -213,7 +213,7 @@ def test_a_picture_that_fails_costs_no_verdict(pytester: pytest.Pytester) -> Non
 
         @pytest.fixture(autouse=True)
         def broken(monkeypatch):
-            def fails(*args):
+            def fails(*args, **beside):
                 raise ValueError("no ink")
             monkeypatch.setattr(pytest_rvads.failure_page, "replay", fails)
             yield

@@ -85,7 +85,7 @@ def test_every_run_and_rule_is_an_item(pytester: pytest.Pytester, files: Path) -
     assert f"recorded  {files / 'tue.npz'}" in text
     assert 'rerun     pytest "test_it.py::test_drives[tue-full_stop]"' in text
     assert "driven by" not in text
-    assert (pytester.path / ".rvads" / "test_it.test_drives-tue-full_stop.html").exists()
+    assert (pytester.path / ".rvads" / "1" / "test_it.test_drives-tue-full_stop.html").exists()
     told = [(r["nodeid"], r["recording"], r["cls"], r["driver"], r["status"]) for r in records(pytester)]
     assert told == [
         ("test_it.py::test_drives[mon-full_stop]", "mon", 0, "", "PASS"),

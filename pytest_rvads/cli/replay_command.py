@@ -1,0 +1,270 @@
+"""``rvads replay``: the replay page of a failure, drawn when somebody wants to see it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pytest_rvads.cli.common import Subparsers, progress, say, warn
+from pytest_rvads.errors import RunError, RvadsError
+from pytest_rvads.wording import first, one_line, plural
+
+if TYPE_CHECKING:
+    from pytest_rvads.cli.replayed import Replayed
+    from pytest_rvads.report.record import Record
+    from pytest_rvads.report.session_report import Report
+
+__all__ = ["declare"]
+
+_ROOT = ".rvads"
+"""Where sessions leave what they leave unless they are told otherwise."""
+_NAMED = 3
+"""Failures that an error names."""
+_REPLAYED = ("FAIL", "OPEN", "UNSURE")
+"""Verdicts that are shown."""
+
+
+def declare(commands: Subparsers) -> None:
+    """Add the command of this module."""
+    parser = commands.add_parser(
+        "replay",
+        help="draw the replay page of a failure from its kept run; without arguments list the failures of the latest session",
+        description="A session of pytest draws its first failures and keeps the runs of all of them in its folder, .rvads/N. "
+        "Exit status: 0; 1 when --all could not draw one; 2 when there is no such session, failure or run.",
+    )
+    parser.add_argument(
+        "what",
+        nargs="?",
+        metavar="ITEM|RUN",
+        help="id of an item that failed, or a part of it that no other has; or the file of a run, as --rvads-keep writes them",
+    )
+    parser.add_argument("--session", metavar="N|DIR", help="number or folder of the session (default: the latest in .rvads)")
+    parser.add_argument("--rule", metavar="RULE", help="only failures of this rule; of the file of a run the rule to judge it by")
+    parser.add_argument("--rules", metavar="FILE", help="file with rules of your own, see `rvads rules --file`")
+    parser.add_argument("--all", action="store_true", help="draw every failure that has no page yet")
+    parser.add_argument("--baseline", metavar="FILE.json", help="report of an earlier session, whose run is shown below this one")
+    parser.add_argument("-o", "--output", metavar="FILE", help="page to write (default: in the folder of the session)")
+    parser.add_argument("--svg", metavar="FILE", help="write an animated picture of the seconds around the violation instead")
+    parser.set_defaults(command=_replay)
+
+
+@dataclass(frozen=True, slots=True)
+class _Session:
+    """A session that has ended, as its folder tells."""
+
+    folder: Path
+    report: Report
+    earlier: tuple[Path, Report] | None = None
+    """File and content of the report of an earlier one, whose runs are shown below those of this."""
+
+    @property
+    def failed(self) -> list[Record]:
+        """The items that failed."""
+        return [record for record in self.report.records if record.failed]
+
+    def page(self, record: Record) -> Path:
+        """Return where the page of a failure is, or would be."""
+        from pytest_rvads.report.folders import shown
+        from pytest_rvads.storage import slug
+
+        return shown(self.folder, slug(record.nodeid))
+
+    def unseen(self, record: Record) -> str:
+        """Return why there can be no replay of a failure, or nothing."""
+        from pytest_rvads.report.folders import run_file
+
+        if not record.hash or not record.verdicts or record.verdicts[-1].status not in _REPLAYED:
+            return "no rule was violated"
+        return "" if run_file(self.folder, record.hash).exists() else "its run is not kept"
+
+    def replayed(self, record: Record, page: Path) -> Replayed:
+        """Return what is to be shown of a failure.
+
+        Raises:
+            RvadsError: there is nothing to be shown, or its run is not kept, or damaged.
+        """
+        from pytest_rvads.cli.replayed import failed_run
+        from pytest_rvads.report.facts import quoted
+
+        if why := self.unseen(record):
+            again = f"{self.report.again} {quoted(record.nodeid)}"
+            raise RunError(f"{record.nodeid}: {why}, so there is no replay of it; run it again: {again}")
+        return failed_run(self.folder, self.report, record, page, self.earlier)
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from pytest_rvads.logic.rules.rulefile import load_rules
+    from pytest_rvads.report.files import load
+    from pytest_rvads.runs.readers import READERS
+
+    what = options.what or ""
+    if options.all and (options.output or options.svg):
+        raise RvadsError("--all writes many pages, each into the folder of the session: leave --output and --svg out")
+    if options.rules:
+        load_rules(options.rules)
+    if Path(what).suffix.lower() in READERS and "::" not in what:
+        return _file(options, Path(what))
+    session = _session(options.session)
+    if not (what or options.all or options.rule or options.output or options.svg):
+        return _list(session)
+    if options.baseline:
+        session = replace(session, earlier=(Path(options.baseline), load(Path(options.baseline))))
+    chosen = _chosen(session, what, options.rule)
+    if options.all:
+        return _all(session, chosen)
+    record = _one(chosen, session, what, options.rule)
+    page = session.page(record)
+    shown = session.replayed(record, Path(options.output) if options.output else page)
+    _write(shown, page, options.output, options.svg)
+    if page.exists():
+        _link(session)
+    return 0
+
+
+def _file(options: argparse.Namespace, file: Path) -> int:
+    """Draw the run of a file."""
+    from pytest_rvads.cli.replayed import run_of_file
+
+    if options.session or options.all or options.baseline:
+        raise RvadsError(f"{file} is the file of a run, which belongs to no session: leave --session, --all and --baseline out")
+    page = Path(f"{file.stem}{f'-{options.rule}' if options.rule else ''}.html")
+    _write(run_of_file(file, options.rule), page, options.output, options.svg)
+    return 0
+
+
+def _write(shown: Replayed, page: Path, output: str | None, svg: str | None) -> None:
+    """Write the page of a replay, or an animated picture, or both, and say where, and what it shows."""
+    from pytest_rvads.storage import write_file
+
+    if shown.doubt:
+        warn(f"rvads: {shown.doubt}")
+    if svg:
+        write_file(Path(svg), shown.animation().encode())
+        say(svg)
+    if output or not svg:
+        path = Path(output) if output else page
+        write_file(path, shown.page().encode())
+        say(f"{path.as_posix()}{'' if shown.time is None else f'#t={shown.time:.2f}'}")
+    if shown.verdict is not None:
+        say(f"  {shown.verdict.message}")
+
+
+def _session(which: str | None) -> _Session:
+    """Return a session by its number or folder, or the latest.
+
+    Raises:
+        RvadsError: there is none, or it has left no report.
+    """
+    from pytest_rvads.report.files import load
+    from pytest_rvads.report.folders import REPORT, sessions
+
+    number = which if which is not None and which.isascii() and which.isdecimal() else ""
+    root = Path(_ROOT) if number or which is None else Path(which)
+    if (root / REPORT).exists():
+        return _Session(root, load(root / REPORT))
+    found = {folder.name: folder for folder in sessions(root)}
+    if not found:
+        raise RvadsError(
+            f"no session of pytest has left anything in {root}: run pytest in this folder first, or name the folder of a session "
+            "by --session"
+        )
+    if number and number not in found:
+        raise RvadsError(f"there is no session {number} in {root}, there are {first(list(found), None)}")
+    folder = found[number] if number else list(found.values())[-1]
+    if not (folder / REPORT).exists():
+        ended = [one for one in found.values() if (one / REPORT).exists()]
+        other = f"; the last one that has is that of --session {ended[-1]}" if ended else ""
+        raise RvadsError(f"the session of {folder} has not ended, or died, so it has left no {REPORT}{other}")
+    return _Session(folder, load(folder / REPORT))
+
+
+def _list(session: _Session) -> int:
+    """Print the failures of a session, a line each."""
+    failed, report = session.failed, session.report
+    began = f"began {report.began}, " if report.began else ""
+    say(f"{session.folder.as_posix()}: {began}{len(failed):,} of {plural(len(report.records), 'item')} failed")
+    undrawn = 0
+    for record in failed:
+        drawn, why = session.page(record).exists(), session.unseen(record)
+        undrawn += not (drawn or why)
+        look = f"{session.page(record).as_posix()}{_at(record)}" if drawn else why or "not drawn yet"
+        say(f"{record.status:<10} {one_line(record.nodeid)}  {look}")
+    if undrawn:
+        say('rvads replay "ID" draws one of them, and a part of its id will do; rvads replay --all draws all')
+    return 0
+
+
+def _at(record: Record) -> str:
+    time = record.verdicts[-1].time if record.verdicts else None
+    return "" if time is None else f"#t={time:.2f}"
+
+
+def _chosen(session: _Session, what: str, rule: str | None) -> list[Record]:
+    """Return the failures that were asked for; what is asked for by its whole id is that alone."""
+    failed = [r for r in session.failed if rule in (None, r.verdicts[-1].rule if r.verdicts else r.rule)]
+    return [r for r in failed if r.nodeid == what] or [r for r in failed if what in r.nodeid]
+
+
+def _one(chosen: Sequence[Record], session: _Session, what: str, rule: str | None) -> Record:
+    """Return the failure that was asked for.
+
+    Raises:
+        RvadsError: none is called so, or several are.
+    """
+    if len(chosen) == 1:
+        return chosen[0]
+    asked = " and ".join([f"{what!r} in the id"] * bool(what) + [f"{rule!r} as its rule"] * bool(rule))
+    those = f" with {asked}" if asked else ""
+    if chosen:
+        names = first([record.nodeid for record in chosen], _NAMED)
+        raise RvadsError(f"{session.folder} has {plural(len(chosen), 'failure')}{those}: say more of one, or --all: {names}")
+    passed = next((r for r in session.report.records if what and what in r.nodeid and rule in (None, r.rule)), None)
+    if passed:
+        raise RvadsError(
+            f"{passed.nodeid} did not fail in {session.folder}, it is {passed.status}, and only runs of failures are kept: "
+            "--rvads-keep=DIR keeps all"
+        )
+    raise RvadsError(f"{session.folder} has no failure{those}: `rvads replay` lists those of the latest session")
+
+
+def _all(session: _Session, chosen: Sequence[Record]) -> int:
+    """Draw all failures that have no page yet; what can't be drawn costs no other one."""
+    from pytest_rvads.storage import write_file
+
+    todo, lost = [record for record in chosen if not session.page(record).exists()], 0
+    for number, record in enumerate(todo, 1):
+        try:
+            page = session.page(record)
+            write_file(page, session.replayed(record, page).page().encode())
+        except (RvadsError, OSError) as error:
+            warn(f"rvads: {' '.join(str(error).split())}")
+            lost += 1
+        progress(number, len(todo), "pages")
+    if len(todo) > lost:
+        _link(session)
+    there = len(chosen) - len(todo)
+    say(f"{session.folder.as_posix()}: {plural(len(todo) - lost, 'page')} drawn{f', {there:,} were there' if there else ''}")
+    return 1 if lost else 0
+
+
+def _link(session: _Session) -> None:
+    """Have the page of a session lead to all of its replays, also those that were drawn later; where it can't be written, not."""
+    from msgspec import structs
+
+    from pytest_rvads.report.files import save
+    from pytest_rvads.report.folders import INDEX, REPORT
+
+    records = []
+    for record in session.report.records:
+        page = session.page(record)
+        at = record.look[record.look.find("#") :] if "#" in record.look else _at(record)
+        look = f"{page.as_posix()}{at}" if record.failed and page.exists() else ""
+        records.append(structs.replace(record, look=look) if look else record)
+    report = replace(session.report, records=tuple(records))
+    with suppress(OSError):
+        for name in (INDEX, REPORT):
+            save(session.folder / name, report)

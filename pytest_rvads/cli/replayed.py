@@ -1,0 +1,198 @@
+"""What ``rvads replay`` draws: a failure of a session from its kept run, or the run of a file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from pytest_rvads.cli.answers import named_rules
+from pytest_rvads.draw.replay import Beside, replay
+from pytest_rvads.errors import FormulaError, RunError, RvadsError
+from pytest_rvads.failure_page import failure_pages, moment, other_verdicts
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
+from pytest_rvads.logic.rules.book import get_rule, rules_for
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.facts import facts, quoted
+from pytest_rvads.report.folders import INDEX, run_file
+from pytest_rvads.report.record import Record, VerdictRecord
+from pytest_rvads.report.session_report import Report
+from pytest_rvads.runs.earlier import earlier_run
+from pytest_rvads.runs.readers import read_runs
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.runfile import load_run
+from pytest_rvads.scenarios.recalling import recalled
+
+__all__ = ["Replayed", "failed_run", "run_of_file"]
+
+_STATUSES = {status.value for status in Status}
+
+
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """A run, what is shown of it, and when there is most to see."""
+
+    run: Run
+    verdict: Verdict | None
+    """None where nothing was judged."""
+    rule: Rule | None
+    """Whose monitors are shown; None where none is known under its name."""
+    notes: str
+    beside: Beside
+    doubt: str = ""
+    """What is to be known of it, a sentence."""
+
+    @property
+    def time(self) -> float | None:
+        """When there is most to see, on the clock of the recording [s]."""
+        return None if self.verdict is None else moment(self.run, self.verdict)
+
+    def page(self) -> str:
+        """Return the replay page."""
+        if self.verdict is None:
+            return replay(self.run, self.run.label, self.notes, beside=self.beside)
+        # A name that no rule has shows no monitors.
+        return next(failure_pages(self.run, self.verdict, self.rule or "", self.notes, self.beside)).html
+
+    def animation(self) -> str:
+        """Return the seconds around the moment as an animated SVG."""
+        from pytest_rvads.draw.animated import animated  # type: ignore[import-not-found,import-untyped,unused-ignore]
+
+        title, who = (self.run.label, ()) if self.verdict is None else (self.verdict.message, self.verdict.responsible)
+        return str(animated(self.run, title=title, responsible=who, around=self.time))
+
+
+def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier: tuple[Path, Report] | None) -> Replayed:
+    """Return what is to be shown of an item that violated a rule.
+
+    Args:
+        folder: of its session.
+        report: of its session.
+        record: of the item.
+        page: where it will be shown.
+        earlier: file and content of the report of an earlier session, if its run is to be shown, too.
+
+    Raises:
+        RunError: the kept run is damaged, or is another one.
+    """
+    path = run_file(folder, record.hash or "")
+    run, again = load_run(path), f"{report.again} {quoted(record.nodeid)}"
+    if run.hash != record.hash:
+        raise RunError(f"{path} holds another run than that of {record.nodeid}: run it again: {again}")
+    verdict, rule, doubt = _judged(run, record.verdicts[-1])
+    start = _start(run, record)
+    made = [f"{word:<9} {text}" for word, text in facts(record, start, "") if word not in ("rule", "requirements")]
+    notes = "\n".join(
+        (verdict.explanation or verdict.message, *made, *([f"note      {doubt}"] if doubt else []), f"rerun     {again}")
+    )
+    ghost = None
+    if earlier and run.excerpt is None:
+        ghost = earlier_run(earlier[1], earlier[0].parent, Path(), record.nodeid, run)
+    others = _recorded_verdicts(report, record) or _usual_verdicts(run, verdict.rule)
+    back = os.path.relpath(folder / INDEX, page.parent).replace(os.sep, "/") if (folder / INDEX).exists() else ""
+    beside = Beside(facts(record, start, again), others, back, ghost, earlier[0].name if earlier and ghost else "")
+    return Replayed(run, verdict, rule, notes, beside, doubt)
+
+
+def run_of_file(file: Path, asked: str | None) -> Replayed:
+    """Return what is to be shown of the run of a file.
+
+    Args:
+        file: of the run.
+        asked: name of the rule to judge it by; None to show the run alone.
+
+    Raises:
+        RvadsError: no such file, a damaged one, one of several runs, no such rule, or several.
+    """
+    rules = named_rules((asked,)) if asked else ()
+    if len(rules) > 1:
+        raise FormulaError(f"a page is about one rule, got {asked!r}, which are {len(rules)}: name one of them")
+    runs = read_runs(file)
+    if len(runs) != 1:
+        raise RunError(
+            f"{file}: it holds {len(runs)} runs, expected one: `rvads check {quoted(str(file))} --html DIR` draws those"
+        )
+    run, verdict = runs[0], check(runs[0], rules[0]) if rules else None
+    again = f"rvads replay {quoted(str(file))}{f' --rule {asked}' if asked else ''}"
+    told = [("recorded", str(file)), *([("rule", f"{rules[0].name}: {rules[0].title}")] if rules else []), ("rerun", again)]
+    notes = "\n".join((*([verdict.explanation or verdict.message] if verdict else []), f"recorded  {file}", f"rerun     {again}"))
+    others = _usual_verdicts(run, rules[0].name if rules else "")
+    return Replayed(run, verdict, rules[0] if rules else None, notes, Beside(tuple(told), others))
+
+
+def _judged(run: Run, told: VerdictRecord) -> tuple[Verdict, Rule | None, str]:
+    """Return the verdict of a session, its rule where that is known, and why it may not be the same one."""
+    try:
+        rule = get_rule(told.rule)
+    except FormulaError:
+        said = f"{told.rule!r} is a rule of your own, so its monitors are not shown: name its file by --rules, if it has one"
+        return _as_told(run, told), None, said
+    verdict = check(run, rule)
+    if verdict.status.value == told.status.value:
+        return verdict, rule, ""
+    said = (
+        f"the session said {told.status} by {told.rule}, and this version says {verdict.status}: shown is what the session said"
+    )
+    return _as_told(run, told), None, said
+
+
+def _as_told(run: Run, told: VerdictRecord) -> Verdict:
+    """Return a verdict as its record tells it, without the explanation."""
+
+    def tick(time: float | None) -> int | None:
+        return None if time is None else round((time - run.start) / run.dt)
+
+    instances = tuple(
+        InstanceVerdict(
+            tuple(one.binding.items()),
+            Status(one.status.value),
+            one.responsible,
+            tick(one.trigger),
+            tick(one.failed),
+            one.broken,
+            one.margin,
+            one.hangs if isinstance(one.hangs, str) else "",
+        )
+        for one in told.instances
+        if one.status and one.status.value in _STATUSES
+    )
+    return Verdict(
+        told.rule,
+        Status(told.status.value),
+        told.message or f"{told.rule} {told.status}",
+        time=told.time,
+        instances=instances,
+        violated=told.violated,
+        roles=told.roles,
+        dt=run.dt,
+        start=run.start,
+        subject=told.subject,
+        title=told.title,
+    )
+
+
+def _start(run: Run, record: Record) -> str:
+    """Return the start of a run in words, or the name of a recorded one."""
+    told = run.provenance.get("scenario")
+    if isinstance(told, Mapping):
+        with suppress(RvadsError):  # it is told by another version
+            return recalled(told, run.junction, "scenario").describe()
+    return record.recording or record.run or ""
+
+
+def _recorded_verdicts(report: Report, but: Record) -> tuple[tuple[str, str, str], ...]:
+    """Return rule, status and message of the other verdicts that a session has on a run, the worst first."""
+    same = (r for r in report.records if r.hash == but.hash and r.test == but.test and r.variant == but.variant)
+    found = {v.rule: v for r in same for v in r.verdicts if v.rule != but.verdicts[-1].rule}
+    return tuple((v.rule, v.outcome.value, v.message) for v in sorted(found.values(), key=lambda v: v.outcome.severity))
+
+
+def _usual_verdicts(run: Run, but: str) -> tuple[tuple[str, str, str], ...]:
+    """Return the same by the usual rules."""
+    usual = "paper" if run.subject is None and run.excerpt is None else "road"
+    with suppress(RvadsError):
+        return other_verdicts(run, rules_for(usual, run.junction), but)
+    return ()

@@ -1,0 +1,38 @@
+"""What stands beside the replay of a failure, the same whoever draws it."""
+
+from __future__ import annotations
+
+import shlex
+
+from pytest_rvads.report.record import Record
+
+__all__ = ["facts", "quoted"]
+
+
+def facts(record: Record, start: str, rerun: str) -> tuple[tuple[str, str], ...]:
+    """Return word and text of what there is to know of an item's run, without what is not known.
+
+    Args:
+        record: of the item.
+        start: how the run began, or which file it was recorded in.
+        rerun: the command that runs the item once more.
+    """
+    verdict = record.verdicts[-1] if record.verdicts else None
+    rule = verdict.rule if verdict else record.rule or ""
+    driver = f"{record.driver} ({record.source})" if record.source else record.driver
+    if record.traffic and verdict and verdict.subject:
+        driver = f"{driver}, {verdict.subject} alone; the others by {record.traffic}"
+    found = (
+        ("recorded" if record.recording else "scenario", start),
+        ("driven by", driver),
+        ("simulated by", record.simulator),
+        ("rule", f"{rule}: {verdict.title}" if verdict and verdict.title else rule),
+        ("requirements", ", ".join(record.requirements)),
+        ("rerun", rerun),
+    )
+    return tuple((word, text) for word, text in found if text)
+
+
+def quoted(nodeid: str) -> str:
+    """Return the id of an item as it is pasted into a shell, which takes nothing in it for a command."""
+    return shlex.quote(nodeid) if set(nodeid) & set('"$`\\!') else f'"{nodeid}"'

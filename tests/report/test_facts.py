@@ -1,0 +1,55 @@
+"""What stands beside a replay, told from the record of its item; ids that a shell takes for one plain word."""
+
+import shlex
+from typing import Any
+
+import pytest
+
+from pytest_rvads.report.facts import facts, quoted
+from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.record import Record, VerdictRecord, conclude, planned_record
+
+KEYS = {"junction": "stop4", "cls": 7, "scenario": "1133", "cfg": "C", "rotation": 0, "rule": "full_stop", "driver": "a.Racer"}
+
+
+def failed(**more: Any) -> Record:
+    record = planned_record("test_it.py::test_it[x]", 1, "test_it", {**KEYS, "simulator": "bullet", **more}, 4, ("REQ-1",))
+    return conclude(record, [{"rule": "full_stop", "title": "full stop", "status": "FAIL", "subject": "a0"}], "call", "failed")
+
+
+def test_what_is_known_is_told_in_order() -> None:
+    assert facts(failed(source="a.py 3fa29c01"), "from here", "pytest x") == (
+        ("scenario", "from here"),
+        ("driven by", "a.Racer (a.py 3fa29c01)"),
+        ("simulated by", "bullet"),
+        ("rule", "full_stop: full stop"),
+        ("requirements", "REQ-1"),
+        ("rerun", "pytest x"),
+    )
+
+
+def test_beside_a_vehicle_under_test_the_traffic_is_told() -> None:
+    told = dict(facts(failed(seat=0, traffic="hesitant"), "", ""))
+    assert told["driven by"] == "a.Racer, a0 alone; the others by hesitant"
+    assert "scenario" not in told
+    assert "rerun" not in told
+
+
+def test_of_a_recorded_run_nothing_drives() -> None:
+    told = dict(facts(failed(recording="tue", driver="", simulator=""), "tue.npz", ""))
+    assert told == {"recorded": "tue.npz", "rule": "full_stop: full stop", "requirements": "REQ-1"}
+
+
+def test_a_rule_without_a_verdict_or_title_is_its_name() -> None:
+    record = planned_record("a", 1, "a", KEYS, 4)
+    assert dict(facts(record, "", ""))["rule"] == "full_stop"
+    assert VerdictRecord(rule="mine", status=Outcome.FAIL).title == ""
+
+
+@pytest.mark.parametrize(
+    "nodeid", ["a[b-c]", "a[b c]", 'a["]', "a[$(x)]", "a[`x`]", "a[b\\c]", "a[!x]", "a[it's]", "a[;x&&y|z>w]"]
+)
+def test_an_id_is_one_word_of_the_shell(nodeid: str) -> None:
+    assert shlex.split(quoted(nodeid)) == [nodeid]
+    if set(nodeid) & set("$`!"):
+        assert quoted(nodeid).startswith("'"), "double quotes would not keep these"
