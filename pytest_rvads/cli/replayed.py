@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pytest_rvads.cli.answers import named_rules
+from pytest_rvads.draw.animated import animated
 from pytest_rvads.draw.replay import Beside, replay
 from pytest_rvads.errors import FormulaError, RunError, RvadsError
 from pytest_rvads.failure_page import failure_pages, moment, other_verdicts
@@ -59,10 +60,8 @@ class Replayed:
 
     def animation(self) -> str:
         """Return the seconds around the moment as an animated SVG."""
-        from pytest_rvads.draw.animated import animated  # type: ignore[import-not-found,import-untyped,unused-ignore]
-
         title, who = (self.run.label, ()) if self.verdict is None else (self.verdict.message, self.verdict.responsible)
-        return str(animated(self.run, title=title, responsible=who, around=self.time))
+        return animated(self.run, title=title, responsible=who, around=self.time)
 
 
 def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier: tuple[Path, Report] | None) -> Replayed:
