@@ -20,6 +20,7 @@ def written() -> str:
     return str(module.page())
 
 
+@pytest.mark.extended
 def test_the_page_is_up_to_date(written: str) -> None:
     assert (ROOT / "docs" / "api.md").read_text(encoding="utf-8") == written, "run: python tools/make_api.py"
 

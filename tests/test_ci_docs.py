@@ -92,6 +92,7 @@ def test_the_inputs_of_the_action_are_those_of_the_page() -> None:
                 assert set(step["with"]) <= set(action["inputs"])
 
 
+@pytest.mark.extended
 def test_the_workflow_runs_as_printed(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
     """All that it runs, but for installing: on the main branch, where a test fails, then on a branch with that baseline."""
     pytest.importorskip("xdist")
@@ -118,6 +119,7 @@ def test_what_died_is_no_baseline(pytester: pytest.Pytester) -> None:
     assert not (pytester.path / "baseline.json").exists()
 
 
+@pytest.mark.extended
 def test_the_action_runs(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
     """All that it runs, but for installing; what stands in an input is an argument and nothing else."""
     assert main(["init", "rules"]) == 0

@@ -90,6 +90,7 @@ def test_every_page_is_in_the_navigation(hooks: ModuleType) -> None:
     assert len(named) == len(set(named))
 
 
+@pytest.mark.extended
 def test_pictures_of_concepts_are_what_the_script_draws() -> None:
     drawn = tool("make_pictures").pictures()
     kept = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "concepts").glob("*.svg")}
@@ -100,6 +101,7 @@ def test_pictures_of_concepts_are_what_the_script_draws() -> None:
     assert [name for name in kept if f"({name}.svg)" not in text] == []
 
 
+@pytest.mark.extended
 def test_the_gallery_shows_what_its_tests_do(tmp_path: Path) -> None:
     gallery = tool("make_gallery")
     page = gallery.PAGE.read_text(encoding="utf-8")
@@ -115,6 +117,7 @@ def test_the_gallery_shows_what_its_tests_do(tmp_path: Path) -> None:
         assert "start     " in replay
 
 
+@pytest.mark.extended
 def test_a_gallery_that_says_something_else_is_refused(tmp_path: Path) -> None:
     gallery = tool("make_gallery")
     section = gallery.PAGE.read_text(encoding="utf-8").split("\n## ")[1]

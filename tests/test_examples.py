@@ -8,6 +8,7 @@ import pytest
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
+@pytest.mark.extended
 def test_the_example_of_an_own_map_runs_on_town07(
     pytester: pytest.Pytester, shared: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,6 +23,7 @@ def statements(file: Path) -> tuple[ast.Import | ast.ImportFrom, ...]:
     return tuple(node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom))
 
 
+@pytest.mark.extended
 def test_data_flows_one_way() -> None:
     done = subprocess.run(
         [str(Path(sys.executable).with_name("lint-imports")), "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False
@@ -30,6 +31,7 @@ def test_data_flows_one_way() -> None:
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("library", "homes"),
     [

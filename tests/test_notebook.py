@@ -280,6 +280,7 @@ print("pytest_rvads.notebook" in sys.modules)
     assert done.stdout == "False\nTrue\n"
 
 
+@pytest.mark.extended
 def test_the_example_notebook_runs_and_shows_what_is_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It takes some seconds: a kernel is a process of its own, and eight runs are simulated in it."""
     for name in ("IPYTHONDIR", "JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR"):

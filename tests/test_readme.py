@@ -27,6 +27,7 @@ FEW = "not class or class00 or class01 or class07 or class13"
 """Of the items of an example, as `-k` takes it: all of a test without classes, else the classes that the pages talk of."""
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("code", [pytest.param(c, id=f"block{n}") for n, c in enumerate(PYTHON) if "def test_" in c])
 def test_examples_of_tests_pass_or_fail_as_said(pytester: pytest.Pytester, code: str) -> None:
     pytester.makepyfile(code)
@@ -41,6 +42,7 @@ def test_examples_of_tests_pass_or_fail_as_said(pytester: pytest.Pytester, code:
     assert outcomes.get("passed", 0) + outcomes.get("failed", 0) > 0
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("page", FAILURES)
 def test_the_failure_shown_is_the_one_printed(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, page: str) -> None:
     monkeypatch.setenv("COLUMNS", "200")
@@ -56,6 +58,7 @@ def test_the_failure_shown_is_the_one_printed(pytester: pytest.Pytester, monkeyp
         assert (ROOT / "docs" / "failure.svg").read_bytes() == drawn.read_bytes(), "run the README's failing test, copy its .svg"
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("code", SCRIPTS, ids=[f"script{n}" for n in range(len(SCRIPTS))])
 def test_scripts_run(tmp_path: Path, code: str) -> None:
     """A comment behind a line that prints says what it prints."""
@@ -64,6 +67,7 @@ def test_scripts_run(tmp_path: Path, code: str) -> None:
     assert done.stdout.splitlines() == re.findall(r"^print\(.*\)  # (.*)$", code, re.MULTILINE)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("command", "said"), CONSOLE, ids=[command for command, _ in CONSOLE])
 def test_commands_print_what_is_shown(tmp_path: Path, command: str, said: str) -> None:
     """A command about a file runs where the script or command of the page that makes it ran, others in the checkout."""

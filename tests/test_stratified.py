@@ -50,6 +50,7 @@ def test_groups_of_one_group_get_equally_many_or_all_they_have(things: list[Thin
                 assert max(got[group] for group in inside) <= min(unexhausted) + 1
 
 
+@pytest.mark.extended
 @given(THINGS, SIZES, SEEDS, st.randoms(use_true_random=False))
 def test_the_order_of_the_things_does_not_matter(things: list[Thing], size: int, seed: int, random: object) -> None:
     other = list(things)
@@ -82,6 +83,7 @@ class Many:
         yield from range(1_000_000, 1_040_000)
 
 
+@pytest.mark.extended
 def test_memory_grows_with_the_sample_and_not_with_the_things() -> None:
     tracemalloc.start()
     found = draw(Many(), 400, 1, lambda k: (str(k % 300), str(k % 5)), str)

@@ -198,6 +198,7 @@ rvads.falsify("stop4", rule="p1", near="x")  # refused
 """
 
 
+@pytest.mark.extended
 def test_a_type_checker_refuses_what_can_not_drive(tmp_path: Path) -> None:
     pytest.importorskip("mypy")
     (tmp_path / "snippets.py").write_text(SNIPPETS, encoding="utf-8")

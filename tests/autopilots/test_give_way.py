@@ -169,6 +169,7 @@ def test_of_a_queue_only_the_first_one_counts_at_an_entrance() -> None:
     assert queue.first(behind) == ([first], True)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("policy", EVERYWHERE)
 def test_traffic_policies_drive_where_signs_differ_and_in_queues(policy: str) -> None:
     case = Scenario(signed(*SIGNS["one of each"]), "2222", distance=15, subject=0, followers=1)
@@ -177,6 +178,7 @@ def test_traffic_policies_drive_where_signs_differ_and_in_queues(policy: str) ->
     assert "a0" not in {name for hit in run.collisions for name in hit.agents} or policy in ("red_light_runner", "lgsvl")
 
 
+@pytest.mark.extended
 def test_lanes_of_an_arm_go_by_their_own_lights(shared: Path) -> None:
     place = load(shared / "maps" / "multi_intersections.xodr").junction("146")
     assert place.lanes == (1, 1, 1, 2)

@@ -63,6 +63,7 @@ def test_every_class_of_a_t(case: Scenario, wrongs: Complain) -> None:
     assert wrongs(simulate(Case(case, Reference))) == []
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("junction", "setback"), [("stop4", 2.0), ("stop4", 8.0), ("light4", 4.0)])
 def test_stop_lines_before_the_vertex_change_no_verdict(
     junction: str, setback: float, tmp_path: Path, wrongs: Complain, verdicts: Judge
@@ -188,6 +189,7 @@ def test_it_decides_from_its_observation_alone() -> None:
     assert [replayed.control(seen) for seen, _ in heard] == [answer for _, answer in heard]
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     "place", ["Town07.xodr 169", "Town07.xodr 146", "cubetown.xodr 12", "Town07.xodr 68", "cubetown.xodr 11"]
 )
@@ -202,6 +204,7 @@ def test_real_maps(place: str, shared: Path, wrongs: Complain) -> None:
         assert [w for w in wrongs(run) if not w.startswith("braked")] == []
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("case", [spread("stop4")[8], spread("stop4")[14], spread("light4")[7], spread("light4")[12]], ids=str)
 def test_the_monitors_agree_with_the_definition(case: Scenario, verdicts: Judge) -> None:
     run = simulate(Case(case, Reference))
@@ -223,6 +226,7 @@ def test_all_scenarios_and_configurations(junction: str, wrongs: Complain) -> No
     assert bad == {}
 
 
+@pytest.mark.extended
 @given(data=st.data())
 @settings(derandomize=True, deadline=None, max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_start_inside_the_envelope(data: st.DataObject, verdicts: Judge) -> None:
@@ -288,6 +292,7 @@ def test_a_tie_window_longer_than_the_stop_is_refused(tie: float) -> None:
         Reference(tie=tie)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("distance", "aggression"), [(1.0, 1), (10.0, 1), (6.0, 3)])
 def test_a_late_stop_uses_nearly_all_the_brakes_have(distance: float, aggression: int) -> None:
     limit, found = vmax(distance, aggression), closed_vmax(distance, Reference, aggression)

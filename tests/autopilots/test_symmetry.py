@@ -12,6 +12,7 @@ from pytest_rvads.search.metamorphic import compare
 POINTS = {"light4": ("2332", "I", ("mirror",)), "stop4": ("1230", "E", ("rotation",))}
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("junction", POINTS)
 @pytest.mark.parametrize("policy", sorted(set(EVERYWHERE) - {"lgsvl"}))
 def test_a_policy_is_symmetric(policy: str, junction: str) -> None:

@@ -107,6 +107,7 @@ def judge(cases: list[Scenario], junction: str, policy: str, book: str) -> dict[
 
 
 # The traffic takes turns, so that each kind meets each book with stop signs and with lights, in an X and in a T; `slow` has all.
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("junction", "book", "first"), [(j, b, (n // 2 + k) % 2) for n, j in enumerate(JUNCTIONS) for k, b in enumerate(DRIVERS)]
 )
@@ -116,6 +117,7 @@ def test_a_sample_of_every_traffic(junction: str, book: str, first: int) -> None
         assert judge([cases[(37 * k + 5) % len(cases)]], junction, policy, book) == {}, policy
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("book", DRIVERS)
 def test_four_that_arrive_at_once(book: str) -> None:
     """What the game calls impossible occurs, and is told as unavoidable."""

@@ -76,6 +76,7 @@ def clock(browser: Chrome) -> str:
     return str(by_id(browser, "clock").text)
 
 
+@pytest.mark.extended
 def test_a_deep_link_shows_its_instant(open_page: Open, replayed: str) -> None:
     browser = open_page(replayed, "#t=0.81")
     assert clock(browser) == "0.81 s"
@@ -144,6 +145,7 @@ def test_a_page_of_traffic_opens_where_it_is_about(open_page: Open, traffic: str
     assert (x, -y) == pytest.approx(way.pose(5.0 * 12.5 - 40.0)[:2], abs=0.06)
 
 
+@pytest.mark.extended
 def test_play_runs_to_the_end_and_pauses(open_page: Open, replayed: str) -> None:
     browser = open_page(replayed, "")
     before = browser.find_element("css selector", '[data-agent="a0"]').get_attribute("transform")
@@ -209,6 +211,7 @@ def items(browser: Chrome, within: str = "#found") -> list[str]:
     return list(browser.execute_script(script, f"{within} .items > li"))
 
 
+@pytest.mark.extended
 def test_the_index_leads_from_a_cell_to_its_replay(open_page: Open) -> None:
     from selenium.webdriver.support.select import Select
 
@@ -242,6 +245,7 @@ def test_the_index_leads_from_a_cell_to_its_replay(open_page: Open) -> None:
     assert by_id(browser, "count").text == "1 of 798 items"
 
 
+@pytest.mark.extended
 def test_the_sums_of_a_town_lead_to_the_table_and_the_items_of_a_junction(open_page: Open) -> None:
     records = [
         structs.replace(record(cls, rule, "FAIL" if (place, cls) == (24, 2) else "PASS"), junction=f"J{place}", control="stop")
@@ -318,6 +322,7 @@ def extent(browser: Chrome) -> tuple[int, int]:
     return width, height
 
 
+@pytest.mark.extended
 @pytest.mark.usefixtures("phone")
 def test_a_large_session_keeps_to_ten_screens_of_a_phone(open_page: Open, large: Report) -> None:
     assert (len(large.records), sum(one.failed for one in large.records)) == (3000, 300)
@@ -475,6 +480,7 @@ def untouched(browser: Chrome) -> bool:
     return bool(browser.execute_script(script))
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("text", HOSTILE)
 def test_a_replay_shows_hostile_names_and_plays(open_page: Open, run: Run, text: str) -> None:
     agents = tuple(replace(agent, name=f"{text}{n}") for n, agent in enumerate(run.agents))
@@ -520,6 +526,7 @@ def test_an_index_shows_hostile_texts_and_can_be_clicked(open_page: Open, text: 
     assert told[1] == f"{printable(text)} ({printable(text)}): 1 run"
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("text", HOSTILE)
 def test_sums_show_hostile_names_and_can_be_clicked(open_page: Open, text: str) -> None:
     records = [structs.replace(record(1, text, "FAIL"), junction=f"{text}{place}", control=text) for place in range(5)]

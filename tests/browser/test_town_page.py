@@ -107,6 +107,7 @@ def test_a_link_shows_a_junction_also_on_another_map(opened: Callable[..., Chrom
     assert all_of(browser, "#one a")[0].get_attribute("href").endswith("/replays/one.html#t=1.00")
 
 
+@pytest.mark.extended
 def test_a_click_chooses_the_nearest_junction_and_a_drag_moves_the_map(opened: Callable[..., Chrome]) -> None:
     from selenium.webdriver.common.action_chains import ActionChains
 

@@ -371,6 +371,7 @@ print(before)
 """
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     "imports",
     ["import helper\nclass Mine:\n def control(self, seen):", "class Mine:\n def control(self, seen):\n  import helper"],

@@ -92,6 +92,7 @@ def alone() -> list[Judged]:
         return list(results)
 
 
+@pytest.mark.extended
 def test_what_a_killed_worker_was_at_runs_again_and_nothing_counts_twice(
     cluster: Callable[[], Cluster], alone: list[Judged]
 ) -> None:
@@ -102,6 +103,7 @@ def test_what_a_killed_worker_was_at_runs_again_and_nothing_counts_twice(
     assert len({judged.hash for judged in results}) == CASES
 
 
+@pytest.mark.extended
 def test_a_campaign_whose_scheduler_was_killed_ends_and_goes_on_where_it_was(
     cluster: Callable[[], Cluster], alone: list[Judged], tmp_path: Path
 ) -> None:

@@ -98,6 +98,7 @@ def test_what_is_not_there_is_told_and_costs_nothing_else(
     assert err == f"rvads: {told}\n"
 
 
+@pytest.mark.extended
 def test_any_number_of_processes_tells_the_same(folder: Path, shared: Path, capsys: Read) -> None:
     files = [str(folder), str(shared / "runs" / "t-way-stop.json")]
     told = []
@@ -332,6 +333,7 @@ def children(process: subprocess.Popen[bytes]) -> list[int]:
     return [int(number) for number in task.read_text().split()]
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("how", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
 def test_whoever_is_interrupted_leaves_nobody_behind(busy: list[str], how: signal.Signals, status: int) -> None:
     process = subprocess.Popen(busy, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=ENVIRONMENT, start_new_session=True)

@@ -60,6 +60,7 @@ def traffic() -> Run:
     return run
 
 
+@pytest.mark.extended
 def test_the_page_is_that_of_a_test(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
     pytester.makepyfile(
         test_it="""
@@ -88,6 +89,7 @@ def test_the_page_is_that_of_a_test(pytester: pytest.Pytester, capsys: pytest.Ca
     assert "rerun     rvads check " in block
 
 
+@pytest.mark.extended
 def test_traffic_is_shown_around_each_violation_with_the_time_of_the_log(
     traffic: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -79,6 +79,7 @@ def test_wrong_usage_is_argparse_s(arguments: list[str]) -> None:
     assert stop.value.code == 2
 
 
+@pytest.mark.extended
 def test_a_reader_that_had_enough_is_no_error() -> None:
     command = f"{RVADS} classes 7 --all | head -1"
     done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False)
@@ -228,6 +229,7 @@ def test_classes_of_a_junction_by_name(capsys: pytest.CaptureFixture[str]) -> No
     assert "--map is where --junction is looked for" in capsys.readouterr().err
 
 
+@pytest.mark.extended
 def test_an_autopilot_s_table_has_a_row_per_movement(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pytest_rvads.cli.simulate_commands._DISTANCES", (0.3, 500.0))
     assert main(["braking", "--autopilot", "reference", "--junction", "light3", "--json"]) == 0
@@ -243,6 +245,7 @@ def test_an_autopilot_s_table_has_a_row_per_movement(capsys: pytest.CaptureFixtu
 ASCII = os.environ | {"PYTHONIOENCODING": "ascii", "PYTHONPATH": os.pathsep.join(sys.path)}
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     "arguments",
     [["rules", "--file", "größer.rules"], ["rules"], ["map", "größe.xodr"], ["check", "→.npz"], ["monitor", "G größer"]],

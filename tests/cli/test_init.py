@@ -93,6 +93,7 @@ def test_a_stack_that_is_not_there_yet_is_told(pytester: pytest.Pytester, capsys
     )
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("name", "grid"), [("light3", "H"), ("stop3", "C")])
 def test_a_map_is_driven_at_its_first_junction(
     pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str], name: str, grid: str

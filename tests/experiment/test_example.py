@@ -7,6 +7,7 @@ import pytest
 EXAMPLE = Path(__file__).parents[2] / "examples" / "test_6_the_papers_tables.py"
 
 
+@pytest.mark.extended
 def test_marks_name_the_deficiency_behind_every_failing_cell(pytester: pytest.Pytester) -> None:
     pytester.copy_example(str(EXAMPLE))
     result = pytester.runpytest("-k", "cfgE or cfgJ", "-rx")
@@ -17,6 +18,7 @@ def test_marks_name_the_deficiency_behind_every_failing_cell(pytester: pytest.Py
     assert named == {"I2", "I3", "I4", "I5"}
 
 
+@pytest.mark.extended
 def test_a_repaired_deficiency_is_noticed(pytester: pytest.Pytester) -> None:
     source = EXAMPLE.read_text().replace("return LgsvlLike", "return partial(LgsvlLike, i3=False)")
     pytester.makepyfile(test_repaired="from functools import partial\n" + source.replace('"""The', 'TEXT = """The', 1))

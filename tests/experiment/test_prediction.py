@@ -247,6 +247,7 @@ def recorded(path: Path, control: str) -> Iterator[tuple[dict[str, Any], dict[st
         )
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("name", "control"), [("4-way-stop", "stop"), ("4-way-light", "lights")])
 def test_the_recorded_xs_give_the_published_verdicts_at_their_own_lengths(shared: Path, name: str, control: str) -> None:
     # The constants were fitted on the built-in junctions, whose lengths are only about those of the recorded ones.

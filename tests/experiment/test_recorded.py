@@ -167,6 +167,7 @@ def agreement(found: list[Compared]) -> tuple[float, float]:
     return sum(cells) / len(cells), sum(run.same_order for run in found) / len(found)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("name", ["t-way-stop", "t-way-light"])
 def test_recorded_t_junctions_are_predicted(name: str, shared: Path, tmp_path: Path) -> None:
     data = json.loads((shared / "runs" / f"{name}.json").read_text())

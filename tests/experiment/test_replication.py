@@ -20,6 +20,7 @@ def test_the_margin_of_p1_has_the_sign_of_the_verdict(row: int, configuration: s
     assert abs(margin) >= 8, "the verdict hangs on more than 0.08 s"
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("name", [name for name, free in FREE.items() if free.tables == (STOP,)])
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_half_a_foot_of_zone_changes_no_verdict_of_p1(name: str, sign: int) -> None:
@@ -28,6 +29,7 @@ def test_half_a_foot_of_zone_changes_no_verdict_of_p1(name: str, sign: int) -> N
         assert outcome(run_entry(Entry(STOP, 1, row, "C"), setup), ("p1",)) == {"p1": expected}
 
 
+@pytest.mark.extended
 def test_a_deficiency_that_is_switched_off_flips_the_cells_it_stands_behind(monkeypatch: pytest.MonkeyPatch) -> None:
     table = Table("light4", "paper_light4", {3: "1233"}, "G", ("p4", "p6"), 40.0)
     monkeypatch.setattr(replication, "TABLES", (table,))
@@ -38,6 +40,7 @@ def test_a_deficiency_that_is_switched_off_flips_the_cells_it_stands_behind(monk
     assert shown[-2:] == ["I5: 4 cells", "  p6 of G  FAIL -> PASS  class.row 3.1 3.2 3.3 3.4"]
 
 
+@pytest.mark.extended
 def test_the_room_of_the_draw_is_the_time_at_the_entrance(monkeypatch: pytest.MonkeyPatch) -> None:
     # The crossing vehicle passes its entrance zone in 12 ticks; a right turn that enters then breaks p5, any other does not.
     table = Table("light4", "paper_light4", {4: "2121"}, "J", ("p5",), 40.0)

@@ -54,6 +54,7 @@ def every(name: str, step: int, first: int = 0) -> list[Trial | Mutant]:
     return list(islice(SETS[name](), first, None, step))
 
 
+@pytest.mark.extended
 def test_in_a_run_of_every_class_and_configuration_of_the_paper() -> None:
     """Rows in turn: the 4 classes in their 5 configurations, 60 cells."""
     trials = [trial for k, trial in enumerate(SETS["paper"]()) if k // 5 % 4 == k % 5 % 4]
@@ -61,6 +62,7 @@ def test_in_a_run_of_every_class_and_configuration_of_the_paper() -> None:
     assert told(trials) == []
 
 
+@pytest.mark.extended
 def test_in_every_class_with_the_reference() -> None:
     """Classes of four ways at stop signs and at lights in turn, in five configurations; those of three ways at both."""
     trials = list(class_trials(("stop3", "light3"), "D"))
@@ -71,10 +73,12 @@ def test_in_every_class_with_the_reference() -> None:
     assert told(trials) == []
 
 
+@pytest.mark.extended
 def test_where_signs_and_lanes_decide() -> None:
     assert told(list(class_trials(("yield4", "right4", "lanes4", "roundabout4"), "D", most=1))) == []
 
 
+@pytest.mark.extended
 def test_in_what_kills_a_mutant() -> None:
     assert told([Mutant("ignores stop")]) == []
 

@@ -23,6 +23,7 @@ def found() -> dict[str, Snapshot]:
     return snapshots()
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("rule", SHOWN)
 def test_a_violation_of_every_rule_is_shown_before_and_after(found: dict[str, Snapshot], rule: str) -> None:
     for svg in (found[rule].before, found[rule].broken):
@@ -51,6 +52,7 @@ def title(svg: str) -> str:
     return str(found)
 
 
+@pytest.mark.extended
 def test_titles_say_what_changed(found: dict[str, Snapshot]) -> None:
     assert title(found["p2"].before).endswith("a0 at entrance 0, a1 at entrance 1")
     assert title(found["p2"].broken).endswith("a0 in the junction, a1 at entrance 1")

@@ -16,6 +16,7 @@ from pytest_rvads.studies.stopping import closed_envelope
 SVG = "{http://www.w3.org/2000/svg}"
 
 
+@pytest.mark.extended
 def test_jobs_come_back_in_their_places_from_any_number_of_processes() -> None:
     one = closed_envelope("lgsvl", (0.01, 0.3), (1, 2), executor=1)
     assert one == closed_envelope("lgsvl", (0.01, 0.3), (1, 2), executor=2)
@@ -36,6 +37,7 @@ def test_the_command_names_the_nearest_autopilot(capsys: pytest.CaptureFixture[s
     assert "did you mean 'lgsvl'" in err
 
 
+@pytest.mark.extended
 def test_the_command_answers_for_an_autopilot(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -41,6 +41,7 @@ def verdicts() -> dict[Key, str]:
 
 # With stop signs nine runs (five rows in turn, and four times row 3 as well), with lights five, of three rules each. The paper
 # does not say what p1 is in D and E of class 2, two rows each.
+@pytest.mark.extended
 @pytest.mark.parametrize(("numbers", "cells"), [(FITTED, (9 + 5) * 3), ((2, 4), (9 + 5) * 3 - 4)])
 def test_a_part_of_every_class_and_configuration_is_as_published(
     part: dict[Key, str], numbers: tuple[int, ...], cells: int
@@ -129,6 +130,7 @@ def test_a_table_that_knows_only_rule_and_configuration_gets_117_cells() -> None
     assert null_models()["by rule, configuration and row"] == 120
 
 
+@pytest.mark.extended
 def test_verdicts_are_the_same_in_other_processes(part: dict[Key, str]) -> None:
     few = replace(STOP, configurations="CE")
     found = compute(tables=(few,), numbers=(1,), executor=2)

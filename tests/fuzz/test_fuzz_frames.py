@@ -203,6 +203,7 @@ def fed(command: list[str], data: bytes) -> tuple[int, str]:
     return done.returncode, done.stderr.decode(errors="replace")
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("hurt", ["reset", "observe"])
 @FEW
 @given(data=st.data())
@@ -223,6 +224,7 @@ def test_the_client_in_c_reads_what_is_whole(reader: Path) -> None:
     assert fed([str(reader)], messages.hello() + b"".join(told("binary"))) == (0, "")
 
 
+@pytest.mark.extended
 @FEW
 @given(data=st.data())
 def test_the_client_in_python_ends_in_a_sentence(data: st.DataObject) -> None:

@@ -3,6 +3,7 @@
 from pathlib import Path
 from xml.etree import ElementTree
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -54,6 +55,7 @@ def use(road_map: RoadMap) -> None:
             assert road_map.junction(report.id).conflicts is not None
 
 
+@pytest.mark.extended
 @given(data=st.data())
 @QUICK
 def test_changed_elements(shared: Path, tmp_path: Path, data: st.DataObject) -> None:

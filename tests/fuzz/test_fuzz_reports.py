@@ -168,6 +168,7 @@ def read(path: Path, content: bytes) -> Report | str:
         return str(refused)
 
 
+@pytest.mark.extended
 @QUICK
 @given(content=st.deferred(lambda: damaged(plain(".json").encode())))
 def test_a_damaged_report_is_read_or_refused_in_one_sentence(folder: Path, content: bytes) -> None:
@@ -190,6 +191,7 @@ def with_texts(value: Any, texts: Iterator[str], key: str = "") -> Any:
     return next(texts) if isinstance(value, str) and key not in ("status", "format", "outcome") else value
 
 
+@pytest.mark.extended
 @QUICK
 @given(texts=st.lists(TEXTS, min_size=1, max_size=4))
 def test_a_report_full_of_hostile_texts_is_shown_as_texts(folder: Path, texts: list[str]) -> None:
@@ -201,6 +203,7 @@ def test_a_report_full_of_hostile_texts_is_shown_as_texts(folder: Path, texts: l
         assert re.search("[\ud800-\udfff]", "".join(texts)), "JSON holds every text but halves of characters"
 
 
+@pytest.mark.extended
 @QUICK
 @given(text=TEXTS)
 def test_sums_over_junctions_with_hostile_names_are_shown_as_texts(text: str) -> None:
@@ -234,6 +237,7 @@ def _tame() -> tuple[str, ...]:
     return pictures("x")
 
 
+@pytest.mark.extended
 @QUICK
 @given(text=TEXTS)
 def test_pictures_and_replays_show_hostile_names_as_texts(text: str) -> None:

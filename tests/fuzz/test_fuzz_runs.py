@@ -81,6 +81,7 @@ def test_kept_runs_with_other_members(kept: bytes, tmp_path: Path, data: st.Data
     survive(tmp_path / "run.npz", zipped(members))
 
 
+@pytest.mark.extended
 @given(data=st.data())
 @QUICK
 def test_kept_runs_with_another_header(kept: bytes, tmp_path: Path, data: st.DataObject) -> None:
@@ -104,6 +105,7 @@ def changed(draw: st.DrawFn, array: Any) -> Any:
     return array[: draw(st.integers(0, 2))] if what == "less" else array.T
 
 
+@pytest.mark.extended
 @given(data=st.data())
 @QUICK
 def test_kept_runs_with_other_numbers(kept: bytes, tmp_path: Path, data: st.DataObject) -> None:
@@ -114,6 +116,7 @@ def test_kept_runs_with_other_numbers(kept: bytes, tmp_path: Path, data: st.Data
     survive(tmp_path / "run.npz", packed(arrays))
 
 
+@pytest.mark.extended
 @given(data=st.data())
 @QUICK
 def test_recordings(shared: Path, tmp_path: Path, data: st.DataObject) -> None:

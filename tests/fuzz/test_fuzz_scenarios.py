@@ -47,6 +47,7 @@ def read(path: Path, content: bytes) -> None:
         told(error)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("name", ["run.xosc", "scenario.xosc"])
 @given(data=st.data())
 @QUICK

@@ -119,6 +119,7 @@ def use(recording: Recording, path: Path) -> None:
             str(check(recording[0], rule))
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("name", SEEDS)
 @given(data=st.data())
 @QUICK
@@ -126,6 +127,7 @@ def test_files_with_other_bytes(name: str, tmp_path: Path, data: st.DataObject) 
     survive(tmp_path / name, data.draw(damaged(SEEDS[name])))
 
 
+@pytest.mark.extended
 @given(data=st.data())
 @QUICK
 def test_tables_with_other_cells(tmp_path: Path, data: st.DataObject) -> None:
@@ -149,6 +151,7 @@ def test_tables_with_other_cells(tmp_path: Path, data: st.DataObject) -> None:
     survive(tmp_path / "t.csv", text.encode("utf-8", "replace"))
 
 
+@pytest.mark.extended
 @given(data=st.data())
 @QUICK
 def test_files_of_lights(tmp_path: Path, data: st.DataObject) -> None:
@@ -191,6 +194,7 @@ def test_kept_recordings_with_other_bytes(kept: bytes, tmp_path: Path, data: st.
     reload(tmp_path / "kept.npz", data.draw(damaged(kept)))
 
 
+@pytest.mark.extended
 @given(data=st.data())
 @QUICK
 def test_kept_recordings_with_other_headers_and_numbers(kept: bytes, tmp_path: Path, data: st.DataObject) -> None:

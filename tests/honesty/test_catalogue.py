@@ -33,6 +33,7 @@ def test_an_entry_is_where_it_belongs() -> None:
     assert innocent == {entry.name for entry in INNOCENTS}
 
 
+@pytest.mark.extended
 def test_the_page_of_the_documentation_has_every_row() -> None:
     spec = spec_from_file_location("make_catalogue", ROOT / "tools" / "make_catalogue.py")
     assert spec is not None

@@ -200,6 +200,7 @@ def test_a_failure_that_is_called_known_is_told(session: Session) -> None:
     result.stdout.fnmatch_lines(["against old.json: 1 KNOWN", "*KNOWN*races: new style*"])
 
 
+@pytest.mark.extended
 @shows("another_map_under_the_same_name")
 def test_another_junction_is_no_repetition(session: Session, pytester: pytest.Pytester) -> None:
     """The file of the map is written anew with a smaller junction; all ids stay as they are."""

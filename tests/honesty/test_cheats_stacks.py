@@ -238,6 +238,7 @@ def test_plain(): ...
 """
 
 
+@pytest.mark.extended
 @shows("end_the_process")
 def test_a_process_that_ended_is_an_error(session: Session, pytester: pytest.Pytester) -> None:
     """The exit status of a worker of pytest-xdist is 0, as if all had been well."""

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import pytest
+
 import pytest_rvads as rvads
 from pytest_rvads.drivers.traffic import EVERYWHERE
 
@@ -189,6 +191,7 @@ def test_who_goes_with_good_reason_is_not_blamed(case: Case) -> None:
 AMONG = {f"reference_among_{policy}": rvads.traffic(policy) for policy in EVERYWHERE}
 
 
+@pytest.mark.extended
 @shows_each(AMONG)
 def test_who_keeps_the_rules_is_blamed_among_no_traffic(case: Callable[[], Any]) -> None:
     """Three others, at an all-way stop and at lights; what is broken was broken by them, or could not be kept."""

@@ -10,6 +10,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -110,6 +111,7 @@ def outcomes(formula: f.Formula, prefix: list[list[str]]) -> set[bool]:
 WANTED = {(True,): Truth.TRUE, (False,): Truth.FALSE, (False, True): Truth.UNKNOWN}
 
 
+@pytest.mark.extended
 @settings(LAW, max_examples=1000)
 @given(FORMULAS, WORDS)
 def test_the_verdict_is_what_the_continuations_say(formula: f.Formula, word: list[list[str]]) -> None:
@@ -163,6 +165,7 @@ def equivalent(machine: Machine) -> set[tuple[int, int]]:
         apart |= more
 
 
+@pytest.mark.extended
 @LAW
 @given(FORMULAS, FORMULAS)
 def test_equal_languages_have_equal_sizes(one: f.Formula, two: f.Formula) -> None:

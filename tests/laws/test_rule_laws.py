@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -68,6 +69,7 @@ def test_a_step_counter_is_not_stutter_invariant(run: Run) -> None:
     assert settle(rule, doubled, 2 * STEPS)[0] == inside[1]
 
 
+@pytest.mark.extended
 @LAW
 @given(runs(), st.sampled_from([*PAPER, "p6g", "red", "right_on_red", "left_yields", "first_come", "right_first"]))
 def test_grounding_step_by_step_equals_grounding_at_once(run: Run, name: str) -> None:

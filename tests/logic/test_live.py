@@ -83,6 +83,7 @@ CARRIED = ("stopped", "blocks", "idles", "owes", "obstructs")
 RULES = [r for book in ("paper", "variants", "road") for r in rulebook(book)]
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("rule", RULES, ids=[r.name for r in RULES])
 def test_step_by_step_says_what_the_whole_run_says(
     traffic: dict[str, Run], waiting: list[Run], simulated: list[Run], rule: Rule

@@ -146,6 +146,7 @@ def test_names(shared: Path, tmp_path: Path, data: st.DataObject) -> None:
     same_graph(before, after)
 
 
+@pytest.mark.extended
 @given(data=st.data())
 @FEW
 def test_orientation_of_signals(shared: Path, tmp_path: Path, data: st.DataObject) -> None:
@@ -153,6 +154,7 @@ def test_orientation_of_signals(shared: Path, tmp_path: Path, data: st.DataObjec
     assert {r.id: shape(r) for r in before.junctions} == {r.id: shape(r) for r in after.junctions}
 
 
+@pytest.mark.extended
 @given(data=st.data(), angle=st.floats(-math.pi, math.pi), east=st.floats(-1e5, 1e5), north=st.floats(-1e5, 1e5))
 @FEW
 def test_where_the_map_lies(shared: Path, tmp_path: Path, data: st.DataObject, angle: float, east: float, north: float) -> None:
@@ -168,6 +170,7 @@ def town(path: Path) -> RoadMap:
     return read_map(path)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("stem", ["Town07", "Issue295a"])
 @pytest.mark.parametrize(
     ("how", "turned"),

@@ -40,11 +40,13 @@ def same_verdicts(
     return set(found[0.0])
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("control", "directions", "distance", "speed"), CASES)
 def test_same_verdicts(tmp_path: Path, control: JunctionControl, directions: str, distance: float, speed: float) -> None:
     assert rvads.Status.PASS in same_verdicts(tmp_path, control, directions, distance, speed)
 
 
+@pytest.mark.extended
 def test_same_verdicts_in_a_third_of_the_classes(tmp_path: Path) -> None:
     kinds = (JunctionControl.STOP, JunctionControl.LIGHTS)
     said = []

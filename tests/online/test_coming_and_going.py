@@ -80,6 +80,7 @@ def violations(name: str, seed: int) -> dict[tuple[object, ...], int]:
     return {(name, *sorted(i.binding)): i.failed for name, i in found if i.status is Status.FAIL and i.failed is not None}
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("name", PLACES)
 def test_every_violation_is_told_in_its_tick(name: str, seed: int) -> None:
@@ -135,6 +136,7 @@ def parade(steps: int) -> Iterator[list[Seen]]:
         yield seen
 
 
+@pytest.mark.extended
 def test_three_thousand_vehicles_take_no_more_memory_than_a_thousand() -> None:
     monitor = RuleMonitor(["p1", "p3", "full_stop", "no_collision"], find("stop4"), dt=0.5)
     sizes, told = [], 0

@@ -53,6 +53,7 @@ def judge(lines: Sequence[str], *options: str, status: int) -> tuple[list[dict[s
     return [json.loads(line) for line in ended.stdout.splitlines()], ended.stderr.decode()
 
 
+@pytest.mark.extended
 def test_who_stops_and_who_does_not() -> None:
     told, beside = judge(log({"reckless": 0.0, "careful": 0.0}, 18.0), status=1)
     stops = {answer["binding"]["a"]: answer for answer in told if answer["rule"] == "full_stop"}
@@ -78,6 +79,7 @@ def test_what_is_all_unsure_is_no_success() -> None:
     assert "every verdict that applies is UNSURE" in beside
 
 
+@pytest.mark.extended
 def test_bad_lines_are_told_and_left_out() -> None:
     lines = log({"reckless": 0.0}, 12.0)
     lines[3:3] = [
@@ -109,6 +111,7 @@ def test_where_nothing_is_judged_it_says_so() -> None:
     assert "nothing was judged" in beside
 
 
+@pytest.mark.extended
 def test_a_growing_file_is_followed_until_ctrl_c(tmp_path: Path) -> None:
     lines = log({"reckless-1": 0.0, "reckless-2": 20.0}, 25.0)
     file = tmp_path / "states.jsonl"

@@ -29,6 +29,7 @@ def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "200")
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("workers", ["-n0", "-n1"])
 def test_every_run_that_failed_is_written_once_with_one_map(pytester: pytest.Pytester, workers: str) -> None:
     pytester.makepyfile(FAILING)

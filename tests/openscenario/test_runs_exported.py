@@ -38,6 +38,7 @@ def again(run: rvads.Run, folder: Path) -> rvads.Run:
     return found
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("failure", FAILURES, ids=str)
 def test_a_failure_is_read_back_with_the_verdict_that_it_failed_with(failure: Failure, maps: Path, tmp_path: Path) -> None:
     run = failure.run(maps)

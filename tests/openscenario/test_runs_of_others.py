@@ -208,6 +208,7 @@ def test_what_can_not_be_read_is_told_in_one_sentence(text: str, message: str, t
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.extended
 def test_what_is_kept_in_memory_is_bounded(tmp_path: Path) -> None:
     """Packed, a hundred kilobytes would become seventy megabytes of names."""
     long = b'<a b="' + b"x" * 2**20 + b'"/>'

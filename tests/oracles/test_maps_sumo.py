@@ -150,6 +150,7 @@ GRID = ("--grid", "--grid.number", "3", "--grid.length", "120", "--grid.attach-l
 SPIDER = ("--spider", "--spider.circle-number", "1", "--spider.arm-number")
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("left_hand", [False, True], ids=["right", "left"])
 @pytest.mark.parametrize(
     ("shape", "type", "expected"),

@@ -198,6 +198,7 @@ MOVEMENTS = {
 }
 
 
+@pytest.mark.extended
 @each(SHAPES, TYPES, MOVEMENTS)
 def test_movements_and_conflicts(tmp_path: Path, shape: str, type: str, side: tuple[str, ...]) -> None:
     """Every lane to lane connection, every turn, every two that meet.
@@ -231,6 +232,7 @@ def test_movements_and_conflicts(tmp_path: Path, shape: str, type: str, side: tu
 EQUALS = {"grid2-right_before_left-left", "grid1-traffic_light-right", "turns-traffic_light-left"}
 
 
+@pytest.mark.extended
 @each(("grid1", "grid2", "grid3", "turns"), ("right_before_left", "traffic_light"), EQUALS)
 def test_who_gives_way_among_equals(tmp_path: Path, shape: str, type: str, side: tuple[str, ...]) -> None:
     """Right before left, and at lights who gives way to whom on the same green.

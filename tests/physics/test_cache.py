@@ -179,6 +179,7 @@ def _many(place: str) -> list[float | None]:
     return [cache.cached({"a": k % 5}, Counter(float(k % 5))) for k in range(200)]
 
 
+@pytest.mark.extended
 def test_processes_that_write_at_the_same_time_do_not_hurt_each_other(where: Path) -> None:
     with ProcessPoolExecutor(4) as pool:
         found = list(pool.map(_many, [str(where)] * 4))

@@ -21,6 +21,7 @@ def test_under_i1_nothing_is_safe_at_one_centimetre() -> None:
     assert 0.0 <= without <= vmax(0.01)
 
 
+@pytest.mark.extended
 def test_a_lazy_brake_reaches_what_its_deceleration_allows() -> None:
     class Lazy(Follower):
         """Half the service brake from the start, whatever comes."""
@@ -36,6 +37,7 @@ def test_a_lazy_brake_reaches_what_its_deceleration_allows() -> None:
         assert found < vmax(8.0, level)
 
 
+@pytest.mark.extended
 def test_the_reference_stays_below_the_plant() -> None:
     for distance in (0.3, 5.0):
         limit, found = vmax(distance), closed_vmax(distance, Reference)
@@ -44,6 +46,7 @@ def test_the_reference_stays_below_the_plant() -> None:
         assert 0.9 * limit <= found <= limit
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("junction", "movement"), [("light4", (0, 2)), ("light4", (1, 0)), ("stop4", (0, 1)), ("stop4", (2, 1))])
 def test_every_movement_has_its_own(junction: str, movement: tuple[int, int]) -> None:
     found, limit = closed_vmax(5.0, Reference, place=find(junction), movement=movement), vmax(5.0)

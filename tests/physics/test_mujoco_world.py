@@ -121,6 +121,7 @@ def test_what_it_cannot_move_is_said_in_a_sentence(wrong: Vehicle) -> None:
         MujocoWorld([wrong], [Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)])
 
 
+@pytest.mark.extended
 def test_a_run_is_the_same_after_others_in_threads_and_in_another_process() -> None:
     hit = contact_cases()["crossing"]
     alone = mujoco(hit).hash

@@ -137,6 +137,7 @@ def test_of_a_long_vehicle_whatever_part_stands_out_is_seen(front: float) -> Non
     assert hidden(state("me", 0.0, 0.0), across, tuple(state(f"b{y}", 12.0, 1.9 * y) for y in range(-4, 5)))
 
 
+@pytest.mark.extended
 def test_occlusion_hides_who_is_behind_somebody() -> None:
     """Four vehicles: two drive across between the subject and the one on the other side of the junction."""
     ideal, _ = watch(Senses(), "2222", duration=25)

@@ -268,6 +268,7 @@ for scenario in reversed([
 """
 
 
+@pytest.mark.extended
 def test_runs_are_bit_identical_in_any_order_and_any_process(cruiser: type[Cruiser]) -> None:
     first = [simulate(Case(s, Reference)).hash for s in SCENARIOS]
     simulate(Case(Scenario(find("stop3"), "121", distance=5, duration=3), cruiser))
@@ -293,6 +294,7 @@ def test_a_run_within_a_run_changes_neither(cruiser: type[Cruiser]) -> None:
     assert hashes == [simulate(Case(inner, cruiser)).hash]
 
 
+@pytest.mark.extended
 def test_memory_stays_flat(stander: type[Stander]) -> None:
     resource = pytest.importorskip("resource")
     scenario = Scenario(find("stop4"), "1231", duration=0.05)

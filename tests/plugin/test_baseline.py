@@ -50,6 +50,7 @@ FIRST = 'request.node.callspec.id.startswith("stop4-class01")'
 SECOND = 'request.node.callspec.id.startswith("stop4-class02")'
 
 
+@pytest.mark.extended
 def test_new_failures_fail_and_old_ones_need_not(tests: pytest.Pytester) -> None:
     session(tests, SECOND, "--rvads-report=old.json")
     against = ("--rvads-baseline=old.json", "--rvads-fail-on=new")
@@ -75,6 +76,7 @@ def test_new_failures_fail_and_old_ones_need_not(tests: pytest.Pytester) -> None
     assert session(tests, SECOND, "--rvads-baseline=old.json").ret == 1, "without --rvads-fail-on every failure counts"
 
 
+@pytest.mark.extended
 def test_other_failures_always_count(tests: pytest.Pytester) -> None:
     session(tests, SECOND, "--rvads-report=old.json")
     tests.makepyfile(test_plain="def test_plain():\n    assert 1 == 2\n")

@@ -69,6 +69,7 @@ TESTS = """
 """
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("workers", [(), ("-n", "1")])
 def test_what_comes_too_late_is_not_run(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
     pytester.makepyfile(test_it=TESTS)
@@ -80,6 +81,7 @@ def test_what_comes_too_late_is_not_run(pytester: pytest.Pytester, workers: tupl
     assert [r["status"] for r in records] == ["NOT RUN"] * 3
 
 
+@pytest.mark.extended
 def test_failures_run_first_the_next_time(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_it=TESTS)
     first = pytester.runpytest("--rvads-time-budget=600", "-v")

@@ -80,6 +80,7 @@ def test_all_lines_are_there_for_who_asks(pytester: pytest.Pytester, options: tu
     assert sections(result)[-2] == "rvads causes"
 
 
+@pytest.mark.extended
 def test_nothing_is_said_to_be_left_out_where_pytest_has_no_lines(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(RUDE)
     for options in (("-rN",), ("--no-summary",), ("-q", "-rx")):
@@ -88,6 +89,7 @@ def test_nothing_is_said_to_be_left_out_where_pytest_has_no_lines(pytester: pyte
         result.stdout.fnmatch_lines(["*= rvads causes =*", "causes of failures", "*first: pytest *"])
 
 
+@pytest.mark.extended
 def test_who_sees_no_terminal_sees_no_summary(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(RUDE)
     result = pytester.runpytest("-p", "no:terminal")

@@ -65,6 +65,7 @@ def plain(pytester: pytest.Pytester) -> dict[str, tuple[str, str, str]]:
     return found
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("other", OTHERS)
 @pytest.mark.parametrize("workers", [(), ("-n", "1")], ids=["alone", "workers"])
 def test_other_plugins(

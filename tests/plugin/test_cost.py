@@ -7,6 +7,8 @@ import textwrap
 from pathlib import Path
 from typing import get_origin
 
+import pytest
+
 HEAVY = ("numpy", "networkx", "rich", "hypothesis", "lark", "pybullet", "mujoco", "msgspec")
 
 
@@ -26,6 +28,7 @@ def test_a_session_without_tests_of_ours_loads_nothing_heavy(tmp_path: Path) -> 
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.extended
 def test_hypothesis_is_loaded_only_by_those_who_search(tmp_path: Path) -> None:
     tests = """
         import sys

@@ -44,6 +44,7 @@ def session(pytester: pytest.Pytester, does: str, *options: str, classes: tuple[
     return sorted(records, key=lambda record: "TestOdd" not in record["nodeid"])
 
 
+@pytest.mark.extended
 def test_after_three_runs_that_were_too_late_a_driver_is_not_asked_again(pytester: pytest.Pytester) -> None:
     *odd, one, two = session(pytester, "time.sleep(600)", "--rvads-decision-limit=0.4", classes=(1, 2, 3, 4, 5))
     assert [record["status"] for record in odd] == ["ERROR"] * 5
@@ -173,6 +174,7 @@ FAILS = """
 """
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("does", ["return rvads.Control(10**400)", "raise SystemExit", "import time; time.sleep(600)"])
 def test_what_comes_of_the_second_run_of_a_failed_item_costs_no_other_verdict(pytester: pytest.Pytester, does: str) -> None:
     pytester.makepyfile(FAILS.format(does=does))
@@ -263,6 +265,7 @@ def test_an_item_that_is_over_holds_no_run(pytester: pytest.Pytester) -> None:
     result.stdout.fnmatch_lines(["*held: []*"])
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("name", ["label", "__qualname__", "autopilots", "control", "period"])
 @pytest.mark.parametrize("does", ["pytest.skip('not today')", "sys.exit(0)", "time.sleep(600)"])
 def test_what_an_attribute_does_is_an_error_of_the_driver(pytester: pytest.Pytester, name: str, does: str) -> None:
@@ -305,6 +308,7 @@ def test_what_an_attribute_does_is_an_error_of_the_driver(pytester: pytest.Pytes
     assert [record["outcome"] for record in records if "TestSound" in record["nodeid"]] == ["passed"]
 
 
+@pytest.mark.extended
 def test_who_is_late_in_one_test_is_asked_in_another(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("""
         import time
@@ -338,6 +342,7 @@ def test_who_is_late_in_one_test_is_asked_in_another(pytester: pytest.Pytester) 
     result.assert_outcomes(errors=3, passed=1)
 
 
+@pytest.mark.extended
 def test_a_child_that_a_driver_forks_does_not_go_on_with_the_session(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("""
         import os, sys

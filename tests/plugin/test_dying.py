@@ -69,6 +69,7 @@ def green(passed: Path, pytester: pytest.Pytester) -> pytest.Pytester:
     return pytester
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("how", WAYS.values(), ids=WAYS)
 def test_a_process_that_ends_itself_leaves_reports_that_say_so(
     green: pytest.Pytester, how: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -85,6 +86,7 @@ def test_a_process_that_ends_itself_leaves_reports_that_say_so(
     assert main(["report", "check", "all.json"]) == 2
 
 
+@pytest.mark.extended
 def test_a_worker_that_ends_itself_is_accounted_for(green: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOW", "os._exit(0)")
     assert green.runpytest(*REPORTS, "-n", "1").ret == pytest.ExitCode.TESTS_FAILED
@@ -138,6 +140,7 @@ def test_a_report_may_replace_its_own_baseline(green: pytest.Pytester) -> None:
     result.stdout.fnmatch_lines(["against out.json: 4 UNCHANGED"])
 
 
+@pytest.mark.extended
 def test_an_incomplete_report_is_no_baseline(green: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOW", "os._exit(0)")
     green.runpytest_subprocess(*REPORTS, timeout=LONG)
@@ -146,6 +149,7 @@ def test_an_incomplete_report_is_no_baseline(green: pytest.Pytester, monkeypatch
     result.stderr.fnmatch_lines(["*rvads_baseline: *out.json is incomplete, its session has not ended, or died: *"])
 
 
+@pytest.mark.extended
 def test_sessions_that_write_the_same_files_at_once_write_them_whole(tests: pytest.Pytester) -> None:
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--rvads-keep=runs", *REPORTS]
     sessions = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) for _ in range(3)]

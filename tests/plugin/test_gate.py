@@ -37,6 +37,7 @@ def test_the_gate_counts_what_the_tests_ask_for(tests: pytest.Pytester, workers:
     result.stdout.fnmatch_lines(["rvads: coverage is below 75.1 %: 6/8 cells exercised (75.0 %): 2 NA"])
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("workers", [(), ("-n", "1")])
 def test_deselecting_does_not_raise_coverage(tests: pytest.Pytester, workers: tuple[str, ...]) -> None:
     result = tests.runpytest("-k", "class01 and p1", "--rvads-cov-fail-under=50", *workers)
@@ -61,6 +62,7 @@ def test_a_gate_out_of_range_is_refused(pytester: pytest.Pytester, value: str) -
     result.stderr.fnmatch_lines([f"*rvads_cov_fail_under must be a number from 0 to 100, got '{value}'*"])
 
 
+@pytest.mark.extended
 def test_shards_merge_into_one_table(tests: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
     shards = {"a": "class01", "b": "class02 and cfgC", "c": "class02 and cfgE"}
     for name, keyword in shards.items():
@@ -95,6 +97,7 @@ def test_merging_what_is_no_report(tmp_path: Path, capsys: pytest.CaptureFixture
         main(["report", "merge", str(other), "--cov-fail-under", "many"])
 
 
+@pytest.mark.extended
 def test_a_worker_that_dies_loses_one_item_and_says_so(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """

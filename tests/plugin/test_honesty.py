@@ -99,6 +99,7 @@ def test_sys_exit_ends_its_run_and_nothing_else(pytester: pytest.Pytester) -> No
     result.stdout.fnmatch_lines(["*Quits driving a0 raised SystemExit: 3*"])
 
 
+@pytest.mark.extended
 def test_a_rule_without_a_judge_is_refused_or_not_judged(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """
@@ -137,6 +138,7 @@ def test_an_assertion_after_a_pass_is_a_failure_in_every_report(pytester: pytest
     assert json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"][0]["status"] == "FAIL"
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("options", [(), ("-n", "1")])
 @pytest.mark.usefixtures("reference")
 def test_a_session_that_judged_nothing_is_not_green(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
@@ -175,6 +177,7 @@ def test_a_report_that_can_t_be_written_is_no_success(pytester: pytest.Pytester)
     result.stdout.fnmatch_lines(["*the report could not be written*"])
 
 
+@pytest.mark.extended
 def test_an_interrupted_session_says_so_and_keeps_what_it_has(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """

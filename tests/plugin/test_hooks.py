@@ -36,6 +36,7 @@ def test_a_junction_by_a_name_of_ones_own(pytester: pytest.Pytester, brackets: N
     pytester.runpytest().assert_outcomes(passed=1)
 
 
+@pytest.mark.extended
 def test_a_grid_by_a_name_of_ones_own(pytester: pytest.Pytester, brackets: Names) -> None:
     pytester.makeconftest(
         """
@@ -88,6 +89,7 @@ def test_hooks_that_give_something_else(pytester: pytest.Pytester, hook: str, sa
     result.stdout.no_fnmatch_line("*Traceback*")
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("workers", [(), ("-n", "1")])
 @pytest.mark.usefixtures("reference")
 def test_a_call_per_verdict(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:

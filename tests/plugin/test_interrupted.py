@@ -184,6 +184,7 @@ def test_ctrl_c_again_does_not_keep_reports_from_being_written(
     assert ET.parse("out.xml").getroot() is not None
 
 
+@pytest.mark.extended
 @pytest.mark.usefixtures("tests")
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers are given some seconds to notice")
 def test_workers_end_with_the_main_process_whatever_they_are_at(start: Start) -> None:
@@ -199,6 +200,7 @@ def test_workers_end_with_the_main_process_whatever_they_are_at(start: Start) ->
     assert not json.loads(Path("out.json").read_text(encoding="utf-8"))["complete"]
 
 
+@pytest.mark.extended
 @pytest.mark.usefixtures("tests")
 def test_a_signal_that_is_ignored_stays_ignored(start: Start) -> None:
     session = start(ignoring=(signal.SIGHUP,))
@@ -235,6 +237,7 @@ def test_what_is_interrupted_while_it_collects_says_so(pytester: pytest.Pytester
     assert "it was not yet known what is to run" in content["notes"][0] or workers
 
 
+@pytest.mark.extended
 def test_what_is_interrupted_before_any_worker_s_first_report_says_how_much_was_collected(pytester: pytest.Pytester) -> None:
     pytester.makeconftest("""
         class Interrupting:
@@ -291,6 +294,7 @@ def test_a_damaged_run_is_kept_again(pytester: pytest.Pytester) -> None:
     assert kept.read_bytes() == whole
 
 
+@pytest.mark.extended
 def test_an_earlier_report_outlives_a_failed_one(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     pytester.makepyfile(test_it=TESTS)
     pytester.path.joinpath("out.json").write_text("earlier", encoding="utf-8")

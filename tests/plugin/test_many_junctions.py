@@ -100,6 +100,7 @@ def test_a_junction_that_lacks_what_is_asked_for_is_left_out(collect: Collect, a
     assert junctions(collect(f'"*", map="town.xodr", {arguments}')) == [f"town.{id}" for id in found]
 
 
+@pytest.mark.extended
 def test_the_one_junction_that_is_named_raises_and_so_does_nothing_left(pytester: pytest.Pytester) -> None:
     for mark, says in (
         ('"7", map="town.xodr", classes=20', "a 3-way junction has classes 1..4, got 20"),
@@ -122,6 +123,7 @@ def test_a_limit_counts_junctions_that_have_what_is_asked_for(collect: Collect) 
     assert len(drawn) > 1
 
 
+@pytest.mark.extended
 def test_a_sample_is_spread_over_junctions_and_drawn_by_the_seed(collect: Collect) -> None:
     mark = '"*", map="town.xodr", distances=[1, 2, 3], cover="class", rules=("no_collision", "progress")'
     few = collect(mark, "--rvads-sample=10", "--rvads-seed=1")
@@ -160,6 +162,7 @@ def test_the_marks_of_a_test_share_a_sample_and_a_run_counts_once(pytester: pyte
     }
 
 
+@pytest.mark.extended
 def test_more_items_than_allowed_are_counted_after_the_draw(pytester: pytest.Pytester, collect: Collect) -> None:
     mark = '"*", map="town.xodr", distances=1, cover="class", rules=("no_collision", "progress")'
     assert len(collect(mark, "--rvads-max-items=20", "--rvads-sample=10")) == 20
@@ -210,6 +213,7 @@ def test_what_did_not_run_is_told_and_counted(pytester: pytest.Pytester, workers
     assert {cell[0] for cell in report["planned"]} == {report["records"][0]["junction"]}, "what was not drawn is not planned"
 
 
+@pytest.mark.extended
 def test_what_is_not_drawn_is_not_lost_and_may_be_what_is_known(pytester: pytest.Pytester) -> None:
     known = """
     import pytest_rvads as rvads
@@ -244,6 +248,7 @@ def test_workers_send_what_did_not_run() -> None:
     assert (received.refused, received.drawn) == (sent.refused, sent.drawn)
 
 
+@pytest.mark.extended
 def test_a_failure_of_a_sample_is_run_again_by_the_line_that_it_prints(pytester: pytest.Pytester) -> None:
     alone = 'scenarios=("1000", "2000", "3000"), subject=0, distances=20, speeds=8, rules="full_stop"'
     pytester.makepyfile(TEST.format(arguments=f'["20", "3"], map="town.xodr", {alone}'))
@@ -258,6 +263,7 @@ def test_a_failure_of_a_sample_is_run_again_by_the_line_that_it_prints(pytester:
         pytester.runpytest(*given, item.strip('"')).assert_outcomes(failed=1)
 
 
+@pytest.mark.extended
 def test_the_line_below_a_cause_runs_an_item_that_was_drawn_from_more_than_a_test_may_have(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(TEST.format(arguments='"4-way stop", map="town.xodr", grid="BC", rules="p2"'))
     options = ("--rvads-max-items=20", "--rvads-sample=3", "--rvads-autopilot=lgsvl", "--rvads-seed=3", "-n0")

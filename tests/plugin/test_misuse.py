@@ -457,6 +457,7 @@ def test_a_faulty_autopilot_is_an_error_and_hides_nothing(pytester: pytest.Pytes
     result.stdout.fnmatch_lines(["stop4: *4 verdicts: 1 pass, 3 error*"])
 
 
+@pytest.mark.extended
 def test_a_monitor_that_never_judged_is_an_error(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """

@@ -70,6 +70,7 @@ def outcomes(path: Path) -> dict[str, tuple[str, str, str, str]]:
     return found
 
 
+@pytest.mark.extended
 def test_xdist_gives_the_same_verdicts_ids_and_hashes(folder: Path, on_workers: pytest.RunResult) -> None:
     one, two = session(folder, "--report-log=one.jsonl"), on_workers
     assert one.parseoutcomes() == two.parseoutcomes()
@@ -102,6 +103,7 @@ def test_junit_carries_the_cell_and_its_verdict(folder: Path, on_workers: pytest
     assert seen["FAIL"]
 
 
+@pytest.mark.extended
 def test_a_record_of_an_error_crosses_the_workers(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """
@@ -170,6 +172,7 @@ def test_no_encoding_of_the_terminal_changes_a_verdict(
     result.stdout.fnmatch_lines(["driven by *.Gr\\xf6\\xdfer (*): 1 run", " 07 * pass * FAIL"])
 
 
+@pytest.mark.extended
 def test_a_message_that_no_file_can_hold_costs_no_report(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """

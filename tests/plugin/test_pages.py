@@ -42,6 +42,7 @@ def content(page: Path) -> dict[str, Any]:
     return read
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("workers", ["-n0", "-n1"])
 def test_the_index_links_every_failure_to_its_replay(pytester: pytest.Pytester, workers: str) -> None:
     pytester.makepyfile(FAILING)
@@ -133,6 +134,7 @@ def test_every_session_has_a_folder_and_keeps_each_run_once(pytester: pytest.Pyt
     assert (racing / "latest").resolve() == racing / "2"
 
 
+@pytest.mark.extended
 def test_workers_write_to_the_folder_of_their_session(pytester: pytest.Pytester, racing: Path) -> None:
     result = pytester.runpytest("-n2")
     result.assert_outcomes(failed=4)

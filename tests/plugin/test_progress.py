@@ -30,6 +30,7 @@ def on_a_terminal(*command: str) -> str:
         said += piece
 
 
+@pytest.mark.extended
 def test_terminals_see_progress_and_pipes_do_not(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(TEST)
     command = (sys.executable, "-m", "pytest", "--collect-only")
@@ -41,6 +42,7 @@ def test_terminals_see_progress_and_pipes_do_not(pytester: pytest.Pytester) -> N
     assert "rvads: v(d)max" not in pytester.runpytest("--collect-only").stdout.str()
 
 
+@pytest.mark.extended
 def test_terminals_see_how_far_a_draw_is(pytester: pytest.Pytester) -> None:
     grid = "cover='rotation', distances=[k * 0.1 for k in range(60)], rules='p1'"
     pytester.makepyfile(f"import pytest_rvads as rvads\n\n\n@rvads.scenario('stop4', {grid})\ndef test_it(run, rule): ...\n")

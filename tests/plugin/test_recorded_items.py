@@ -121,6 +121,7 @@ def test_runs_are_called_by_file_time_and_label(
     ]
 
 
+@pytest.mark.extended
 @settings(max_examples=50, deadline=None)
 @given(labels=st.lists(st.text(min_size=1, max_size=8) | st.sampled_from(["a", "a.2", "a.3", "b/c", "b\\c"]), max_size=9))
 def test_no_two_runs_of_a_file_are_called_the_same_and_ids_are_plain(labels: list[str]) -> None:
@@ -200,6 +201,7 @@ def pytest_sessionfinish():
 """
 
 
+@pytest.mark.extended
 def test_only_the_heads_of_kept_runs_are_read_at_collection_and_runs_once_after_it(
     pytester: pytest.Pytester, files: Path
 ) -> None:
@@ -394,6 +396,7 @@ def test_recorded_runs_can_be_kept_and_hooks_learn_of_them(pytester: pytest.Pyte
     assert rvads.load_run(pytester.path / "kept" / "test_it.test_drives-tue.npz") == races
 
 
+@pytest.mark.extended
 def test_workers_share_the_items(pytester: pytest.Pytester, files: Path) -> None:
     result = pytester.runpytest("-n2", "--rvads-report=out.json")
     result.assert_outcomes(passed=1, failed=1, skipped=2)

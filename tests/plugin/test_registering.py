@@ -69,6 +69,7 @@ def test_one_name_for_two_things_is_told_with_both_places(pytester: pytest.Pytes
     result.stdout.fnmatch_lines(["*'mine' is registered at *test_a.py:* and says something else at *test_b.py:*"])
 
 
+@pytest.mark.extended
 def test_one_name_for_two_rules_is_told_by_workers(pytester: pytest.Pytester) -> None:
     write(pytester, test_a=MINE, test_b=OTHER)
     result = pytester.runpytest("-q", "-n", "1")

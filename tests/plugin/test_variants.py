@@ -92,6 +92,7 @@ def test_without_further_parameters_nothing_is_said_of_variants(pytester: pytest
         assert '"variant"' not in said
 
 
+@pytest.mark.extended
 def test_workers_tell_the_same_variants(pytester: pytest.Pytester) -> None:
     """Some seconds, in which workers start."""
     session(pytester, "--rvads-report=one.json")

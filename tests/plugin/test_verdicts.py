@@ -56,6 +56,7 @@ def test_pass_fail_and_na(files: pytest.Pytester) -> None:
     result.stdout.no_fnmatch_line("*judging.py*")
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("option", "failed"), [((), 0), (("--rvads-unavoidable=fail",), 1)])
 def test_what_nobody_could_have_avoided_passes_unless_asked(files: pytest.Pytester, option: tuple[str, ...], failed: int) -> None:
     """Four arrive at once at an all-way stop: whoever goes first breaks the rule of the right."""
@@ -128,6 +129,7 @@ def test_the_explanation_has_start_and_a_rerun_line_that_works(files: pytest.Pyt
     files.runpytest(command[1]).assert_outcomes(failed=1)
 
 
+@pytest.mark.extended
 def test_the_rerun_line_says_again_what_the_command_line_said_of_the_run(files: pytest.Pytester) -> None:
     pytest.importorskip("mujoco")
     chosen = ["--rvads-simulator=mujoco", "--rvads-autopilot=red_light_runner", "--rvads-summary=full"]
@@ -140,12 +142,14 @@ def test_the_rerun_line_says_again_what_the_command_line_said_of_the_run(files: 
     again.stdout.fnmatch_lines(["driven by *RedLightRunner*", "simulated by mujoco"])
 
 
+@pytest.mark.extended
 def test_na_is_a_skip_with_its_reason_at_the_users_test(files: pytest.Pytester) -> None:
     result = files.runpytest("-rs", "-k", "reference", "-v")
     result.stdout.fnmatch_lines(["*test_reference*-p4?*NA*"])
     result.stdout.fnmatch_lines(["NA [[]1] test_na_is_a_skip*.py:5: NA: *"])
 
 
+@pytest.mark.extended
 def test_known_deficiencies_are_strict(pytester: pytest.Pytester) -> None:
     pytester.makeconftest(CONFTEST)
     pytester.makepyfile(
@@ -190,6 +194,7 @@ def test_an_open_obligation_fails_by_default(pytester: pytest.Pytester) -> None:
     pytester.runpytest("--rvads-open=pass").assert_outcomes(passed=1)
 
 
+@pytest.mark.extended
 def test_asserting_on_the_run(pytester: pytest.Pytester) -> None:
     pytester.makeconftest(CONFTEST)
     pytester.makepyfile(
@@ -237,6 +242,7 @@ def test_a_run_is_simulated_once_for_all_rules(pytester: pytest.Pytester) -> Non
     pytester.runpytest().assert_outcomes(passed=17)
 
 
+@pytest.mark.extended
 def test_summary_shows_matrix_causes_and_coverage(files: pytest.Pytester) -> None:
     result = files.runpytest()
     result.stdout.fnmatch_lines(

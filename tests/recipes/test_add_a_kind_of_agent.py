@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import pytest_rvads
 from pytest_rvads.runs.states import Kind
 
@@ -49,6 +51,7 @@ print(json.dumps(found))
 """
 
 
+@pytest.mark.extended
 def test_a_member_is_kept_told_and_drawn(tmp_path: Path) -> None:
     copy = tmp_path / "pytest_rvads"
     shutil.copytree(Path(pytest_rvads.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))

@@ -3,6 +3,7 @@
 import pytest
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("how", ["conftest", "test file", "file of rules"])
 def test_a_rule_of_ones_own_judges_like_a_shipped_one(pytester: pytest.Pytester, how: str) -> None:
     defined = 'import pytest_rvads as rvads\n\nrvads.rule("gets_in", "forall a. F a@j", title="gets in", requirement="REQ-7")\n'

@@ -71,6 +71,7 @@ def test_a_simulator_is_a_world_in_the_loop_and_a_line(monkeypatch: pytest.Monke
     assert (run.provenance["simulator"], run.steps) == ("mine", 51)
 
 
+@pytest.mark.extended
 def test_the_kit_says_what_such_a_simulator_lacks() -> None:
     report = rvads.simulators.conformance(mine, junctions=["stop4"])
     failed = {result.name for result in report.failures}
@@ -99,6 +100,7 @@ def test_a_world_of_controls_is_handed_what_drivers_answer_and_one_of_forces_is_
     assert max(map(abs, handed[False][0])) > 100.0, "newtons"
 
 
+@pytest.mark.extended
 def test_the_page_shows_what_is_printed(tmp_path: Path) -> None:
     for code in re.findall(r"^```python\n(# (\w+\.py)\n.*?)^```", PAGE, re.MULTILINE | re.DOTALL):
         (tmp_path / code[1]).write_text(code[0].replace("rvads.bullet", f"rvads.{usual().name}"), encoding="utf-8")

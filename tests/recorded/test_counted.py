@@ -43,6 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("traffic")
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("kind", ["stop", "lights", "yield"])
 def test_a_few_minutes(folder: Path, kind: str) -> None:
     some = traffic(folder / kind, kind, 100.0, 11)

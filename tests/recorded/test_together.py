@@ -43,6 +43,7 @@ def traffic(draw: st.DrawFn) -> Choices:
     return draw(st.lists(choices, min_size=3, max_size=3))
 
 
+@pytest.mark.extended
 @LAW
 @given(traffic(), st.integers(0, 300))
 def test_runs_one_after_the_other_are_judged_as_each_by_itself(choices: Choices, gap: int) -> None:
@@ -59,6 +60,7 @@ def test_runs_one_after_the_other_are_judged_as_each_by_itself(choices: Choices,
         assert {told["status"] for key, told in apart.items() if key not in found} <= {"NA", "PASS"}, rule
 
 
+@pytest.mark.extended
 @LAW
 @given(traffic(), st.integers(100, 900))
 def test_excerpts_say_what_the_whole_recording_says(choices: Choices, later: int) -> None:
@@ -78,6 +80,7 @@ def test_excerpts_say_what_the_whole_recording_says(choices: Choices, later: int
         assert found == instances(single, rule), rule
 
 
+@pytest.mark.extended
 @LAW
 @given(traffic(), st.integers(50, 900))
 def test_nothing_is_lost_by_asking_only_who_is_near_together(choices: Choices, later: int) -> None:
@@ -169,6 +172,7 @@ def test_who_jumps_over_the_entrance_zone_was_there(make: Make, dt: float, statu
     assert check(run, "p4").status is status
 
 
+@pytest.mark.extended
 def test_a_run_of_many_vehicles_is_judged_at_once() -> None:
     """Two hundred that come and go, in one run: no instance is too many, and none costs what all pairs would."""
     run = driven("stop4", "1133", "reference", (8.0, 12.0, 16.0, 9.0))

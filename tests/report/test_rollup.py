@@ -118,6 +118,7 @@ def test_the_worst_is_where_the_largest_share_of_runs_went_wrong_then_most_then_
     assert names[4:] == [f"J{n}" for n in range(1, 9)]
 
 
+@pytest.mark.extended
 def test_a_summary_of_three_hundred_junctions_fits_a_screen_or_two_and_keeps_its_names() -> None:
     report = Report(tuple(town(300, 5, wrong=[(n, 1) for n in range(1, 300, 7)])))
     text = told(report)

@@ -73,6 +73,7 @@ def measure(runs: Mapping[str, Runs], draws: int) -> tuple[list[float], list[flo
     return ratios, purities
 
 
+@pytest.mark.extended
 def test_faults_are_told_apart() -> None:
     runs: dict[str, Runs] = defaultdict(dict)
     for mutant in FEW:

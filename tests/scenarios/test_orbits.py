@@ -100,6 +100,7 @@ blocks = st.lists(
 )
 
 
+@pytest.mark.extended
 @given(blocks, st.integers(1, 5), st.booleans())
 @settings(derandomize=True, deadline=None, max_examples=60)
 def test_numbers_of_any_word_are_places_in_the_list(block: list[list[tuple[int, ...]]], times: int, partial: bool) -> None:

@@ -26,12 +26,14 @@ def broken(cover: str, count: int, stride: int = 1) -> dict[str, bool]:
     return found
 
 
+@pytest.mark.extended
 def test_a_driver_that_never_looks_across_fails_with_empty_arms() -> None:
     alone = broken("partial", 2)
     assert set(alone) == FACING
     assert alone["0103"], "a right turn and the left turn opposite lead into the same exit"
 
 
+@pytest.mark.extended
 def test_a_driver_that_never_looks_across_passes_classes_of_full_scenarios() -> None:
     # Two classes, as each takes most of a second; the slow test below runs all 24.
     assert broken("class", 4, stride=12) == {}

@@ -84,6 +84,7 @@ def agrees(run: Run, rules: Sequence[Rule]) -> bool:
     return decide(Model(run.junction, run.agents, arrivals(run)), rules).possible or not obeyed
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("autopilot", [rvads.Reference, rvads.LgsvlLike], ids=["reference", "lgsvl"])
 def test_simulation_agrees_where_nobody_can_pass(autopilot: Any) -> None:
     rules = rules_for("paper", rvads.find("stop4").control)
@@ -139,6 +140,7 @@ def test_what_suits_every_rule_in_one_way_changes_no_answer(monkeypatch: pytest.
     assert [decide(*case).possible for case in cases] == settled
 
 
+@pytest.mark.extended
 def test_members_of_a_class_are_alike_without_using_it() -> None:
     """The survey decides one member per rotation; deciding each anew gives the same."""
     rules = [get_rule("p2"), Rule("left", get_rule("p2").text.replace("(N a'@j.en') U a@j", "(N a@j.en) U a'@j"))]

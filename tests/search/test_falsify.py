@@ -40,6 +40,7 @@ def test_ignored_ties_are_found_with_two_vehicles_every_time_alike() -> None:
     assert rvads.check(run, "p2").status is rvads.Status.FAIL
 
 
+@pytest.mark.extended
 def test_the_reference_survives() -> None:
     assert look_for("stop4", rvads.Reference, "p1", budget=12, partial=False) is None
 
@@ -109,6 +110,7 @@ def database(tmp_path: Path) -> Iterator[Path]:
     settings.load_profile(before)
 
 
+@pytest.mark.extended
 def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytester: pytest.Pytester, database: Path) -> None:
     pytester.makepyfile(test_faulty=FAULTY)
     result = pytester.runpytest("-p", "no:cacheprovider")
@@ -125,6 +127,7 @@ def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytest
     assert any(database.rglob("*")), "the example database keeps it"
 
 
+@pytest.mark.extended
 def test_what_an_option_names_is_searched_whatever_the_fixture_says(pytester: pytest.Pytester, database: Path) -> None:
     pytester.makepyfile(test_faulty=FAULTY.replace("p2", "p1").replace("60", "2"))
     result = pytester.runpytest("-p", "no:cacheprovider", "--rvads-autopilot=stopped", "-k", "test_ties")
@@ -267,6 +270,7 @@ class Heedless(rvads.Follower):
         return 8.0
 
 
+@pytest.mark.extended
 def test_searches_side_by_side_answer_as_one_after_the_other() -> None:
     space: dict[str, Any] = {"budget": 6, "seed": 5, "searches": 2}
     alone = look_for("stop4", Heedless, "no_collision", executor=1, **space)

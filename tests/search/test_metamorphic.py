@@ -57,6 +57,7 @@ def test_longer_approaches_find_the_launch() -> None:
     equivalent(Case(rvads.Scenario(rvads.find("stop4"), "2020", distance=0.01), lgsvl()), relations="approach")
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("junction", "directions", "compared"),
     [("stop4", "1230", 8), ("stop3", "120", 5), ("light4", "2302", 6), ("light3", "210", 3)],

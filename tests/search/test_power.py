@@ -14,6 +14,7 @@ from pytest_rvads.studies.power import Power, detects, interval, measure
 from pytest_rvads.studies.power_tables import plot, table_of_mutants, table_of_power
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("name", METHODS)
 def test_a_seed_determines_the_sequence(name: str) -> None:
     one, same, other = ([s.name for s in islice(METHODS[name]("paper_light4", seed), 12)] for seed in (1, 1, 2))

@@ -87,6 +87,7 @@ def test_right_on_red_after_a_timer_fails_for_some_draws() -> None:
     assert second.low - first.high == pytest.approx(0.01)
 
 
+@pytest.mark.extended
 def test_a_sweep_is_the_same_side_by_side() -> None:
     scenario = rvads.Scenario(rvads.find("paper_light4"), "1100", distance=(2, 1, 20, 20))
     case = rvads.Case(scenario, partial(rvads.LgsvlLike, **(NONE | {"i4": True})))

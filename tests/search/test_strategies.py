@@ -43,6 +43,7 @@ def test_scenarios_stay_in_range_and_inside_the_braking_envelope(scenario: rvads
         assert speed <= rvads.vmax(distance)
 
 
+@pytest.mark.extended
 def test_they_shrink_to_few_vehicles_and_round_numbers() -> None:
     few = settings(max_examples=100, derandomize=True, deadline=None)
     simplest = find(strategies.scenarios(), lambda scenario: sum(map(bool, scenario.directions)) >= 2, settings=few)

@@ -56,6 +56,7 @@ numbers = st.floats(-6, 6)
 boxes = st.tuples(numbers, numbers, st.floats(-4, 4), st.floats(1, 8), st.floats(0.5, 3))
 
 
+@pytest.mark.extended
 @given(boxes, boxes)
 @settings(derandomize=True, deadline=None, max_examples=300)
 def test_bodies_overlap_where_a_border_point_of_one_lies_in_the_other(one: Box, two: Box) -> None:

@@ -93,6 +93,7 @@ def test_another_exchange_is_noticed(line: int, field: str, value: Any) -> None:
         rvads.simulate(case, sketch(lambda: Exchange(other)))
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("name", CHECKS)
 def test_the_kit_runs_against_it_and_a_stand_in(name: str) -> None:
     if not KEPT:  # checks share runs

@@ -33,6 +33,7 @@ NAMES = [check.name for check in checks(USUAL)]
 KEPT: dict[str, dict[str, Check]] = {}
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("check", NAMES)
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_simulator_that_ships_passes(name: str, check: str) -> None:
@@ -502,6 +503,7 @@ def found(simulator: Any, name: str, **told: Any) -> Any:
     return check.result()
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("simulator", "check", "says"), [pytest.param(*row[1:], id=row[0]) for row in WRONG])
 def test_a_wrong_simulator_is_found_and_told_in_a_sentence(simulator: Any, check: str, says: str) -> None:
     result = found(simulator, check, longest=2.0 if check == "hanging" else 60.0, junctions=FEW)
@@ -510,6 +512,7 @@ def test_a_wrong_simulator_is_found_and_told_in_a_sentence(simulator: Any, check
     assert len(result.told) <= 3
 
 
+@pytest.mark.extended
 def test_it_is_what_was_made_wrong_that_is_found() -> None:
     results = [check.result() for check in checks(Wrapped(), junctions=FEW) if check.name != "another_process"]
     assert [(result.name, result.told) for result in results if result.outcome is not Outcome.PASSED] == []
@@ -653,6 +656,7 @@ class Bound(Wrapped):
         raise TypeError("it holds a connection")
 
 
+@pytest.mark.extended
 def test_the_report_is_a_table_and_its_check_raises_all() -> None:
     report = conformance(Bound(unlimited), junctions=["stop3"], unsupported={"another_process": "it holds a connection"})
     lines = str(report).splitlines()
@@ -675,6 +679,7 @@ def test_what_is_no_simulator_fails_all_checks_and_is_told_so() -> None:
     assert pickle.loads(pickle.dumps(report)) == report
 
 
+@pytest.mark.extended
 def test_every_check_is_an_item_of_a_test_of_ones_own(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """

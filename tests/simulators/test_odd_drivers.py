@@ -84,6 +84,7 @@ def test_what_an_exception_says_is_cleaned_and_bounded(error: Exception) -> None
     assert fault.reason.isprintable()
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("label", "called"),
     [

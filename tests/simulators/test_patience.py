@@ -184,6 +184,7 @@ def test_a_thread_that_is_not_the_main_one_has_limits_too() -> None:
     assert found[0].provenance["end"] == "late"
 
 
+@pytest.mark.extended
 def test_an_alarm_of_somebody_else_rings_in_time_and_stays_set() -> None:
     """As that of pytest-timeout."""
     rung: list[float] = []
@@ -247,6 +248,7 @@ def test_nothing_is_left_behind() -> None:
         pytest.fail("the thread that looks at runs outlives them")
 
 
+@pytest.mark.extended
 def test_a_late_thread_leaves_nothing_pending_in_the_interpreter() -> None:
     """Under 3.11 a traced call never returns while an exception waits for a thread that does not take it."""
     program = """

@@ -63,6 +63,7 @@ def case(junction: str, directions: str, **more: Any) -> rvads.Case:
     return rvads.Case(scenario, rvads.Reference, rvads.traffic("reference"))
 
 
+@pytest.mark.extended
 def test_every_search_takes_a_case_with_a_subject_and_a_simulator() -> None:
     counting = Counting()
     found = rvads.equivalent(case("stop4", "2200"), relations=("rotation", "creation", "renaming"), simulator=counting)
@@ -95,6 +96,7 @@ def test_a_search_finds_what_the_subject_alone_does_wrong() -> None:
     assert found.verdict.responsible == ("a0",)
 
 
+@pytest.mark.extended
 def test_a_search_starts_within_the_envelope_of_what_simulates() -> None:
     class Careful(Counting):
         def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
@@ -107,6 +109,7 @@ def test_a_search_starts_within_the_envelope_of_what_simulates() -> None:
     assert len(speeds) > 1
 
 
+@pytest.mark.extended
 @pytest.mark.usefixtures("own")
 def test_commands_take_a_simulator(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["braking", "--simulator", "own:counting", "--json"]) == 0
@@ -235,6 +238,7 @@ def test_the_option_chooses_what_simulates_and_how_fast_one_may_come(pytester: p
     result.stderr.fnmatch_lines(["*simulator 'own:nothing' can't be loaded*"])
 
 
+@pytest.mark.extended
 def test_a_failure_is_told_by_the_envelope_of_what_made_its_run(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(own=OWN)
     pytester.makeconftest("""
@@ -303,6 +307,7 @@ def test_whoever_asks_for_a_run_is_told_of_an_answer_that_is_another_one(answer:
             ask()
 
 
+@pytest.mark.extended
 def test_whoever_names_no_simulator_gets_that_of_the_session(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(own=OWN)
     pytester.makepyfile("""

@@ -38,6 +38,7 @@ def holds(tables: ModuleType, place: str) -> None:
         assert tables.written(PAGE, name, lines) == PAGE, "run: python tools/make_sumo_tables.py"
 
 
+@pytest.mark.extended
 def test_the_tables_of_the_t_are_what_sumo_does(tables: ModuleType) -> None:
     holds(tables, "stop3")
 
@@ -49,6 +50,7 @@ def test_all_tables_are_what_sumo_does(tables: ModuleType) -> None:
     assert tables.written(PAGE, tables.VARIANTS, tables.variants()) == PAGE
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("command", [command for command in SHOWN if command.startswith("pytest")], ids=["alone", "traffic"])
 def test_sessions_print_what_the_page_says(pytester: pytest.Pytester, command: str) -> None:
     (code,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
@@ -58,6 +60,7 @@ def test_sessions_print_what_the_page_says(pytester: pytest.Pytester, command: s
         assert line in printed
 
 
+@pytest.mark.extended
 def test_the_limits_are_those_of_our_dynamics_as_the_page_says(capsys: pytest.CaptureFixture[str]) -> None:
     assert "`rvads braking --simulator sumo` prints what `rvads braking`" in " ".join(PAGE.split())
     printed = []

@@ -59,6 +59,7 @@ def entered(run: rvads.Run) -> list[int]:
     return [int(np.argmax(run.zone[:, k] == rvads.Zone.JUNCTION)) for k in range(len(run.agents))]
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("place", ["stop4", "lanes4", "roundabout4"])
 def test_the_first_state_is_the_start_of_the_case(place: str) -> None:
     junction = rvads.find(place)
@@ -96,6 +97,7 @@ def test_lights_are_obeyed() -> None:
     assert max(entered(run)) > 2000, "the second group waited"
 
 
+@pytest.mark.extended
 def test_a_case_has_one_run_in_any_order_and_process() -> None:
     first = simulated("stop4", "1133").hash
     simulated("light4", "3020")
@@ -106,6 +108,7 @@ def test_a_case_has_one_run_in_any_order_and_process() -> None:
     assert done.stdout.split() == [first]
 
 
+@pytest.mark.extended
 def test_a_process_that_is_forked_has_a_sumo_of_its_own() -> None:
     first = simulated("stop4", "1133").hash
     with ProcessPoolExecutor(1, mp_context=get_context("fork")) as pool:
@@ -141,6 +144,7 @@ def test_provenance_names_the_simulator_and_its_versions() -> None:
     assert {"libsumo", "eclipse-sumo"} <= set(run.provenance["versions"])
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("driver", "traffic"), [(rvads.Reference, rvads.SumoDriver), (rvads.SumoDriver, rvads.Reference)])
 def test_a_driver_of_ours_and_those_of_sumo_drive_together(driver: Any, traffic: Any) -> None:
     run = among("2222", driver, traffic)
@@ -224,6 +228,7 @@ def test_with_a_lag_the_limit_is_that_of_the_vehicles_that_have_one(distance: fl
     assert rvads.vmax(distance, simulator=rvads.sumo) == rvads.vmax(distance, simulator=usual())
 
 
+@pytest.mark.extended
 def test_brakes_that_never_stop_a_vehicle_make_no_speed_safe_that_needs_them() -> None:
     feeble = rvads.Vehicle(brake=(0.01, 0.01, 0.01))
     found = rvads.vmax(50.0, 1, feeble, simulator=rvads.sumo)
@@ -269,6 +274,7 @@ def test_a_sumo_that_is_killed_ends_the_run_by_a_fault_that_names_it(processes: 
         assert "SUMO" in verdict.message
 
 
+@pytest.mark.extended
 def test_a_sumo_that_hangs_ends_the_run_by_a_fault_that_names_it(processes: list[SumoProcess]) -> None:
     with rvads.limits(decision=0.5):
         run = among("2020", signalling(processes, signal.SIGSTOP), rvads.SumoDriver)
@@ -296,6 +302,7 @@ def test_a_sumo_whose_folder_somebody_removed_is_named_and_replaced(processes: l
     assert simulated("stop4", "2000").hash == first
 
 
+@pytest.mark.extended
 def test_folders_may_have_any_name(tmp_path: Path) -> None:
     """SUMO reads lists of files, with commas between them."""
     odd = tmp_path / "a, b;c & d"

@@ -93,6 +93,7 @@ def test_a_stack_may_end_in_its_own_way(cling: Cling, tag: str) -> None:
     assert Path(tag).read_text(encoding="utf-8") == "SIGTERM"
 
 
+@pytest.mark.extended
 @linux
 def test_what_hides_is_said(cling: Cling, marked: Find, tag: str) -> None:
     stack = cling("hides")
@@ -102,6 +103,7 @@ def test_what_hides_is_said(cling: Cling, marked: Find, tag: str) -> None:
     os.kill(hidden, 9)
 
 
+@pytest.mark.extended
 @linux
 def test_what_can_t_be_ended_is_said(cling: Cling, monkeypatch: pytest.MonkeyPatch) -> None:
     stack = cling("ignores bye")
@@ -157,6 +159,7 @@ sys.stdin.read()
 """
 
 
+@pytest.mark.extended
 @linux
 def test_nothing_outlives_us_when_we_are_killed_and_a_guard_was_before(marked: Find, tag: str) -> None:
     command = [sys.executable, "-c", KILLED, str(CLINGING), "leaves stubborn sessions", tag]

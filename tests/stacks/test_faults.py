@@ -52,6 +52,7 @@ def drive(stack: Process, scenario: Scenario = SCENARIO) -> Run:
     return simulate(Case(scenario, stack))
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("fault", AT_DECISION)
 def test_a_fault_ends_the_run_and_says_what_happened(faulty: Make, fault: str) -> None:
     run = drive(faulty(fault))
@@ -127,6 +128,7 @@ def test_all_injected_faults_are_errors_and_the_other_runs_go_on(faulty: Make, c
     assert drive(faulty("crash", scenario=2)).hash == good.hash
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("fault", ["crash", "hang", "nan", "print", "close"])
 def test_a_new_process_serves_the_scenarios_after_a_fault(faulty: Make, fault: str) -> None:
     good = drive(faulty("none"))

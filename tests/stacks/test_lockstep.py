@@ -78,6 +78,7 @@ def test_a_stack_drives_as_the_same_code_in_process(echo: Callable[..., Process]
     assert inside.entry(0) is not None
 
 
+@pytest.mark.extended
 def test_random_sleeps_change_no_bit(echo: Callable[..., Process]) -> None:
     started = time.perf_counter()
     fast, *slow = drive(echo()), drive(echo(1, sleeps=True)), drive(echo(2, sleeps=True))
@@ -89,6 +90,7 @@ def test_random_sleeps_change_no_bit(echo: Callable[..., Process]) -> None:
     assert slow[0].provenance["timing"]["a0"]["decisions"] == -(-steps // 5), "asked at 20 Hz while it is in the run"
 
 
+@pytest.mark.extended
 def test_one_process_serves_many_scenarios(compiled: Path, marked: Find) -> None:
     """A run does not depend on what the process did before, and there is one process."""
     scenarios = [Scenario(find("stop4"), "1133", subject=s, duration=8) for s in range(4)] + [

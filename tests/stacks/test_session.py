@@ -29,6 +29,7 @@ def command(fault: str, scenario: int = 1, tag: str = "") -> str:
     return f"{sys.executable} -I -S {FAULTY} {fault} {scenario} 3 {tag}"
 
 
+@pytest.mark.extended
 def test_the_documented_steps_lead_from_nothing_to_verdicts(pytester: pytest.Pytester, compiled: Path) -> None:
     """Compile, then one command; no Python written."""
     shutil.copy(compiled, pytester.path / "stack")
@@ -138,6 +139,7 @@ def session(pytester: pytest.Pytester, marked: Find) -> Iterator[Session]:
         process.communicate()
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("shell", [False, True], ids=["program", "script"])
 def test_ctrl_c_leaves_no_process(session: Session, marked: Find, shell: bool) -> None:
     tag = f"ctrl-c-{os.getpid()}-{shell}"
@@ -148,6 +150,7 @@ def test_ctrl_c_leaves_no_process(session: Session, marked: Find, shell: bool) -
     assert wait_for(lambda: not marked(tag))
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("shell", [False, True], ids=["program", "script"])
 def test_a_killed_session_leaves_no_process(session: Session, marked: Find, shell: bool) -> None:
     tag = f"killed-{os.getpid()}-{shell}"
@@ -156,6 +159,7 @@ def test_a_killed_session_leaves_no_process(session: Session, marked: Find, shel
     assert wait_for(lambda: not marked(tag))
 
 
+@pytest.mark.extended
 def test_a_killed_worker_leaves_no_process(session: Session, marked: Find) -> None:
     tag = f"worker-{os.getpid()}"
     session(tag, "-n", "1", "--max-worker-restart=0")
@@ -165,6 +169,7 @@ def test_a_killed_worker_leaves_no_process(session: Session, marked: Find) -> No
     assert wait_for(lambda: stack not in marked(tag))
 
 
+@pytest.mark.extended
 def test_the_first_failure_leaves_no_process(session: Session, marked: Find) -> None:
     tag = f"exitfirst-{os.getpid()}"
     process = session(tag, "-x", fault="crash")

@@ -227,6 +227,7 @@ def test_what_reaches_beyond_what_was_compared_has_no_twin() -> None:
     assert twin(Scenario(member.junction, "111", distance=51.0), member, shape) is None
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("name", "by"), [("stop3", 1), ("light4", 1), ("light4", 2), ("yield4", 2)])
 def test_verdicts_of_twins_are_equal(name: str, by: int) -> None:
     shape, member = pair(name, by)
@@ -247,6 +248,7 @@ def test_every_built_in_junction_is_a_shape_of_its_own_but_those_that_differ_in_
     assert all(len(names) == 1 for names in together(*places))
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("name", "by"), [("stop3", 0), ("stop3", 1), ("lanes4", 0)])
 def test_results_told_of_a_twin_are_those_that_it_has_itself(name: str, by: int) -> None:
     place = find(name)

@@ -80,6 +80,7 @@ def test_what_would_run_is_listed_without_a_driver_and_without_a_trace(capsys: p
     assert {path.suffix for path in folder.iterdir()} == {".xodr"}
 
 
+@pytest.mark.extended
 def test_a_town_is_judged_once_and_not_again(
     capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -105,6 +106,7 @@ def test_a_town_is_judged_once_and_not_again(
     assert judged(load(folder / "rvads-town/town.json")) == judged(first)
 
 
+@pytest.mark.extended
 def test_the_printed_line_runs_exactly_that_case_again(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     status, out, _ = ran(capsys, "stop4.xodr", "--autopilot", "lgsvl", *SHORT, "--sample", "3")
     assert status == 1
@@ -128,6 +130,7 @@ def test_the_printed_line_runs_exactly_that_case_again(capsys: pytest.CaptureFix
     assert all(f'"{one["name"]}-' in cause["again"] for _, causes in one["causes"] for cause in causes)
 
 
+@pytest.mark.extended
 def test_what_was_judged_before_an_interrupt_is_kept_and_gone_on_from(
     capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -160,6 +163,7 @@ def test_a_driver_that_drives_otherwise_every_time_is_flaky(
     assert {record.status for record in records if record.failed} == {Outcome.FLAKY}
 
 
+@pytest.mark.extended
 def test_of_many_causes_the_first_of_every_junction_are_drawn(
     capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -181,6 +185,7 @@ def test_an_error_before_anything_was_judged_leaves_no_page(
     assert not (folder / "rvads-town/town.html").exists()
 
 
+@pytest.mark.extended
 def test_junctions_of_one_shape_are_simulated_once(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     shutil.copy(folder / "stop3.xodr", folder / "twin.xodr")
     words = ("stop3.xodr", "twin.xodr", "--autopilot", "lgsvl", *SHORT)
@@ -197,6 +202,7 @@ def test_junctions_of_one_shape_are_simulated_once(capsys: pytest.CaptureFixture
     assert f"3 of 3 runs were simulated at {names[0]}, of the same shape" in notes
 
 
+@pytest.mark.extended
 def test_a_junction_that_is_refused_is_shown_with_its_reason(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     words = ("stop3.xodr", "stop4.xodr", "--autopilot", "reference", *SHORT, "--subject", "3", "--sample", "1")
     status, _, err = ran(capsys, *words)
@@ -210,6 +216,7 @@ def test_a_junction_that_is_refused_is_shown_with_its_reason(capsys: pytest.Capt
     assert "refused: subject must be an entrance, 0 to 2, or 'all', got 3" in refused["notes"]
 
 
+@pytest.mark.extended
 def test_what_is_refused_for_one_reason_is_told_together(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     shutil.copy(folder / "stop3.xodr", folder / "other.xodr")
     words = ("stop3.xodr", "other.xodr", "stop4.xodr", "--autopilot", "reference", *SHORT, "--subject", "3", "--sample", "1")

@@ -26,6 +26,7 @@ def reasons(recording: Recording) -> dict[str, str]:
     return dict(recording.left_out)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("noise", [0.0, 0.2])
 @pytest.mark.parametrize("name", names())
 def test_every_movement_is_found(tmp_path: Path, name: str, noise: float) -> None:
@@ -38,6 +39,7 @@ def test_every_movement_is_found(tmp_path: Path, name: str, noise: float) -> Non
     assert max(track.offset for track in recording.tracks) == pytest.approx(noise, abs=0.05 + noise / 3)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("dt", [0.04, 0.1, 0.2])
 def test_it_crosses_the_vertex_when_it_did(tmp_path: Path, dt: float) -> None:
     drives = [
@@ -61,6 +63,7 @@ def test_the_point_that_is_meant_decides_where_the_front_is(tmp_path: Path) -> N
         read_tracks(tmp_path / "front.csv", STOP, point="centre")  # type: ignore[arg-type]
 
 
+@pytest.mark.extended
 def test_noise_is_estimated_to_a_quarter(tmp_path: Path) -> None:
     drives = [drive(STOP, key, f"v{k}", start=5.0 * k) for k, key in enumerate(sorted(STOP.movements))]
     for noise in (0.05, 0.1, 0.2):
@@ -159,6 +162,7 @@ def test_a_size_is_needed_where_points_are_centres(tmp_path: Path) -> None:
     assert read_tracks(columns, STOP, point="front").tracks[0].agent.size is None
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("map", ["multi_intersections", "Town07", "sumo_skew4", "fabriksgatan"])
 def test_on_maps_of_other_people_every_vehicle_is_where_it_was(shared: Path, tmp_path: Path, map: str) -> None:
     path = shared / "maps" / f"{map}.xodr"

@@ -133,6 +133,7 @@ def test_damaged_files_of_lights_are_told(log: Path, tmp_path: Path, text: str, 
     assert told in str(error.value)
 
 
+@pytest.mark.extended
 def test_the_command_says_what_came_in(log: Path, lights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out.npz"
     command = ["import", str(log), "--junction", "light4", "--lights", str(lights), "-o", str(out)]

@@ -13,6 +13,7 @@ RULES = ("p1", "p2", "p3", "p4", "p5", "p6")
 KEPT = {Status.PASS, Status.NA}
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("name", ["4-way-stop", "4-way-light", "t-way-stop", "t-way-light"])
 def test_shared_recordings_thinned(name: str, shared: Path, thinned: Callable[..., Run]) -> None:
     counts: Counter[Status] = Counter()

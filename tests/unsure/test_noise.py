@@ -55,6 +55,7 @@ def wrong(
     }
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("name", CASES)
 def test_no_definite_verdict_is_wrong(
     name: str,
@@ -68,6 +69,7 @@ def test_no_definite_verdict_is_wrong(
     assert not wrong(verdicts(measured(run, 25, 0.05, speeds=False), run), truth)
 
 
+@pytest.mark.extended
 def test_few_verdicts_are_unsure(noisy: dict[str, dict[tuple[str, object], Status]]) -> None:
     """At most a tenth of the instances that are about anything; those of runs with violations among them."""
     counts = Counter(status for found in noisy.values() for status in found.values())

@@ -106,6 +106,7 @@ def test_who_appears_at_the_entrance_may_have_come_at_any_time() -> None:
 smooth = st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=8).map(np.array)
 
 
+@pytest.mark.extended
 @settings(max_examples=60, deadline=None)
 @given(
     st.floats(-1.0, 1.0), st.floats(0.02, 0.4), smooth, smooth, st.sampled_from(["p1", "p2", "p3", "first_come", "right_first"])

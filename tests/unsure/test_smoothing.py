@@ -17,6 +17,7 @@ def drive(often: int, stand: float = 3.0) -> tuple[np.ndarray, np.ndarray, np.nd
     return times, np.interp(times, fine, station), np.interp(times, fine, speed)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("often", [10, 25])
 @pytest.mark.parametrize("accuracy", [0.05, 0.1, 0.2])
 @pytest.mark.parametrize("measured", [True, False], ids=["speeds", "positions"])
@@ -42,6 +43,7 @@ def test_speeds_make_places_more_exact() -> None:
     assert np.sqrt(((found - station) ** 2).mean()) < 0.1 / np.sqrt(8)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("late", [-0.05, 0.0, 0.08])
 def test_on_a_straight_way_the_delay_of_speeds_is_found_and_stations_are_exact(late: float) -> None:
     times, station, _ = drive(10)
@@ -110,6 +112,7 @@ def test_few_samples_are_smoothed_without_a_complaint(count: int, measured: bool
     assert (spread > 0.0).all()
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("often", [10, 25])
 @pytest.mark.parametrize("accuracy", [0.05, 0.1])
 def test_offsets_are_as_exact_as_told(often: int, accuracy: float) -> None:
