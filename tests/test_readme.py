@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads as rvads
+from pytest_rvads.cli import main
 from pytest_rvads.simulators.planar import usual
 
 ROOT = Path(__file__).parents[1]
@@ -23,7 +24,7 @@ TEXT = "\n".join(PAGES.values())
 PYTHON = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 SCRIPTS = [code for code in PYTHON if "def test_" not in code]
 CONSOLE = re.findall(r"^\$ (rvads .*)\n((?:(?!\$ |```).*\n)*)", TEXT, re.MULTILINE)
-FEW = "not class or class00 or class01 or class07 or class13"
+FEW = "not class or class00 or class01 or class07 or class13 or class19"
 """Of the items of an example, as `-k` takes it: all of a test without classes, else the classes that the pages talk of."""
 
 
@@ -54,8 +55,14 @@ def test_the_failure_shown_is_the_one_printed(pytester: pytest.Pytester, monkeyp
     for line in shown.replace(f"simulated by {rvads.bullet.name}", f"simulated by {usual().name}").splitlines():
         assert line in printed or line.startswith("---"), line
     if page == "README.md":
-        (drawn,) = (pytester.path / ".rvads" / "1").glob("*.svg")
-        assert (ROOT / "docs" / "failure.svg").read_bytes() == drawn.read_bytes(), "run the README's failing test, copy its .svg"
+        assert main(shlex.split("replay full_stop --svg failure.svg")) == 0
+        drawn = (pytester.path / "failure.svg").read_bytes()
+        assert (ROOT / "docs" / "failure.svg").read_bytes() == drawn, "run the README's failing test, draw it as it says"
+
+
+def test_the_picture_is_drawn_by_the_command_that_the_readme_names() -> None:
+    assert "`rvads replay full_stop --svg failure.svg`" in PAGES["README.md"]
+    assert len(PAGES["README.md"].splitlines()) <= 120
 
 
 @pytest.mark.extended
