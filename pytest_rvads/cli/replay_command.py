@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import Subparsers, progress, say, warn
 from pytest_rvads.errors import RunError, RvadsError
-from pytest_rvads.wording import first, one_line, plural
+from pytest_rvads.wording import first, one_line, plural, quoted
 
 if TYPE_CHECKING:
     from pytest_rvads.cli.replayed import Replayed
@@ -88,7 +88,6 @@ class _Session:
             RvadsError: there is nothing to be shown, or its run is not kept, or damaged.
         """
         from pytest_rvads.cli.replayed import failed_run
-        from pytest_rvads.report.facts import quoted
 
         if why := self.unseen(record):
             again = f"{self.report.again} {quoted(record.nodeid)}"
