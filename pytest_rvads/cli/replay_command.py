@@ -79,7 +79,10 @@ class _Session:
 
         if not record.hash or not record.verdicts or record.verdicts[-1].status not in _REPLAYED:
             return "no rule was violated"
-        return "" if run_file(self.folder, record.hash).exists() else "its run is not kept"
+        try:
+            return "" if run_file(self.folder, record.hash).exists() else "its run is not kept"
+        except RunError as error:
+            return f"its record is damaged, {error}"
 
     def replayed(self, record: Record, page: Path) -> Replayed:
         """Return what is to be shown of a failure.
