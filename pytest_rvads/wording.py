@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import io
 import re
+import shlex
 from collections.abc import Sequence
 from html import escape
 from typing import TextIO
 
-__all__ = ["encode_all", "first", "markup", "one_line", "page", "plural", "printable"]
+__all__ = ["encode_all", "first", "markup", "one_line", "page", "plural", "printable", "quoted"]
 
 SITE = "https://pytest-rvads.github.io/pytest-rvads/"
 """Where the pages of ``docs/`` can be read by somebody who has only installed the package."""
 
 _UNFIT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]")
 """What steers a terminal, turns the direction of writing, or can't be encoded; line ends and tabs are fit."""
+
+_EXPANDED = re.compile(r"[\"$`\\!]")
+"""What a shell takes for its own inside of double quotes."""
 
 
 def printable(text: str, most: int = 4096) -> str:
@@ -49,6 +53,15 @@ def encode_all(*streams: TextIO | None) -> None:
 def plural(count: int, thing: str, several: str = "") -> str:
     """Return so many things in words: ``1 run``, ``1,200 runs``; `several` where its plural has no s."""
     return f"{count:,} {thing if count == 1 else several or f'{thing}s'}"
+
+
+def quoted(name: str) -> str:
+    """Return an id or the name of a file as it is pasted into a shell, which takes nothing in it for a command.
+
+    It stands in double quotes, which every shell knows, also that of Windows; where a shell would take something between them
+    for its own, it stands in single ones.
+    """
+    return shlex.quote(name) if _EXPANDED.search(name) else f'"{name}"'
 
 
 def page(name: str = "") -> str:

@@ -142,7 +142,7 @@ def test_the_action_runs(pytester: pytest.Pytester, capsys: pytest.CaptureFixtur
     python = (sys.executable,)
     done = run(by_id["rules"]["run"], folder, python, **variables)
     assert done.returncode == 1, done.stdout + done.stderr
-    assert "\n::error file=rules/test_rules.py,line=7,title=full_stop (1 item)::" in done.stdout
+    assert "\n::error file=rules/test_rules.py,line=7,title=full_stop%2C 1 item::" in done.stdout
     assert (pytester.path / "output").read_text("utf-8") == "name=rules/out\nreport=rules/out.json\n"
     assert run(by_id["check"]["run"], folder, REPORT="out.json").returncode == 1
     (folder / "out.json").rename(folder / "main.json")

@@ -13,6 +13,7 @@ def test_the_example_of_an_own_map_runs_on_town07(
     pytester: pytest.Pytester, shared: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("RVADS_MAP", str(shared / "maps" / "Town07.xodr"))
+    monkeypatch.setenv("COLUMNS", "200")
     for name in ("conftest.py", "test_5_your_own_map.py"):
         pytester.copy_example(str(EXAMPLES / name))
     result = pytester.runpytest("-v")

@@ -1,14 +1,17 @@
 """What comes from elsewhere is shown as text and as nothing else."""
 
 import io
+import shlex
+import subprocess
 import xml.etree.ElementTree as ET
 from html import unescape
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pytest_rvads.wording import encode_all, markup, one_line, printable
+from pytest_rvads.wording import encode_all, markup, one_line, printable, quoted
 
 
 def test_what_steers_a_terminal_or_turns_the_writing_is_escaped() -> None:
@@ -56,3 +59,25 @@ def test_streams_take_what_their_encoding_lacks(errors: str, written: bytes) -> 
     stream.write("→ü")
     stream.flush()
     assert raw.getvalue() == written
+
+
+@pytest.mark.parametrize("name", ["a[b-c]", "a[b c]", "a[it's]", "a[;x&&y|z>w]", "a[*?~#%]", "a[b\nc]", "", "-x"])
+def test_a_name_stands_in_quotes_that_every_shell_knows(name: str) -> None:
+    assert quoted(name) == f'"{name}"'
+    assert shlex.split(quoted(name)) == [name]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["a[$(touch owned)]", "a[`touch owned`]", "a[$HOME]", 'a["; touch owned; "]', "a[b\\]", "a[!x]", "a['$(touch owned)'!]"],
+)
+def test_a_shell_takes_nothing_in_a_name_for_a_command(name: str, tmp_path: Path) -> None:
+    assert quoted(name).startswith("'"), "double quotes would not keep it; a shell at a prompt takes ! there for an earlier line"
+    done = subprocess.run(["sh", "-c", f"printf %s {quoted(name)}"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout == name
+    assert list(tmp_path.iterdir()) == []
+
+
+@given(st.text(st.characters(exclude_characters="\0")))
+def test_a_quoted_name_is_one_word(name: str) -> None:
+    assert shlex.split(quoted(name)) == [name]

@@ -19,6 +19,7 @@ from pytest_rvads.report.record import Difference
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.storage import slug, write_file
+from pytest_rvads.wording import quoted
 
 __all__ = ["MOST", "Replays", "draw_replays"]
 
@@ -114,7 +115,7 @@ def _jobs(town: Town, examples: Sequence[CauseTally], again: str, simulator: Sim
     found = []
     for name in sorted(cases):
         rules = tuple(rule for rule in town.plan.rules(cases[name].scenario.place) if rule.name in wanted[name])
-        found.append(_Job(name, cases[name], rules, f'again     {again} "{name}"', simulator))
+        found.append(_Job(name, cases[name], rules, f"again     {again} {quoted(name)}", simulator))
     return found
 
 

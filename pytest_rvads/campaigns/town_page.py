@@ -11,7 +11,7 @@ from pytest_rvads.campaigns.town_tally import JunctionTally, cell
 from pytest_rvads.draw.town_picture import Spot, TownPicture
 from pytest_rvads.report.outcome import Mark, Outcome
 from pytest_rvads.webpage import webpage
-from pytest_rvads.wording import markup
+from pytest_rvads.wording import markup, quoted
 
 __all__ = ["Site", "TownMap", "state", "town_page", "worst_first"]
 
@@ -135,7 +135,7 @@ def _shown(site: Site, tally: JunctionTally, looks: Mapping[tuple[str, str], str
                     "rule": ", ".join(cause.rules[:3]) + (f" and {len(cause.rules) - 3} more" if len(cause.rules) > 3 else ""),
                     "text": cause.text,
                     "look": quote(looks.get((cause.run, cause.rule), ""), safe="/#=."),
-                    "again": f'{again} "{cause.run}-{cause.rule}"',
+                    "again": f"{again} {quoted(f'{cause.run}-{cause.rule}')}",
                 }
                 for cause in group
             ],
@@ -154,5 +154,5 @@ def _shown(site: Site, tally: JunctionTally, looks: Mapping[tuple[str, str], str
         "configurations": configurations,
         "rules": [(rule, [cell(outcomes[rule, cfg]) for cfg in configurations]) for rule in rules],
         "causes": causes,
-        "again": f'{again} "{site.name}-*"' if tally.runs else "",
+        "again": f"{again} {quoted(f'{site.name}-*')}" if tally.runs else "",
     }

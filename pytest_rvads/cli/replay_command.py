@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import Subparsers, progress, say, warn
 from pytest_rvads.errors import RunError, RvadsError
-from pytest_rvads.wording import first, one_line, plural
+from pytest_rvads.wording import first, one_line, plural, quoted
 
 if TYPE_CHECKING:
     from pytest_rvads.cli.replayed import Replayed
@@ -79,7 +79,10 @@ class _Session:
 
         if not record.hash or not record.verdicts or record.verdicts[-1].status not in _REPLAYED:
             return "no rule was violated"
-        return "" if run_file(self.folder, record.hash).exists() else "its run is not kept"
+        try:
+            return "" if run_file(self.folder, record.hash).exists() else "its run is not kept"
+        except RunError as error:
+            return f"its record is damaged, {error}"
 
     def replayed(self, record: Record, page: Path) -> Replayed:
         """Return what is to be shown of a failure.
@@ -88,7 +91,6 @@ class _Session:
             RvadsError: there is nothing to be shown, or its run is not kept, or damaged.
         """
         from pytest_rvads.cli.replayed import failed_run
-        from pytest_rvads.report.facts import quoted
 
         if why := self.unseen(record):
             again = f"{self.report.again} {quoted(record.nodeid)}"

@@ -17,7 +17,7 @@ from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report.facts import facts, quoted
+from pytest_rvads.report.facts import facts
 from pytest_rvads.report.folders import INDEX, run_file
 from pytest_rvads.report.record import Record, VerdictRecord
 from pytest_rvads.report.session_report import Report
@@ -26,6 +26,7 @@ from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.scenarios.recalling import recalled
+from pytest_rvads.wording import quoted
 
 __all__ = ["Replayed", "failed_run", "run_of_file"]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.triage import Cause, causes
-from pytest_rvads.wording import one_line, plural
+from pytest_rvads.wording import one_line, plural, quoted
 
 __all__ = ["annotate"]
 
@@ -51,7 +51,7 @@ def annotate(report: Report, root: Path, workspace: Path) -> list[str]:
 
 def _annotation(kind: str, cause: Cause, place: dict[str, str], again: str) -> str:
     title = f"{cause.rule}, {plural(cause.count, 'item')}"
-    told = (cause.line, f'rerun: {again} "{cause.example}"')
+    told = (cause.line, f"rerun: {again} {quoted(cause.example)}")
     return _command(kind, {**place, "title": title}, *told)
 
 

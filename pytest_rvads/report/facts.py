@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import shlex
-
 from pytest_rvads.report.record import Record
 
-__all__ = ["facts", "quoted"]
+__all__ = ["facts"]
 
 
 def facts(record: Record, start: str, rerun: str) -> tuple[tuple[str, str], ...]:
@@ -31,8 +29,3 @@ def facts(record: Record, start: str, rerun: str) -> tuple[tuple[str, str], ...]
         ("rerun", rerun),
     )
     return tuple((word, text) for word, text in found if text)
-
-
-def quoted(nodeid: str) -> str:
-    """Return the id of an item as it is pasted into a shell, which takes nothing in it for a command."""
-    return shlex.quote(nodeid) if set(nodeid) & set('"$`\\!') else f'"{nodeid}"'

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import time
 from contextlib import suppress
 from errno import EEXIST
 from pathlib import Path
+
+from pytest_rvads.errors import RunError
 
 __all__ = ["INDEX", "REPORT", "claimed", "run_file", "sessions", "shown", "used"]
 
@@ -14,6 +17,7 @@ INDEX, REPORT = "index.html", "report.json"
 _RUNS, _MARKER, _LATEST = "runs", ".session", "latest"
 _OURS = (".html", ".svg", ".json", ".npz", ".part")
 """Endings of what lies in the folder of a session; anything else is the user's."""
+_HASH = re.compile("[0-9a-f]+")
 _ALIVE = 3600.0
 """A session without a report that wrote something so lately may still be running [s]."""
 _ATTEMPTS, _PAUSE = 100, 0.02
@@ -76,7 +80,12 @@ def run_file(folder: Path, digest: str) -> Path:
     Args:
         folder: of the session.
         digest: hash of the run.
+
+    Raises:
+        RunError: it is no hash, as in a report that somebody has changed; no path is made of it.
     """
+    if not _HASH.fullmatch(digest):
+        raise RunError(f"the hash of a run consists of the digits 0-9 a-f, got {digest[:80]!r}")
     return folder / _RUNS / f"{digest[:16]}.npz"
 
 

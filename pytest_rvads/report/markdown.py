@@ -9,7 +9,7 @@ from itertools import groupby
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
 from pytest_rvads.report.rollup import WORST
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.wording import printable
+from pytest_rvads.wording import printable, quoted
 
 __all__ = ["markdown", "section"]
 
@@ -70,7 +70,10 @@ def _render(block: Block) -> Iterator[str]:
             yield from _folded((), [f"- {_text(line)}" for line in comparison.lines()], "changes", _LINES)
         case Causes(title, causes, again):
             head = f"| items | rule | cause | {_text(f'first: {again}' if again else 'first')} |", "|---:|---|---|---|"
-            rows = [f"| {c.count} | {_text(c.rule)} | {_text(c.line)} | {_code(c.example)} |" for c in causes]
+            rows = [
+                f"| {c.count} | {_text(c.rule)} | {_text(c.line)} | {_code(quoted(c.example) if again else c.example)} |"
+                for c in causes
+            ]
             yield from (_heading(title), "", *_folded(head, rows, "causes"))
         case Head(lines) | Figures(lines):
             yield from _folded((), [f"- {_text(line)}" for line in lines], "lines", _LINES)

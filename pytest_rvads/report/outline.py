@@ -20,7 +20,7 @@ from pytest_rvads.report.refused import refused
 from pytest_rvads.report.rollup import Sums, ranked, sums
 from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.triage import ByText, Cause, causes, idle, known, provoked, unavoidable, unsure
-from pytest_rvads.wording import plural
+from pytest_rvads.wording import plural, quoted
 
 __all__ = ["FAILURES", "Block", "Causes", "Changes", "Figures", "Head", "Notes", "RollUp", "Verdicts", "outline"]
 
@@ -214,7 +214,7 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
 
 
 def _command(again: str, nodeid: str) -> str:
-    return f'{again} "{nodeid}"'.lstrip()
+    return f"{again} {quoted(nodeid)}".lstrip()
 
 
 def _began(report: Report) -> Iterator[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shlex
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from heapq import nsmallest
@@ -18,7 +17,7 @@ from pytest_rvads.report.record import Record
 from pytest_rvads.report.rollup import Sums
 from pytest_rvads.report.session_report import TOLD, Report
 from pytest_rvads.webpage import webpage
-from pytest_rvads.wording import markup, printable
+from pytest_rvads.wording import markup, printable, quoted
 
 __all__ = ["page"]
 
@@ -27,8 +26,6 @@ _ITEMS = 5000
 _WEB = re.compile(r"https://[^\\\s]+")
 _NO_PATH = re.compile(r"[^/?#]*:| *//|.*[\\\t\n]", re.DOTALL)
 """An address with a scheme, of another host, or what browsers would make one of."""
-_SHELL = re.compile(r"[\"$`\\!]")
-"""What a shell expands inside double quotes."""
 _TERMS = ("began", "driven by", "simulated by", "command:", "", "exit status")
 """What lines of the head begin with, in the order of the page; the one on all verdicts begins with their number."""
 _LINES = 10
@@ -172,9 +169,7 @@ def _drawing(record: Record, report: Report) -> str:
         return ""
     if not record.hash or not (record.failed or report.kept) or not report.again.startswith("pytest"):
         return ""
-    # In quotes of which a shell takes nothing for its own.
-    quoted = shlex.quote(record.nodeid) if _SHELL.search(record.nodeid) else f'"{record.nodeid}"'
-    return f"rvads replay {quoted}"
+    return f"rvads replay {quoted(record.nodeid)}"
 
 
 def _link(look: str, folder: Path) -> str:

@@ -18,12 +18,15 @@ from dataclasses import dataclass
 
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, VerdictRecord
-from pytest_rvads.wording import plural
+from pytest_rvads.report.variants import Place, Variants, place_of
+from pytest_rvads.wording import first, plural
 
 __all__ = ["ByCause", "ByText", "Cause", "causes", "idle", "known", "provoked", "unavoidable", "unsure"]
 
 _RULES = 3
 """Rules named per cause; the rest is counted."""
+_VARIANTS = 5
+"""Variants named per cause; likewise."""
 _INSTANCES = 3
 """Unsure instances of an item that are told; likewise."""
 _IDS = 1000
@@ -57,6 +60,8 @@ class Cause:
     """At how many, where that is told."""
     title: str = ""
     """Of the rule that was violated first, in words."""
+    variants: tuple[str, ...] = ()
+    """The variants of tests it concerns, where it leaves out some of them."""
 
     @property
     def rule(self) -> str:
@@ -71,7 +76,8 @@ class Cause:
         """The cause in one line."""
         at = f" at {plural(self.junctions, 'junction')}" if self.junctions else ""
         where = f", in {plural(self.runs, 'run')}{at}" if self.runs > 1 else ""
-        return f"{self.text}{where}{f', mostly {self.roles}' if self.roles else ''}"
+        only = f", only {first(self.variants, _VARIANTS)}" if self.variants else ""
+        return f"{self.text}{where}{f', mostly {self.roles}' if self.roles else ''}{only}"
 
 
 class _Part:
@@ -83,14 +89,14 @@ class _Part:
         self.roles = verdict.roles if verdict else ""
         self.title = verdict.title if verdict else ""
         self.example, self.rule = record.nodeid, record.asks
-        self.run, self.junction = record.ran_as, record.junction
+        self.run, self.junction, self.places = record.ran_as, record.junction, {place_of(record)}
         self.rules, self.ids, self.count, self.number = {record.asks: None}, [record.nodeid], 1, 0
 
     def joined(self, other: _Part) -> _Part:
         """Return this part and one that came later of the same run as one: what broke first tells it."""
         teller = other if other.time < self.time else self
         teller.rules, teller.ids, teller.count = self.rules | other.rules, self.ids + other.ids, self.count + other.count
-        teller.number = self.number
+        teller.number, teller.places = self.number, self.places | other.places
         return teller
 
 
@@ -104,6 +110,7 @@ class _Group:
         self.count = 0
         self._runs: set[str] = set()
         self._junctions: set[str] = set()
+        self._places: set[Place] = set()
         self._roles: Counter[str] = Counter()
 
     def take(self, part: _Part) -> None:
@@ -117,8 +124,9 @@ class _Group:
         self.count += part.count
         self._runs.add(part.run)
         self._junctions.add(part.junction)
+        self._places |= part.places
 
-    def cause(self, junctions: bool) -> Cause:
+    def cause(self, junctions: bool, variants: Variants) -> Cause:
         """Return what is told of them, and where `junctions` at how many."""
         text, roles = self.first.text, self.first.roles
         if len(self._roles) == 1 and roles:
@@ -134,6 +142,7 @@ class _Group:
             roles=most,
             junctions=len(self._junctions) if junctions else 0,
             title=self.first.title,
+            variants=variants.only(self._places),
         )
 
 
@@ -147,10 +156,12 @@ class ByText:
     def __init__(self, text: Callable[[Record], str | None]) -> None:
         self._text = text
         self._groups: dict[Hashable, _Group] = {}
+        self._variants = Variants()
         self._number = 0
 
     def add(self, record: Record) -> None:
         """Take a record in."""
+        self._variants.add(record)
         text = self._text(record)
         if text is not None:
             self._take(self._numbered(_Part(record, text, text)))
@@ -169,7 +180,7 @@ class ByText:
     def causes(self, junctions: bool = False) -> list[Cause]:
         """Return the causes, the most frequent first; where `junctions` with at how many."""
         ranked = sorted(self._groups.values(), key=lambda group: (-group.count, group.first.number))
-        return [group.cause(junctions) for group in ranked]
+        return [group.cause(junctions, self._variants) for group in ranked]
 
 
 class ByCause(ByText):
@@ -187,6 +198,7 @@ class ByCause(ByText):
 
     def add(self, record: Record) -> None:
         """Take a record in."""
+        self._variants.add(record)
         if not self._chosen(record):
             return
         part = self._numbered(_Part(record, _signature(record), _violated(record), _verdict(record)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from pathlib import Path
 
 from pytest_rvads.errors import RunError
@@ -30,7 +31,9 @@ def earlier_run(report: Report, beside: Path, here: Path, nodeid: str, run: Run)
         return None
     names = _names(nodeid, record.rule)
     kept = [folder / report.kept / f"{name}.npz" for folder in (here, beside) for name in names] if report.kept else []
-    for path in (*kept, run_file(beside, record.hash)):
+    with suppress(RunError):  # the hash is none
+        kept.append(run_file(beside, record.hash))
+    for path in kept:
         try:
             found = load_run(path)
         except RunError:  # it is not there, or is damaged

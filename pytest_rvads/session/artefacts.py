@@ -14,7 +14,7 @@ import pytest
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.session.folder import FOLDER
 from pytest_rvads.storage import slug, write_file
-from pytest_rvads.wording import one_line
+from pytest_rvads.wording import one_line, quoted
 
 if TYPE_CHECKING:
     from pytest_rvads.draw.replay import Beside
@@ -57,8 +57,6 @@ def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes:
         notes: what the page says beside the picture.
         around: gives what else it says and shows; asked only for a page that is drawn.
     """
-    from pytest_rvads.report.facts import quoted
-
     drawn = item.config.stash.setdefault(_DRAWN, Counter())
     session = item.config.stash[FOLDER]
     try:

@@ -20,7 +20,7 @@ from pytest_rvads.session.beside import beside
 from pytest_rvads.session.chosen_driver import where_else
 from pytest_rvads.session.exports import export
 from pytest_rvads.session.plan import start
-from pytest_rvads.wording import one_line, printable
+from pytest_rvads.wording import one_line, printable, quoted
 
 if TYPE_CHECKING:
     from pytest_rvads.collection import Cell
@@ -255,8 +255,6 @@ def _made(item: pytest.Item, scenario: Scenario, record: Record) -> list[str]:
 
 def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: pytest.TestReport) -> tuple[str, str]:
     """Return what to print of a failure, and its page or nothing; its picture is put on the report."""
-    from pytest_rvads.report.facts import quoted
-
     cell: Cell | RecordedCell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
     made = [f"recorded  {cell.path}"] if isinstance(cell, RecordedCell) else _made(item, cell.scenario, record)
     lines = [verdict.explanation, *made]

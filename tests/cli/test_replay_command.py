@@ -237,6 +237,10 @@ def test_the_run_of_an_earlier_session_is_a_ghost(
     assert said(UNDRAWN, "--baseline", "main/report.json")[0] == 0
     beside: Beside = shown[0][4]
     assert (beside.ghost, beside.ghost_name) == (before, "report.json")
+    report = Path("main", "report.json")
+    report.write_text(report.read_text(encoding="utf-8").replace(before.hash, "../../outside"), encoding="utf-8")
+    assert said(UNDRAWN, "--baseline", "main/report.json")[0] == 0
+    assert shown[1][4].ghost is None, "of a report whose hash is none there is no earlier run, and that costs no page"
 
 
 @pytest.fixture
@@ -357,6 +361,24 @@ def test_a_report_from_elsewhere_steers_no_terminal_and_no_path(session: Path, s
     assert "\x1b" not in out[0]
     assert not list(Path("..").glob("*up*"))
     assert "<script>up" not in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("digest", ["../../../outside", "..\\outside", "/outside", "é", "A1\x1b", "1\n"])
+def test_what_is_no_hash_makes_no_path(session: Path, said: Said, digest: str) -> None:
+    """A run that somebody has put elsewhere is not read, whatever a report says; the other failures are drawn."""
+    content = json.loads((session / "report.json").read_text(encoding="utf-8"))
+    (one,) = (record for record in content["records"] if record["nodeid"] == UNDRAWN)
+    for place in (Path("outside.npz"), session / "runs" / f"{Path(digest).name}.npz"):
+        shutil.copy(run_file(session, one["hash"]), place)
+    one["hash"] = digest
+    (session / "report.json").write_text(json.dumps(content), encoding="utf-8")
+    status, out, (line,) = said(UNDRAWN)
+    assert (status, out) == (2, [])
+    assert "its record is damaged, the hash of a run consists of the digits 0-9 a-f, got '" in line
+    assert "\x1b" not in line
+    assert any(f"{UNDRAWN}  its record is damaged" in line for line in said()[1])
+    assert said("--all", "--rule", "full_stop")[:2] == (1, [".rvads/1: 0 pages drawn, 1 were there"])
+    assert not page_of(session, UNDRAWN).exists()
 
 
 def test_the_run_of_a_file_is_drawn(session: Path, said: Said, shown: list[tuple[Any, ...]]) -> None:

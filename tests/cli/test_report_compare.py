@@ -53,7 +53,7 @@ def test_two_sessions(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[s
     assert "  v2, class 01, p1: pass -> FAIL (B)" in lines
     assert "  p4: 2 NA in both" in lines
     assert any("Racer (conftest.py " in line for line in lines[lines.index("B: new.json") :])
-    assert any(line.startswith("  only in B: 1 x p1: ") for line in lines)
+    assert any(line.startswith("  only in B: 1 x p1 (no two vehicles in the junction): ") for line in lines)
     page, markdown, content = (Path(f"out.{ending}").read_text(encoding="utf-8") for ending in ("html", "md", "json"))
     assert "| v2  01 | pass -> FAIL |" in markdown
     assert "pass -> FAIL" in page

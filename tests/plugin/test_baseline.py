@@ -191,8 +191,8 @@ def test_a_run_that_can_t_be_repeated_is_flaky(pytester: pytest.Pytester, worker
             "*rvads not deterministic*",
             "First difference: t=1.00 s (tick 100): * of a0 is * in one run, * in the other.",
             "*07*FLAKY*",
-            "*1 x run: not deterministic: the same start gave another run",
             "stop4: *1 flaky*",
+            "*1 x run: not deterministic: the same start gave another run",
         ]
     )
     records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]

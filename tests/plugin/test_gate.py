@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -78,7 +79,11 @@ def test_shards_merge_into_one_table(tests: pytest.Pytester, capsys: pytest.Capt
     tests.runpytest("--rvads-report=whole.json")
     whole, merged = (load(tests.path / f"{name}.json") for name in ("whole", "all"))
     assert merged == whole, "three shards add up to the table of one session"
-    assert outline(replace(merged, seconds={})) == outline(replace(whole, seconds={}, began="", command="")), "but for when"
+    own: dict[str, Any] = {"seconds": {}, "began": "", "command": ""}
+    assert outline(replace(merged, **own)) == outline(replace(whole, **own)), "but for when they ran and by which command"
+    parts = [load(Path(name)) for name in names]
+    assert merged.began == min(part.began for part in parts) != ""
+    assert merged.command == ", ".join(part.command for part in parts)
     assert merged.seconds.keys() == whole.seconds.keys()
     capsys.readouterr()
     assert main(["report", "merge", *names[:2], "--cov-fail-under", "75"]) == 1

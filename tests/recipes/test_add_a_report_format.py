@@ -1,5 +1,6 @@
 """The recipe "Add a report format" of CONTRIBUTING.md: a function of a report, and a line in the table FORMATS."""
 
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,6 @@ def test_a_function_and_a_line_are_a_format(pytester: pytest.Pytester, monkeypat
     monkeypatch.setitem(files.FORMATS, ".txt", plain)
     pytester.runpytest("--rvads-report=out.txt", "--rvads-report=out.json", "--rvads-autopilot=reference")
     text = (pytester.path / "out.txt").read_text(encoding="utf-8")
-    assert "driven by pytest_rvads.drivers.reference.Reference: 1 run" in text
+    assert f"driven by pytest_rvads.drivers.reference.Reference (pytest-rvads {version('pytest-rvads')}): 1 run" in text
     main(["report", "merge", str(pytester.path / "out.json"), "-o", str(pytester.path / "merged.txt")])
     assert (pytester.path / "merged.txt").read_text(encoding="utf-8").splitlines()[-1] == text.splitlines()[-1]

@@ -50,7 +50,8 @@ def understood(line: str) -> tuple[str, dict[str, str], str]:
 def test_a_cause_is_told_once_at_its_first_test_from_the_repository() -> None:
     lines = told(failed("one", "p1", "both in"), failed("two", "p1", "both in", line=9), failed("three", "p3", "too early"))
     assert lines == [
-        '::error file=sub/t.py,line=4,title=p1 (2 items)::both in, in 2 runs%0Arerun: pytest --rvads-grid=C "t.py::test[one-p1]"',
+        "::error file=sub/t.py,line=4,title=p1%2C 2 items::both in, in 2 runs"
+        '%0Arerun: pytest --rvads-grid=C "t.py::test[one-p1]"',
         '::error file=sub/t.py,line=4,title=p3%2C 1 item::too early%0Arerun: pytest --rvads-grid=C "t.py::test[three-p3]"',
     ]
 

@@ -1,11 +1,8 @@
-"""What stands beside a replay, told from the record of its item; ids that a shell takes for one plain word."""
+"""What stands beside a replay, told from the record of its item."""
 
-import shlex
 from typing import Any
 
-import pytest
-
-from pytest_rvads.report.facts import facts, quoted
+from pytest_rvads.report.facts import facts
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, VerdictRecord, conclude, planned_record
 
@@ -44,12 +41,3 @@ def test_a_rule_without_a_verdict_or_title_is_its_name() -> None:
     record = planned_record("a", 1, "a", KEYS, 4)
     assert dict(facts(record, "", ""))["rule"] == "full_stop"
     assert VerdictRecord(rule="mine", status=Outcome.FAIL).title == ""
-
-
-@pytest.mark.parametrize(
-    "nodeid", ["a[b-c]", "a[b c]", 'a["]', "a[$(x)]", "a[`x`]", "a[b\\c]", "a[!x]", "a[it's]", "a[;x&&y|z>w]"]
-)
-def test_an_id_is_one_word_of_the_shell(nodeid: str) -> None:
-    assert shlex.split(quoted(nodeid)) == [nodeid]
-    if set(nodeid) & set("$`!"):
-        assert quoted(nodeid).startswith("'"), "double quotes would not keep these"

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,7 @@ def ended(root: Path, token: str, keep: int = KEEP) -> Path:
     folder = claimed(root, token, keep)
     for name in (INDEX, REPORT, "page.html", "page.svg"):
         (folder / name).write_text(token)
-    run = run_file(folder, token * 64)
+    run = run_file(folder, sha256(token.encode()).hexdigest())
     run.parent.mkdir(exist_ok=True)
     run.write_bytes(b"run")
     return folder

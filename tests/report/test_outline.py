@@ -68,10 +68,16 @@ def recorded(one: Record) -> Record:
     return structs.replace(one, nodeid="t.py::test[drive17-t0312.4-p1]", recording="drive17-t0312.4", timing=None, **keys)
 
 
+def in_variant(one: Record, variant: str) -> Record:
+    """The record of a run of one of several controllers."""
+    return structs.replace(one, nodeid=one.nodeid.replace("[", f"[{variant}-"), variant=variant)
+
+
 def everything() -> Report:
     records = [record(number, outcome) for number, outcome in enumerate(Outcome, start=1)]
     records.append(record(len(records) + 1, Outcome.FAIL, "I3: order of creation"))
     records.append(recorded(record(len(records) + 1, Outcome.PASS)))
+    records += [in_variant(record(len(records) + n, outcome), f"v{n}") for n, outcome in ((1, Outcome.PASS), (2, Outcome.FAIL))]
     comparison = Comparison(
         "main.json",
         (
@@ -155,7 +161,7 @@ def test_no_form_leaves_out_what_another_says(form: str) -> None:
         "unsure: another reading of what was recorded changes the verdict",
         *("known failures", "not applicable, skipped or not run", "coverage"),
     ]
-    head = ["13 verdicts on 13 runs: 2 pass, 1 fail, ", "exit status 1", "driven by", "simulated by"]
+    head = ["15 verdicts on 15 runs: 3 pass, 2 fail, ", "exit status 1", "driven by", "simulated by"]
     assert [next(b for b in head if line.startswith(b)) for line in blocks[1].plain()] == head
     figures = blocks[-1].plain()
     begins = [
@@ -228,7 +234,6 @@ SUMMED_UP = {
     "unkept": "one note for all",
     "flaky": "as a cause",
     "look": "the page links them",
-    "variant": "rows of tables",
     "change": "in the list of changes",
 }
 """The fields of records that text does not say record by record, and what it says instead; JSON has all of them."""
@@ -242,6 +247,7 @@ def told(one: Record) -> dict[str, tuple[str, ...]]:
         "test": (one.test,),
         "cls": () if one.recording else (f"{one.cls:02d}",),
         "recording": (one.recording,),
+        "variant": (one.variant,),
         "cfg": (one.cfg,),
         "rule": (one.asks,),
         "traffic": (one.traffic or "",),

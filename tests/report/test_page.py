@@ -2,7 +2,7 @@
 
 import json
 import re
-import shlex
+from html import unescape
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
@@ -12,10 +12,13 @@ import pytest
 from markdown_it import MarkdownIt
 from msgspec.structs import replace
 
+from pytest_rvads.report.annotations import annotate
 from pytest_rvads.report.markdown import markdown
+from pytest_rvads.report.outline import Changes, outline
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report
+from pytest_rvads.report.terminal import summary
 
 LONG = "d10.00,12.50v05.00,08.33"
 
@@ -139,9 +142,19 @@ def test_what_has_a_run_and_no_replay_tells_how_to_draw_it(look: str, status: st
 
 @pytest.mark.parametrize("name", ["t.py::test[$(touch owned)]", "t.py::test[`id`]", 't.py::test["; id; "]', "t.py::test[a b!\\]"])
 def test_a_command_that_is_pasted_runs_nothing_of_a_name(name: str) -> None:
-    (item,) = content(session(replace(record(1, "p1", "FAIL"), nodeid=name)))["items"]
-    assert shlex.split(item["draw"]) == ["rvads", "replay", name]
+    report = session(replace(record(1, "p1", "FAIL"), nodeid=name), comparison=Comparison("main.json", (Change("NEW", name),)))
+    found = content(report)
+    (item,), ((cause,), *_) = found["items"], [block["causes"] for block in found["causes"]]
     assert item["draw"] == f"rvads replay '{name}'"
+    assert cause["again"] == f"pytest '{name}'"
+    blocks = outline(report)
+    assert [block.first(name) for block in blocks if isinstance(block, Changes)] == [f"pytest '{name}'"]
+    assert any(line.endswith(f"(first: pytest '{name}')") for block in blocks for line in block.plain())
+    assert f"first: pytest '{name}'" in summary(report, colour=False, width=200, unicode=True)
+    (annotation,) = annotate(report, Path("/repo"), Path("/repo"))
+    assert annotation.endswith(f"%0Arerun: pytest '{name}'")
+    shown = [token.content for token in MarkdownIt().enable("table").parse(markdown(report)) if token.type == "inline"]
+    assert any(unescape(re.sub(r"[`\\]", "", text)) == re.sub(r"[`\\]", "", f"'{name}'") for text in shown)
 
 
 def test_markdown_tells_what_the_session_was_and_the_causes_and_folds_the_rest() -> None:
@@ -161,7 +174,7 @@ def test_markdown_tells_what_the_session_was_and_the_causes_and_folds_the_rest()
         "",
         "| items | rule | cause | first: pytest |",
         "|---:|---|---|---|",
-        f"| 1 | p1 | both in | `t.py::test[stop4-class01-cfg{LONG}-p1]` |",
+        f'| 1 | p1 | both in | `"t.py::test[stop4-class01-cfg{LONG}-p1]"` |',
         "",
         "",
         "",

@@ -300,8 +300,8 @@ def test_spans_of_code_hold_what_they_can() -> None:
         rows = (row.split(" | ") for row in markdown(Report((one,), TOTALS)).splitlines() if row.startswith("| 1 "))
         return [row[-1].removesuffix(" |") for row in rows]
 
-    assert examples("t.py::test[a_b]") == ["`t.py::test[a_b]`"]
-    assert examples("t.py::`<b>") == ["t.py::\\`&lt;b>"]
+    assert examples("t.py::test[a_b]") == ['`"t.py::test[a_b]"`']
+    assert examples("t.py::`<b>") == ["'t.py::\\`&lt;b>'"]
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,8 @@ def tables(draw: st.DrawFn) -> tuple[list[str], list[Column]]:
     columns = []
     for group in draw(st.lists(WORDS, min_size=1, max_size=4)):
         for rule in draw(st.lists(WORDS, min_size=1, max_size=6)):
-            cells = draw(st.lists(VERDICTS, min_size=len(labels), max_size=len(labels)))
+            # What has no verdict in any row is no column of a matrix.
+            cells = draw(st.lists(VERDICTS, min_size=len(labels), max_size=len(labels)).filter(any))
             columns.append(Column((group, rule), tuple(map(Cell, cells)), draw(st.booleans()), (group,)))
     return labels, columns
 

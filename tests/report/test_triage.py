@@ -199,3 +199,48 @@ def test_an_obligation_that_is_open_is_told_in_words() -> None:
 
 def replace_status(record: Record) -> Record:
     return replace(record, status=Outcome.OPEN)
+
+
+def in_variant(variant: str, run: str = "", test: str = "t.py::test") -> Record:
+    one = failed(run or variant, "p1", "both in", 1.0)
+    return replace(one, nodeid=f"{test}[{variant}-{one.hash}-p1]", variant=variant)
+
+
+def passed(variant: str, test: str = "t.py::test") -> Record:
+    return replace(in_variant(variant, "well", test), status=Outcome.PASS, outcome="passed", verdicts=())
+
+
+@pytest.mark.parametrize(
+    ("broken", "kept", "told"),
+    [
+        (("v3", "v4"), ("v1", "v2"), ", only v3, v4"),
+        (("v10", "v9"), ("v1",), ", only v9, v10"),
+        (("v1", "v2"), (), ""),
+        (("v1", "v2"), ("v1", "v2"), ""),
+        (("", "v1"), ("v2",), ""),
+        (("",), ("",), ""),
+        (tuple(f"v{n}" for n in range(7)), ("v7",), ", only v0, v1, v2, v3, v4 and 2 more"),
+    ],
+    ids=["some", "counted", "all", "some classes of all", "a test without variants", "none", "many"],
+)
+def test_a_cause_says_which_variants_it_concerns_where_not_all(broken: Sequence[str], kept: Sequence[str], told: str) -> None:
+    (cause,) = causes([*map(in_variant, broken), *map(passed, kept)])
+    assert cause.line == f"both in{f', in {len(broken)} runs' if len(broken) > 1 else ''}{told}"
+
+
+def test_variants_of_another_test_are_none_that_a_cause_leaves_out() -> None:
+    (cause,) = causes([in_variant("v1"), in_variant("v2"), passed("fast", "t.py::other"), passed("fast", "u.py::test")])
+    assert cause.variants == ()
+
+
+def test_variants_that_drive_alike_are_all_told() -> None:
+    """They have one run, so their failures belong together from the start."""
+    (cause,) = causes([in_variant("v1", "same"), in_variant("v2", "same"), passed("v3")])
+    assert (cause.runs, cause.variants) == (1, ("v1", "v2"))
+
+
+def test_what_is_no_failure_says_its_variants_too() -> None:
+    found = triage.known()
+    for record in (replace(in_variant("v1"), known="I3"), passed("v2")):
+        found.add(record)
+    assert [cause.line for cause in found.causes()] == ["I3, only v1"]
