@@ -27,6 +27,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return err
 
 
+@pytest.mark.extended
 def test_the_first_session_fails_by_one_rule_which_is_mended_in_the_file(
     pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -7,13 +7,13 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 
 from pytest_rvads import failure_page
 from pytest_rvads.cli import main, replayed
+from pytest_rvads.draw.animated import animated
 from pytest_rvads.draw.replay import Beside
 from pytest_rvads.report.folders import claimed, run_file
 from pytest_rvads.runs.run import Run
@@ -411,23 +411,13 @@ def test_a_file_is_judged_by_one_rule_that_there_is(session: Path, said: Said, r
     assert line.startswith(f"rvads: {says}")
 
 
-def test_an_animated_picture_is_of_the_moment(session: Path, said: Said, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[Run, dict[str, Any]]] = []
-
-    def animated(run: Run, **told: Any) -> str:
-        asked.append((run, told))
-        return "<svg/>"
-
-    module = ModuleType("pytest_rvads.draw.animated")
-    vars(module)["animated"] = animated
-    monkeypatch.setitem(sys.modules, module.__name__, module)
+def test_an_animated_picture_is_of_the_moment(session: Path, said: Said) -> None:
     status, out, _ = said(UNDRAWN, "--svg", "out/a.svg")
     record = report_of(session)[UNDRAWN]
     assert (status, out) == (0, ["out/a.svg", f"  {record['message']}"])
-    assert Path("out/a.svg").read_text(encoding="utf-8") == "<svg/>"
-    assert not page_of(session, UNDRAWN).exists()
-    ((run, told),) = asked
-    assert run.hash == record["hash"]
     (verdict,) = record["verdicts"]
-    assert told == {"title": verdict["message"], "responsible": tuple(verdict["responsible"]), "around": verdict["time"]}
+    run = load_run(run_file(session, record["hash"]))
+    told = {"title": verdict["message"], "responsible": tuple(verdict["responsible"]), "around": verdict["time"]}
+    assert Path("out/a.svg").read_text(encoding="utf-8") == animated(run, **told)
+    assert not page_of(session, UNDRAWN).exists()
     assert said(UNDRAWN, "--svg", "b.svg", "-o", "b.html")[1][:2] == ["b.svg", "b.html#t=1.68"]

@@ -96,6 +96,7 @@ def test_every_violation_is_told_in_its_tick(name: str, seed: int) -> None:
     assert not monitor.not_judged
 
 
+@pytest.mark.extended
 def test_much_goes_wrong_in_these_crowds() -> None:
     """What the test above compares."""
     broken = {str(key[0]) for name in PLACES for seed in SEEDS for key in violations(name, seed)}

@@ -56,6 +56,7 @@ def test_after_three_runs_that_were_too_late_a_driver_is_not_asked_again(pyteste
     assert (one["status"], two["status"]) == ("PASS", "PASS")
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     "does",
     [

@@ -107,6 +107,7 @@ CODE = {
 }
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("workers", [(), pytest.param(("-n", "2"), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("code", CODE.values(), ids=CODE)
 def test_an_earlier_success_is_not_taken_for_that_of_a_session_without_verdicts(
@@ -181,6 +182,7 @@ def test_check_tells_of_every_report(green: pytest.Pytester, capsys: pytest.Capt
         assert other in said.err
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("workers", [(), pytest.param(("-n", "1"), marks=pytest.mark.slow)])
 def test_a_writer_that_fails_costs_its_own_file(tests: pytest.Pytester, workers: tuple[str, ...]) -> None:
     tests.makeconftest("""

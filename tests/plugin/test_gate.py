@@ -27,6 +27,7 @@ def tests(pytester: pytest.Pytester, reference: None) -> pytest.Pytester:
     return pytester
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("workers", [(), pytest.param(("-n", "1"), marks=pytest.mark.slow)])
 def test_the_gate_counts_what_the_tests_ask_for(tests: pytest.Pytester, workers: tuple[str, ...]) -> None:
     # Two classes x two configurations x two rules, of which p3 in C is NA.

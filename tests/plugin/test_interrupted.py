@@ -136,6 +136,7 @@ def tests(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_it=INTERRUPTED)
 
 
+@pytest.mark.extended
 @pytest.mark.usefixtures("tests")
 @pytest.mark.parametrize(
     ("number", "workers"),
@@ -164,6 +165,7 @@ def test_who_is_asked_to_end_tells_what_is_known(start: Start, number: int, work
     assert f"rvads: {note}" in said
 
 
+@pytest.mark.extended
 @pytest.mark.usefixtures("tests")
 @pytest.mark.parametrize("workers", [(), pytest.param(("-n", "2"), marks=pytest.mark.slow)])
 def test_ctrl_c_again_does_not_keep_reports_from_being_written(
@@ -227,6 +229,7 @@ def test_a_child_of_a_test_ends_by_sigterm_as_ever(pytester: pytest.Pytester) ->
     pytester.runpytest_subprocess(timeout=LONG).assert_outcomes(passed=1)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("workers", [(), pytest.param(("-n", "1"), marks=pytest.mark.slow)])
 def test_what_is_interrupted_while_it_collects_says_so(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
     pytester.makepyfile(test_it=TESTS, test_late="raise KeyboardInterrupt")

@@ -128,6 +128,7 @@ def test_a_record_of_an_error_crosses_the_workers(pytester: pytest.Pytester) -> 
     result.stdout.fnmatch_lines(["stop4: *2 error*"])
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("variables", "options"),
     [

@@ -110,6 +110,7 @@ def test_a_program_that_knows_nothing_of_the_protocol_is_told_apart() -> None:
     assert "it wrote 'hello world' to its standard output, which carries the protocol" in run.fault.reason
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("count", [30, pytest.param(100, marks=pytest.mark.slow)])
 def test_all_injected_faults_are_errors_and_the_other_runs_go_on(faulty: Make, count: int) -> None:
     """Every kind of fault, at decisions drawn at random, with a good run before and after."""
