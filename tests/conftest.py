@@ -34,7 +34,13 @@ os.environ["RVADS_CACHE"] = ""  # no test depends on, or leaves, what earlier on
 # Inner sessions of pytester forget the modules they load: that costs a second each, and modules in C can't be loaded twice.
 for _name in pytest_rvads.__all__:
     getattr(pytest_rvads, _name)
-for _name in ("hypothesis", "pytest_rvads.draw.picture", "pytest_rvads.failure_page", "pytest_rvads.report.terminal"):
+for _name in (
+    "hypothesis",
+    "numpy.fft",
+    "pytest_rvads.draw.picture",
+    "pytest_rvads.failure_page",
+    "pytest_rvads.report.terminal",
+):
     import_module(_name)
 
 

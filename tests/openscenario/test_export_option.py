@@ -33,7 +33,7 @@ def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("workers", ["-n0", "-n1"])
 def test_every_run_that_failed_is_written_once_with_one_map(pytester: pytest.Pytester, workers: str) -> None:
     pytester.makepyfile(FAILING)
-    result = pytester.runpytest(workers, "-p", "no:cacheprovider", "--rvads-export=out")
+    result = pytester.runpytest(workers, "-p", "no:cacheprovider", "--rvads-export=out", "--rvads-summary=full")
     failed = re.findall(r"FAILED \S+\[(\S+)-(p4|red)\]", result.stdout.str())
     assert len(failed) > len({run for run, _ in failed}) == 2
     folder = pytester.path / "out"

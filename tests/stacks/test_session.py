@@ -30,8 +30,11 @@ def command(fault: str, scenario: int = 1, tag: str = "") -> str:
 
 
 @pytest.mark.extended
-def test_the_documented_steps_lead_from_nothing_to_verdicts(pytester: pytest.Pytester, compiled: Path) -> None:
+def test_the_documented_steps_lead_from_nothing_to_verdicts(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, compiled: Path
+) -> None:
     """Compile, then one command; no Python written."""
+    monkeypatch.setenv("COLUMNS", "200")
     shutil.copy(compiled, pytester.path / "stack")
     result = pytester.runpytest_subprocess(
         "--rvads-sut", "./stack", "-k", "stop3-class02 and full_stop or light3-class02 and red"
