@@ -90,6 +90,14 @@ def test_every_page_is_in_the_navigation(hooks: ModuleType) -> None:
     assert len(named) == len(set(named))
 
 
+def test_the_icon_of_the_site_is_small_and_still() -> None:
+    name = re.search(r"^  favicon: ([\w.-]+)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert name
+    icon = (ROOT / "docs" / name[1]).read_text(encoding="utf-8")
+    assert len(icon) < 1000
+    assert not re.search(r"animat|@keyframes|<script", icon)
+
+
 @pytest.mark.extended
 def test_pictures_of_concepts_are_what_the_script_draws() -> None:
     drawn = tool("make_pictures").pictures()
