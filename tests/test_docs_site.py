@@ -160,6 +160,21 @@ def test_links_that_leave_the_folder_work_on_the_site(hooks: ModuleType, source:
     assert hooks.linked(markdown, source, known, "https://host/p") == shown
 
 
+def test_tables_show_bars_in_code_as_bars(hooks: ModuleType) -> None:
+    text = "| `a \\| b` | c \\| d |\n`e \\| f`"
+    assert hooks.piped(text) == "| `a | b` | c \\| d |\n`e \\| f`"
+
+
+def test_replays_are_framed_from_two_seconds_before_their_failure_on(hooks: ModuleType) -> None:
+    """The failure is the one that stands nearest above; none begins before the run does."""
+    text = "p1 at t=9.00 s: x\np2 at t=5.21 s: y\n<!-- replay: rolls -->\np3 at t=1.50 s: z\n<!-- replay: runs -->"
+    assert re.findall(r'<iframe class="replay" src="([^"]+)"', hooks.framed(text)) == [
+        "gallery/rolls.html#t=3.21",
+        "gallery/runs.html#t=0.00",
+    ]
+    assert hooks.framed("<!-- another comment -->") == "<!-- another comment -->"
+
+
 def test_pages_made_from_the_code_hold_every_option_and_command(hooks: ModuleType, pytester: pytest.Pytester) -> None:
     offered = set(re.findall(r"^  (--rvads-[a-z-]*[a-z])", pytester.runpytest("--help").stdout.str(), re.MULTILINE))
     rows = re.findall(r"^## (--rvads-[a-z-]+)\n\n`\1=[^`]+`, in the ini file `(rvads_\w+)`, ", hooks.options(), re.MULTILINE)
