@@ -90,6 +90,14 @@ def test_every_page_is_in_the_navigation(hooks: ModuleType) -> None:
     assert len(named) == len(set(named))
 
 
+def test_the_icon_of_the_site_is_small_and_still() -> None:
+    name = re.search(r"^  favicon: ([\w.-]+)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert name
+    icon = (ROOT / "docs" / name[1]).read_text(encoding="utf-8")
+    assert len(icon) < 1000
+    assert not re.search(r"animat|@keyframes|<script", icon)
+
+
 @pytest.mark.extended
 def test_pictures_of_concepts_are_what_the_script_draws() -> None:
     drawn = tool("make_pictures").pictures()
@@ -150,6 +158,21 @@ def test_a_gallery_that_says_something_else_is_refused(tmp_path: Path) -> None:
 def test_links_that_leave_the_folder_work_on_the_site(hooks: ModuleType, source: str, markdown: str, shown: str) -> None:
     known = {"town.md", "rules.md", "SECURITY.md", "concepts/zones.md", "README.md"}
     assert hooks.linked(markdown, source, known, "https://host/p") == shown
+
+
+def test_tables_show_bars_in_code_as_bars(hooks: ModuleType) -> None:
+    text = "| `a \\| b` | c \\| d |\n`e \\| f`"
+    assert hooks.piped(text) == "| `a | b` | c \\| d |\n`e \\| f`"
+
+
+def test_replays_are_framed_from_two_seconds_before_their_failure_on(hooks: ModuleType) -> None:
+    """The failure is the one that stands nearest above; none begins before the run does."""
+    text = "p1 at t=9.00 s: x\np2 at t=5.21 s: y\n<!-- replay: rolls -->\np3 at t=1.50 s: z\n<!-- replay: runs -->"
+    assert re.findall(r'<iframe class="replay" src="([^"]+)"', hooks.framed(text)) == [
+        "gallery/rolls.html#t=3.21",
+        "gallery/runs.html#t=0.00",
+    ]
+    assert hooks.framed("<!-- another comment -->") == "<!-- another comment -->"
 
 
 def test_pages_made_from_the_code_hold_every_option_and_command(hooks: ModuleType, pytester: pytest.Pytester) -> None:

@@ -16,7 +16,7 @@ from pytest_rvads.cli import main
 from pytest_rvads.simulators.planar import usual
 
 ROOT = Path(__file__).parents[1]
-GUIDES = ("tutorial", "write-a-test", "bring-an-autopilot", "bring-recorded-runs", "read-a-failure", "concepts/subject")
+GUIDES = ("tutorial", "write-a-test", "bring-an-autopilot", "bring-recorded-runs", "read-a-failure", "rules", "concepts/subject")
 PAGES = {page: (ROOT / page).read_text(encoding="utf-8") for page in ("README.md", *(f"docs/{guide}.md" for guide in GUIDES))}
 ALL = sorted(p.relative_to(ROOT).as_posix() for p in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")))
 FAILURES = [page for page, text in PAGES.items() if "\nrerun     pytest" in text]
