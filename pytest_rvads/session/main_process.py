@@ -20,7 +20,7 @@ from pytest_rvads.session.outputs import Outputs, told, totals
 from pytest_rvads.session.plan import Planner
 from pytest_rvads.session.reasons import Ending, reasons
 from pytest_rvads.session.time_budget import BUDGET
-from pytest_rvads.wording import plural
+from pytest_rvads.wording import plural, printable
 
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
@@ -210,7 +210,7 @@ class Session:
             drawn=tuple(plan.drawn),
             seconds=self._by_run(),
             began=self.began,
-            command=shlex.join(["pytest", *self.config.invocation_params.args]),
+            command=printable(shlex.join(["pytest", *map(os.fspath, self.config.invocation_params.args)])),
             kept=self._kept(),
         )
         if self.baseline:
