@@ -233,8 +233,7 @@ class Session:
         found: dict[str, float] = {}
         for nodeid, record in self.records.items():
             if record.run:
-                name = f"{record.test}[{record.run}]"
-                found[name] = found.get(name, 0.0) + self.seconds.get(nodeid, 0.0)
+                found[record.where] = found.get(record.where, 0.0) + self.seconds.get(nodeid, 0.0)
         return {name: round(taken, 3) for name, taken in found.items()}
 
     def _compare(self, report: Report, baseline: Report) -> Report:
