@@ -226,7 +226,7 @@ def _began(report: Report) -> Iterator[str]:
 def _total(found: Sequence[AtJunction]) -> str:
     """Return how many verdicts there are of what kind, on how many runs."""
     tally = sum((one.tally for one in found), Counter[Tallied]())
-    runs = len(set().union(*(one.runs | one.wrong for one in found)))
+    runs = len(set[str]().union(*(some for one in found for some in (one.runs, one.wrong))))
     return f"{plural(tally.total(), 'verdict')} on {plural(runs, 'run')}: {counted(tally) or 'none'}"
 
 
