@@ -6,6 +6,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from heapq import nsmallest
 from pathlib import Path
 from typing import Any
@@ -44,8 +45,7 @@ def page(report: Report, folder: Path) -> str:
     chosen = _chosen(report)
     seen = {record.status for record in chosen}
     rolled = [block for block in blocks if isinstance(block, RollUp)]
-    here = Path(os.path.relpath(os.path.realpath(folder)))  # a link may lead to another session later
-    session = option(here) if here in sessions(here.parent) else ""
+    session = _session(folder)
     content = {
         "items": [_item(record, folder, report, session) for record in chosen],
         "all": len(report.records),
@@ -164,6 +164,16 @@ def _item(record: Record, folder: Path, report: Report, session: str) -> dict[st
         "look": _link(record.look, folder),
         "draw": _drawing(record, report, session),
     }
+
+
+def _session(folder: Path) -> str:
+    """Return the option that names the session whose folder this is; nothing where it is no session's."""
+    place = Path(os.path.realpath(folder))  # a link may lead to another session later
+    if place not in sessions(place.parent):
+        return ""
+    with suppress(ValueError):  # on another drive no path leads there from here
+        place = Path(os.path.relpath(place))
+    return option(place)
 
 
 def _drawing(record: Record, report: Report, session: str) -> str:
