@@ -226,7 +226,12 @@ class Session:
 
     def _kept(self) -> str:
         """Return the folder in which all runs are kept, from where the session was started."""
-        return os.path.relpath(self.options.keep, self.config.invocation_params.dir) if self.options.keep else ""
+        if not self.options.keep:
+            return ""
+        try:
+            return os.path.relpath(self.options.keep, self.config.invocation_params.dir)
+        except ValueError:  # on another drive no path leads there from here
+            return str(self.options.keep)
 
     def _by_run(self) -> dict[str, float]:
         """Return how long the items of every run took together [s]."""
