@@ -101,7 +101,7 @@ def _known(run: Run, rule: str | Rule, notes: str, beside: Beside) -> Beside:
     told, asked = run.provenance, None
     with suppress(FormulaError):  # of a rule that is known by no name
         asked = get_rule(rule)
-    again = re.search(r"^rerun +(.+)$", notes, re.MULTILINE)
+    again = re.findall(r"^rerun +(.+)$", notes, re.MULTILINE)[-1:]  # ours is the last: texts of others come before it
     traffic = told.get("traffic")
     driver = str(told.get("autopilot") or "")
     found = {
@@ -110,7 +110,7 @@ def _known(run: Run, rule: str | Rule, notes: str, beside: Beside) -> Beside:
         "simulated by": str(told.get("simulator") or ""),
         "rule": f"{asked.name}: {asked.title}".removesuffix(": ") if asked else str(rule),
         "formula": asked.text if asked else "",
-        "rerun": again[1] if again else "",
+        "rerun": "".join(again),
     }
     given = dict(beside.facts)
     own = tuple((word, given.pop(word, text)) for word, text in found.items())

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["declare"]
 
-_ROOT = ".rvads"
-"""Where sessions leave what they leave unless they are told otherwise."""
 _NAMED = 3
 """Failures that an error names."""
 _REPLAYED = ("FAIL", "OPEN", "UNSURE")
@@ -162,11 +160,11 @@ def _session(which: str | None) -> _Session:
         RvadsError: there is none, or it has left no report.
     """
     from pytest_rvads.report.files import load
-    from pytest_rvads.report.folders import REPORT, sessions
+    from pytest_rvads.report.folders import REPORT, ROOT, sessions
 
     number = which if which is not None and which.isascii() and which.isdecimal() else ""
-    root = Path(_ROOT) if number or which is None else Path(which)
-    if (root / REPORT).exists():
+    root = Path(ROOT) if number or which is None else Path(which)
+    if which and not number and (root / REPORT).exists():
         return _Session(root, load(root / REPORT))
     found = {folder.name: folder for folder in sessions(root)}
     if not found:
@@ -186,17 +184,19 @@ def _session(which: str | None) -> _Session:
 
 def _list(session: _Session) -> int:
     """Print the failures of a session, a line each."""
+    from pytest_rvads.report.folders import option
+
     failed, report = session.failed, session.report
     began = f"began {report.began}, " if report.began else ""
     say(f"{session.folder.as_posix()}: {began}{len(failed):,} of {plural(len(report.records), 'item')} failed")
-    undrawn = 0
+    undrawn, which = 0, option(session.folder)
     for record in failed:
         drawn, why = session.page(record).exists(), session.unseen(record)
         undrawn += not (drawn or why)
         look = f"{session.page(record).as_posix()}{_at(record)}" if drawn else why or "not drawn yet"
         say(f"{record.status:<10} {one_line(record.nodeid)}  {look}")
     if undrawn:
-        say('rvads replay "ID" draws one of them, and a part of its id will do; rvads replay --all draws all')
+        say(f'rvads replay {which} "ID" draws one of them, and a part of its id will do; rvads replay {which} --all draws all')
     return 0
 
 
@@ -217,6 +217,8 @@ def _one(chosen: Sequence[Record], session: _Session, what: str, rule: str | Non
     Raises:
         RvadsError: none is called so, or several are.
     """
+    from pytest_rvads.report.folders import option
+
     if len(chosen) == 1:
         return chosen[0]
     asked = " and ".join([f"{what!r} in the id"] * bool(what) + [f"{rule!r} as its rule"] * bool(rule))
@@ -230,7 +232,7 @@ def _one(chosen: Sequence[Record], session: _Session, what: str, rule: str | Non
             f"{passed.nodeid} did not fail in {session.folder}, it is {passed.status}, and only runs of failures are kept: "
             "--rvads-keep=DIR keeps all"
         )
-    raise RvadsError(f"{session.folder} has no failure{those}: `rvads replay` lists those of the latest session")
+    raise RvadsError(f"{session.folder} has no failure{those}: `rvads replay {option(session.folder)}` lists those that it has")
 
 
 def _all(session: _Session, chosen: Sequence[Record]) -> int:

@@ -82,7 +82,7 @@ def _source(made: type | FunctionType, here: Path) -> str:
     _follow(made.__module__, _top(made), files)
     own = _file(sys.modules.get(made.__module__ or ""))
     name = "" if own is None else f"{own.relative_to(here) if own.is_relative_to(here) else own.name} "
-    return f"{name}{_short(files[file] for file in sorted(files) if file != Path(_PACKAGE))}".rstrip()
+    return f"{name}{_short(sorted(digest for file, digest in files.items() if file != Path(_PACKAGE)))}".rstrip()
 
 
 def _short(digests: Iterable[str]) -> str:

@@ -9,9 +9,12 @@ from errno import EEXIST
 from pathlib import Path
 
 from pytest_rvads.errors import RunError
+from pytest_rvads.wording import quoted
 
-__all__ = ["INDEX", "REPORT", "claimed", "run_file", "sessions", "shown", "used"]
+__all__ = ["INDEX", "REPORT", "ROOT", "claimed", "option", "run_file", "sessions", "shown", "used"]
 
+ROOT = ".rvads"
+"""Where sessions leave what they leave unless they are told otherwise."""
 INDEX, REPORT = "index.html", "report.json"
 """What a session leaves in its folder when it has ended: its page, and its report for programs."""
 _RUNS, _MARKER, _LATEST = "runs", ".session", "latest"
@@ -62,6 +65,16 @@ def claimed(root: Path, token: str, keep: int) -> Path:
         _prune(root, keep)
         return made
     raise OSError(EEXIST, "another process of this session began to make a folder there and did not end", str(root))
+
+
+def option(folder: Path) -> str:
+    """Return the option by which ``rvads replay`` takes a session, and no later one.
+
+    Args:
+        folder: of the session, from where it was started.
+    """
+    numbered = folder.parent == Path(ROOT) and folder.name.isdecimal()
+    return f"--session {folder.name if numbered else quoted(folder.as_posix())}"
 
 
 def shown(folder: Path, name: str) -> Path:

@@ -25,7 +25,7 @@ from pytest_rvads.wording import plural, quoted
 __all__ = ["FAILURES", "Block", "Causes", "Changes", "Figures", "Head", "Notes", "RollUp", "Verdicts", "outline"]
 
 FAILURES = "causes of failures"
-"""Title of the block of causes that no format folds."""
+"""Title of the block that groups failures; no format folds it."""
 _REASONS = 5
 """Reasons told in short why junctions are left out."""
 _LISTED = 10
@@ -144,8 +144,6 @@ class _Tally(Protocol):
     def add(self, record: Record) -> None: ...
 
 
-FAILURES = "causes of failures"
-"""Title of the block that groups failures."""
 _GROUPED: tuple[tuple[str, Callable[[], ByText]], ...] = (
     (FAILURES, causes),
     ("provoked by traffic", provoked),
@@ -228,7 +226,7 @@ def _began(report: Report) -> Iterator[str]:
 def _total(found: Sequence[AtJunction]) -> str:
     """Return how many verdicts there are of what kind, on how many runs."""
     tally = sum((one.tally for one in found), Counter[Tallied]())
-    runs = len(set().union(*(one.runs | one.wrong for one in found)))
+    runs = len(set[str]().union(*(some for one in found for some in (one.runs, one.wrong))))
     return f"{plural(tally.total(), 'verdict')} on {plural(runs, 'run')}: {counted(tally) or 'none'}"
 
 

@@ -6,10 +6,12 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from heapq import nsmallest
 from pathlib import Path
 from typing import Any
 
+from pytest_rvads.report.folders import option, sessions
 from pytest_rvads.report.matrix import group_of, member_of
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
@@ -43,8 +45,9 @@ def page(report: Report, folder: Path) -> str:
     chosen = _chosen(report)
     seen = {record.status for record in chosen}
     rolled = [block for block in blocks if isinstance(block, RollUp)]
+    session = _session(folder)
     content = {
-        "items": [_item(record, folder, report) for record in chosen],
+        "items": [_item(record, folder, report, session) for record in chosen],
         "all": len(report.records),
         "sums": [_sums(table) for block in rolled for table in block.sums],
         "rolled": "".join(block.title for block in rolled),
@@ -142,7 +145,7 @@ def _matrix(block: Verdicts) -> dict[str, Any]:
     }
 
 
-def _item(record: Record, folder: Path, report: Report) -> dict[str, Any]:
+def _item(record: Record, folder: Path, report: Report, session: str) -> dict[str, Any]:
     return {
         "id": record.nodeid,
         "group": group_of(record),
@@ -159,17 +162,33 @@ def _item(record: Record, folder: Path, report: Report) -> dict[str, Any]:
         "driver": record.driver,
         "simulator": record.simulator,
         "look": _link(record.look, folder),
-        "draw": _drawing(record, report),
+        "draw": _drawing(record, report, session),
     }
 
 
-def _drawing(record: Record, report: Report) -> str:
-    """Return the command that draws the replay of an item, where it has a run that may be kept and none is drawn."""
+def _session(folder: Path) -> str:
+    """Return the option that names the session whose folder this is; nothing where it is no session's."""
+    place = Path(os.path.realpath(folder))  # a link may lead to another session later
+    if place not in sessions(place.parent):
+        return ""
+    with suppress(ValueError):  # on another drive no path leads there from here
+        place = Path(os.path.relpath(place))
+    return option(place)
+
+
+def _drawing(record: Record, report: Report, session: str) -> str:
+    """Return the command that draws the replay of an item, where it has a run that may be kept and none is drawn.
+
+    Args:
+        record: of the item.
+        report: of its session.
+        session: the option that names the session; empty takes the latest, where nothing is known of it.
+    """
     if record.look and not record.look.startswith("not drawn"):
         return ""
     if not record.hash or not (record.failed or report.kept) or not report.again.startswith("pytest"):
         return ""
-    return f"rvads replay {quoted(record.nodeid)}"
+    return " ".join(filter(None, ("rvads replay", session, quoted(record.nodeid))))
 
 
 def _link(look: str, folder: Path) -> str:

@@ -248,8 +248,8 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def where(self) -> str:
-        """The run as sentences name it: test and run, or the run alone where there is no test."""
-        return f"{self.test}[{self.run}]" if self.test else str(self.run)
+        """The run as sentences name it: test and run with the variant, or the run alone where there is no test."""
+        return f"{self.test}[{self.run}{f', {self.variant}' if self.variant else ''}]" if self.test else str(self.run)
 
     @property
     def failed(self) -> bool:

@@ -120,7 +120,7 @@ def _bad(counts: Counter[Tallied]) -> int:
     return sum(count for kind, count in counts.items() if kind and kind.bad)
 
 
-def natural(name: str) -> list[tuple[bool, int, str]]:
-    """Return what names are sorted by so that 26 comes before 124."""
-    parts = re.split(r"(\d+)", name)
-    return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
+def natural(name: str) -> list[tuple[bool, int, str, str]]:
+    """Return what names are sorted by so that 26 comes before 124; they may have more digits than Python makes a number of."""
+    parts = [(part, part.lstrip("0") if part.isdecimal() else "") for part in re.split(r"(\d+)", name)]
+    return [(part.isdecimal(), len(digits), digits, part) for part, digits in parts]

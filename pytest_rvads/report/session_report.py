@@ -147,7 +147,7 @@ class Report:
     left_out: dict[str, int] = field(default_factory=dict)
     """Test to how many points of its grid are beyond v(d)max and were left out."""
     seconds: dict[str, float] = field(default_factory=dict, compare=False)
-    """Test and run to how long simulating and judging took on this machine [s]."""
+    """Test and run, with its variant, to how long simulating and judging took on this machine [s]."""
     comparison: Comparison | None = None
     """With the baseline, where there is one."""
     complete: bool = True

@@ -42,7 +42,7 @@ class Summary:
     causes: str
     """What is behind failures, and behind what was no failure."""
     examples: tuple[str, ...]
-    """The first item of each cause of failures that is listed."""
+    """The first item of each cause of failures, listed or not."""
 
 
 def summary(
@@ -91,7 +91,7 @@ def summarise(  # noqa: PLR0913 - what a terminal is like, and how much to show
             case Causes(settled=False):
                 causes.lines([""] if causes.text() else [])
                 causes.causes(block)
-                examples += [cause.example for cause in block.causes[: causes.most] if block.title == FAILURES]
+                examples += [cause.example for cause in block.causes if block.title == FAILURES]
             case _:
                 rest.append(block)
     verdicts.tables(tables)

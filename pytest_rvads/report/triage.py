@@ -10,15 +10,14 @@ What no autopilot could have avoided explains nothing else and is a cause of its
 
 from __future__ import annotations
 
-import math
-import re
 from collections import Counter
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
+from pytest_rvads.report.faults import explains, first_line, hanging, signature, time_of, verdict_of, violated
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, VerdictRecord
-from pytest_rvads.report.variants import Place, Variants, place_of
+from pytest_rvads.report.variants import Variant, Variants, variant_of
 from pytest_rvads.wording import first, plural
 
 __all__ = ["ByCause", "ByText", "Cause", "causes", "idle", "known", "provoked", "unavoidable", "unsure"]
@@ -27,14 +26,10 @@ _RULES = 3
 """Rules named per cause; the rest is counted."""
 _VARIANTS = 5
 """Variants named per cause; likewise."""
-_INSTANCES = 3
-"""Unsure instances of an item that are told; likewise."""
 _IDS = 1000
 """Items of a cause whose ids are kept; the rest is counted."""
 _GROUPS = 1000
 """Causes that are told apart; what comes after them is one more."""
-_VARIES = re.compile(r"0x[0-9a-fA-F]+|\d+([.,]\d+)*(e[+-]?\d+)?")
-"""What differs between messages of one fault: vehicles, times, lines, addresses. Names of vehicles end with a number."""
 _OPEN = 10_000
 """Runs that may go on failing: of one that fails once more when so many others have begun to, that is a cause of its own."""
 
@@ -85,11 +80,11 @@ class _Part:
 
     def __init__(self, record: Record, signature: Hashable, text: str, verdict: VerdictRecord | None = None) -> None:
         self.signature, self.text = signature, text
-        self.verdict, self.time = verdict is not None, _time(record)
+        self.verdict, self.time = verdict is not None, time_of(record)
         self.roles = verdict.roles if verdict else ""
         self.title = verdict.title if verdict else ""
         self.example, self.rule = record.nodeid, record.asks
-        self.run, self.junction, self.places = record.ran_as, record.junction, {place_of(record)}
+        self.run, self.junction, self.places = record.ran_as, record.junction, {variant_of(record)}
         self.rules, self.ids, self.count, self.number = {record.asks: None}, [record.nodeid], 1, 0
 
     def joined(self, other: _Part) -> _Part:
@@ -110,7 +105,7 @@ class _Group:
         self.count = 0
         self._runs: set[str] = set()
         self._junctions: set[str] = set()
-        self._places: set[Place] = set()
+        self._places: set[Variant] = set()
         self._roles: Counter[str] = Counter()
 
     def take(self, part: _Part) -> None:
@@ -191,7 +186,7 @@ class ByCause(ByText):
     """
 
     def __init__(self, chosen: Callable[[Record], bool]) -> None:
-        super().__init__(_violated)
+        super().__init__(violated)
         self._chosen = chosen
         self._open: dict[str, _Part] = {}
         """By run what broke first in it so far, with all that this explains."""
@@ -201,8 +196,8 @@ class ByCause(ByText):
         self._variants.add(record)
         if not self._chosen(record):
             return
-        part = self._numbered(_Part(record, _signature(record), _violated(record), _verdict(record)))
-        if not _explains(record):
+        part = self._numbered(_Part(record, signature(record), violated(record), verdict_of(record)))
+        if not explains(record):
             self._take(part)
         elif known := self._open.get(part.run):
             self._open[part.run] = known.joined(part)
@@ -236,7 +231,7 @@ def unavoidable() -> ByCause:
 
 def unsure() -> ByText:
     """Return what groups what is UNSURE, and failed no test, by what it hangs on."""
-    return ByText(lambda record: _hanging(record) if record.status is Outcome.UNSURE and not record.failed else None)
+    return ByText(lambda record: hanging(record) if record.status is Outcome.UNSURE and not record.failed else None)
 
 
 def known() -> ByText:
@@ -249,62 +244,6 @@ def idle() -> ByText:
 
     def reason(record: Record) -> str | None:
         rest = not (record.failed or record.known or record.outcome == "passed" or record.status is Outcome.UNSURE)
-        return _first_line(record) if rest and record.message else None
+        return first_line(record) if rest and record.message else None
 
     return ByText(reason)
-
-
-def _explains(record: Record) -> bool:
-    """Tell whether what a record says was violated can be behind other failures of its run."""
-    verdict = _verdict(record)
-    return bool(verdict and record.hash and not verdict.unavoidable)
-
-
-def _verdict(record: Record) -> VerdictRecord | None:
-    """Return the verdict that gave a record its status, or None where something else did."""
-    wanted = record.status
-    if wanted is Outcome.ERROR:
-        return None
-    return next((verdict for verdict in record.verdicts if wanted in (verdict.outcome, verdict.status)), None)
-
-
-def _time(record: Record) -> tuple[float, str]:
-    """Return when it was violated [s]; of several at the same time, the first by name tells."""
-    verdict = _verdict(record)
-    return (math.inf if verdict is None or verdict.time is None else verdict.time), record.asks
-
-
-def _signature(record: Record) -> Hashable:
-    """Return what records with the same cause share; what messages of one fault differ in is not part of it."""
-    verdict = _verdict(record)
-    if verdict:
-        # What can't be kept is one cause, however it ended.
-        return "" if verdict.unavoidable else record.status, _violated(record)
-    # One fault of a stack is one cause, whatever rules would have judged its runs; and so is chance in it.
-    rule = "" if record.status in (Outcome.ERROR, Outcome.FLAKY) else record.asks
-    return record.status, rule, _VARIES.sub("#", _violated(record))
-
-
-def _violated(record: Record) -> str:
-    """Return what was violated or went wrong, in words."""
-    if record.status is Outcome.FLAKY:
-        return "not deterministic: the same start gave another run"
-    if record.status is Outcome.UNSURE:
-        return _hanging(record)
-    verdict = _verdict(record)
-    if verdict is None:
-        return _first_line(record).removeprefix(f"{record.asks} {Outcome.ERROR}: ")
-    told = verdict.violated or verdict.cause
-    return told.replace("open: ", "still owed at the end of the run: ", 1) if told.startswith("open: ") else told
-
-
-def _hanging(record: Record) -> str:
-    """Return what an unsure record hangs on."""
-    verdict = _verdict(record)
-    told = verdict.hangs if verdict else ()
-    more = len(told) - _INSTANCES
-    return "; ".join(told[:_INSTANCES]) + (f" and {more} more" if more > 0 else "") or _first_line(record)
-
-
-def _first_line(record: Record) -> str:
-    return record.message.strip().partition("\n")[0]

@@ -7,9 +7,9 @@ from collections.abc import Collection
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.rollup import natural
 
-__all__ = ["Place", "Variants", "place_of"]
+__all__ = ["Variant", "Variants", "variant_of"]
 
-Place = tuple[str, str]
+Variant = tuple[str, str]
 """A test, and its variant; both are empty where it has none."""
 
 
@@ -23,10 +23,10 @@ class Variants:
     def add(self, record: Record) -> None:
         """Take a record in."""
         if record.variant:
-            test, variant = place_of(record)
+            test, variant = variant_of(record)
             self._known.setdefault(test, set()).add(variant)
 
-    def only(self, places: Collection[Place]) -> tuple[str, ...]:
+    def only(self, places: Collection[Variant]) -> tuple[str, ...]:
         """Return the variants at some places in order, where their tests have others; nothing where a test has none."""
         tests, here = {test for test, _ in places}, {variant for _, variant in places}
         if "" in here or here >= set().union(*(self._known.get(test, ()) for test in tests)):
@@ -34,7 +34,7 @@ class Variants:
         return tuple(sorted(here, key=natural))
 
 
-def place_of(record: Record) -> Place:
+def variant_of(record: Record) -> Variant:
     """Return which test a record is of, by its file and function, and in which variant."""
     # One place for all others: a campaign has a million records, each an item of its own.
     return (record.nodeid.partition("[")[0], record.variant) if record.variant else ("", "")

@@ -57,6 +57,8 @@ def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes:
         notes: what the page says beside the picture.
         around: gives what else it says and shows; asked only for a page that is drawn.
     """
+    from pytest_rvads.report.folders import option
+
     drawn = item.config.stash.setdefault(_DRAWN, Counter())
     session = item.config.stash[FOLDER]
     try:
@@ -65,9 +67,8 @@ def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes:
     except Exception as error:
         return Shown(f"not drawn: {_said(error)}")
     if drawn.total() >= _MOST and drawn[verdict.rule]:
-        which = session.told(folder)
-        where = "" if Path(which).parent == Path(".rvads") else f" --session {quoted(which)}"
-        return Shown(f"not drawn, and {unkept}" if unkept else f"rvads replay{where} {quoted(item.nodeid)}")
+        which = option(Path(session.told(folder)))
+        return Shown(f"not drawn, and {unkept}" if unkept else f"rvads replay {which} {quoted(item.nodeid)}")
     try:
         found = _draw(folder, item, run, verdict, rule, notes, around())
     except Exception as error:

@@ -124,8 +124,10 @@ class Causes:
             reporter.write(summary.causes)
         if self._verdicts.lines:
             folded = plural(self._verdicts.lines, "more line is", "more lines are")
-            reporter.write_line(f"{folded} left out of the short test summary, whose items these causes count: -vv shows all")
-        if summary and self._session.outputs.index:
+            reporter.write_line(
+                f"{folded} left out of the short test summary, which has the first item of every cause: -vv shows all"
+            )
+        if self._session.outputs.index:
             reporter.write_line(f"look: {self._session.outputs.index}")
         for trouble in self._session.troubles:
             reporter.write_line(f"rvads: {printable(trouble)}", red=True)

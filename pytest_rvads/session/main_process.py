@@ -20,7 +20,7 @@ from pytest_rvads.session.outputs import Outputs, told, totals
 from pytest_rvads.session.plan import Planner
 from pytest_rvads.session.reasons import Ending, reasons
 from pytest_rvads.session.time_budget import BUDGET
-from pytest_rvads.wording import plural
+from pytest_rvads.wording import plural, printable
 
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
@@ -210,7 +210,7 @@ class Session:
             drawn=tuple(plan.drawn),
             seconds=self._by_run(),
             began=self.began,
-            command=shlex.join(["pytest", *self.config.invocation_params.args]),
+            command=printable(shlex.join(["pytest", *map(os.fspath, self.config.invocation_params.args)])),
             kept=self._kept(),
         )
         if self.baseline:
@@ -226,15 +226,19 @@ class Session:
 
     def _kept(self) -> str:
         """Return the folder in which all runs are kept, from where the session was started."""
-        return os.path.relpath(self.options.keep, self.config.invocation_params.dir) if self.options.keep else ""
+        if not self.options.keep:
+            return ""
+        try:
+            return os.path.relpath(self.options.keep, self.config.invocation_params.dir)
+        except ValueError:  # on another drive no path leads there from here
+            return str(self.options.keep)
 
     def _by_run(self) -> dict[str, float]:
         """Return how long the items of every run took together [s]."""
         found: dict[str, float] = {}
         for nodeid, record in self.records.items():
             if record.run:
-                name = f"{record.test}[{record.run}]"
-                found[name] = found.get(name, 0.0) + self.seconds.get(nodeid, 0.0)
+                found[record.where] = found.get(record.where, 0.0) + self.seconds.get(nodeid, 0.0)
         return {name: round(taken, 3) for name, taken in found.items()}
 
     def _compare(self, report: Report, baseline: Report) -> Report:

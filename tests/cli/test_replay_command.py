@@ -123,7 +123,7 @@ def test_without_arguments_it_lists_what_failed(session: Path, said: Said) -> No
         PLAIN: ["FAIL", "no rule was violated"],
         PLAIN.replace("07-as1133", "01-as1111"): ["FAIL", "no rule was violated"],
     }
-    assert hint.startswith('rvads replay "ID" draws one of them')
+    assert hint.startswith('rvads replay --session 1 "ID" draws one of them')
 
 
 @pytest.mark.parametrize("what", [(UNDRAWN,), ("class07", "--rule", "full_stop"), ("07-as1133-cfgd03.00v00.00-full",)])
@@ -221,7 +221,10 @@ def test_a_page_elsewhere_leads_back_and_is_no_page_of_the_session(
 def test_a_session_is_named_by_number_folder_or_the_folder_of_all(session: Path, said: Said) -> None:
     shutil.copytree(session, session.with_name("2"))
     (session.with_name("2") / ".session").write_text("another")
+    shutil.copy(session / "report.json", ".rvads/report.json")  # as --rvads-report may be told to write it
     assert said()[1][0].startswith(".rvads/2: ")
+    assert said("--session", "1")[1][0].startswith(".rvads/1: ")
+    Path(".rvads/report.json").unlink()
     for name, folder in (("1", ".rvads/1"), (".rvads/1", ".rvads/1"), (".rvads/latest", ".rvads/latest"), (".rvads", ".rvads/2")):
         assert said("--session", name)[1][0].startswith(f"{folder}: "), name
     os.chdir("..")
@@ -270,7 +273,7 @@ def make_slower(session: Path) -> Callable[[], Run]:
         (("class07",), f".rvads/1 has 3 failures with 'class07' in the id: say more of one, or --all: {UNDRAWN}, {OWN}, {PLAIN}"),
         (
             ("nothing like it",),
-            ".rvads/1 has no failure with 'nothing like it' in the id: `rvads replay` lists those of the latest session",
+            ".rvads/1 has no failure with 'nothing like it' in the id: `rvads replay --session 1` lists those",
         ),
         (("class07", "--rule", "p9"), ".rvads/1 has no failure with 'class07' in the id and 'p9' as its rule: "),
         (

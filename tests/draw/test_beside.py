@@ -57,7 +57,7 @@ def test_a_page_tells_what_run_rule_and_notes_say_of_themselves() -> None:
     told = {"autopilot": "mine.Pilot", "traffic": "reference", "simulator": "bullet"}
     run = driven(provenance=told, facts=Facts(subject="a0", speed_limit=11.176))
     rule = get_rule("full_stop")
-    assert page(run, notes="block\nrerun     pytest 'x'\nmore")["facts"] == [
+    assert page(run, notes="block\nrerun     of a title\nrerun     pytest 'x'\nmore")["facts"] == [
         ["scenario", run.label],
         ["driven by", "mine.Pilot, a0 alone; the others by reference"],
         ["simulated by", "bullet"],

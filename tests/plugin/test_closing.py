@@ -65,10 +65,46 @@ def test_failures_are_folded_per_cause_and_causes_come_last(pytester: pytest.Pyt
     assert named(result, "ERROR") == ["test_with_a_broken_fixture"]
     left_out = counts["failed"] - 2
     result.stdout.fnmatch_lines(
-        [f"{left_out} more lines are left out of the short test summary, whose items these causes count: -vv shows all"]
+        [f"{left_out} more lines are left out of the short test summary, which has the first item of every cause: -vv shows all"]
     )
     assert result.outlines.index(next(line for line in result.outlines if line.startswith("XFAIL"))) > 0
     assert result.ret == pytest.ExitCode.TESTS_FAILED
+
+
+def test_causes_that_are_not_listed_keep_the_line_of_their_first_item(pytester: pytest.Pytester, reference: None) -> None:
+    pytester.makepyfile(
+        """
+        import pytest
+        import pytest_rvads as rvads
+
+        @pytest.mark.parametrize("kind", "abcdefghijkl")
+        @rvads.scenario("stop4", classes=1, grid="E", rules=("p1", "p4"), duration=0.1)
+        def test_many_faults(run, rule, monitor, kind):
+            raise ValueError(f"fault {kind}")
+        """
+    )
+    result = pytester.runpytest("--tb=no")
+    assert result.parseoutcomes() == {"failed": 24}
+    result.stdout.fnmatch_lines(["  ... and 2 more: *", "12 more lines are left out of the short test summary, *"])
+    told = [found[1] for name in named(result) if (found := re.search(r"-([a-l])\]$", name))]
+    assert sorted(told) == list("abcdefghijkl"), "also those of the two causes that are not listed"
+
+
+def test_a_session_started_from_python_with_paths_is_summed_up(pytester: pytest.Pytester) -> None:
+    """Some seconds, in which Python starts."""
+    path = pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=1, grid="E", rules="p1", duration=0.1)
+        def test_rules(run, rule, monitor):
+            raise ValueError("a fault")
+        """
+    )
+    given = f"[pathlib.Path({str(path)!r}), '--tb=no', '--rvads-autopilot=reference']"
+    result = pytester.runpython(pytester.makepyfile(main=f"import pathlib, pytest; pytest.main({given})"))
+    result.stdout.no_fnmatch_line("*could not be summed up*")
+    result.stdout.fnmatch_lines(["*= rvads causes =*", "causes of failures"])
 
 
 @pytest.mark.parametrize("options", [("-vv",), ("--rvads-summary=full",)])

@@ -162,9 +162,10 @@ def test_a_process_draws_the_first_failures_and_of_every_rule_one(
     *drawn, third, fourth = looks(result)
     assert [look.partition("#")[0].endswith(".html") for look in drawn] == [True, True]
     rest = "test_it.py::test_rules[stop4-class07-as1133-cfgd03.00v00.00"
-    assert (third, fourth) == (f'rvads replay "{rest}-full_stop]"', f'rvads replay "{rest}-stays_out]"')
+    assert (third, fourth) == tuple(f'rvads replay --session 1 "{rest}-{rule}]"' for rule in ("full_stop", "stays_out"))
     records = json.loads((racing / "1" / "report.json").read_text(encoding="utf-8"))["records"]
     assert ["look" in record for record in records] == [True, True, False, False]
+    assert rf"rvads replay --session 1 \"{rest}-full_stop]\"" in (racing / "1" / "index.html").read_text(encoding="utf-8")
     assert len(list((racing / "1" / "runs").iterdir())) == 2, "what is not drawn is kept all the same"
 
 
@@ -272,10 +273,10 @@ def test_hostile_ids_are_one_plain_file_and_one_word_of_the_shell(
     told = [look for look in looks(result) if look.startswith("rvads replay ")]
     assert len(told) == len(names) - 1
     for look in told:
-        command = look.replace("rvads replay", f"{sys.executable} -c 'import sys; print(len(sys.argv), sys.argv[1])'")
+        command = look.replace("rvads replay", f"{sys.executable} -c 'import sys; print(len(sys.argv), sys.argv[3])'")
         printed = subprocess.run(["/bin/sh", "-c", command], capture_output=True, text=True, check=True).stdout
-        assert printed.startswith("2 test_it.py::test_rules[")
-        assert main(["replay", printed.removeprefix("2 ").rstrip("\n")]) == 0
+        assert printed.startswith("4 test_it.py::test_rules[")
+        assert main(["replay", "--session", "1", printed.removeprefix("4 ").rstrip("\n")]) == 0
     assert not list(pytester.path.rglob("hacked"))
     assert len(list((racing / "1").glob("test_it*.html"))) == len(names)
     assert {path.parent for path in pytester.path.rglob("*.html")} == {racing / "1"}

@@ -83,6 +83,14 @@ def test_each_version_of_a_controller_has_rows_of_its_own(pytester: pytest.Pytes
     assert {case["variant"] for case in cases if case["verdict"] == "FAIL"} == {"v3"}
 
 
+def test_the_runs_of_versions_are_told_apart_in_figures(pytester: pytest.Pytester) -> None:
+    session(pytester, "--rvads-report=r.json")
+    report = load(Path("r.json"))
+    runs = {f"test_rules[stop4-class{cls}-cfgB, {version}]" for cls in ("01-as1111", "02-as1112") for version in VERSIONS}
+    assert set(report.seconds) == runs, "what one version takes is not added to that of another"
+    assert {record.where for record in report.records} == runs
+
+
 def test_without_further_parameters_nothing_is_said_of_variants(pytester: pytest.Pytester, reference: None) -> None:
     pytester.makepyfile(test_it=TESTS.format(duration=1))
     result = pytester.runpytest("--rvads-report=out.json", "--junitxml=out.xml", "-o", "junit_family=xunit1")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.report import folders
-from pytest_rvads.report.folders import INDEX, REPORT, claimed, run_file, sessions, used
+from pytest_rvads.report.folders import INDEX, REPORT, claimed, option, run_file, sessions, used
 
 KEEP = 5
 LATE = 7200.0
@@ -169,6 +169,14 @@ def test_a_folder_that_can_t_be_made_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(OSError, match="file"):
         claimed(tmp_path / "file", "a", KEEP)
+
+
+def test_the_option_of_a_session_names_that_one_alone() -> None:
+    assert option(Path(".rvads/12")) == "--session 12"
+    assert option(Path("out/of the way/1")) == '--session "out/of the way/1"'
+    assert option(Path(".rvads/latest")) == '--session ".rvads/latest"'
+    assert option(Path("sub/.rvads/3")) == '--session "sub/.rvads/3"'
+    assert option(Path("$(rm)/3")) == "--session '$(rm)/3'"
 
 
 def test_what_runs_take_is_known(tmp_path: Path) -> None:

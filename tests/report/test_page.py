@@ -13,6 +13,7 @@ from markdown_it import MarkdownIt
 from msgspec.structs import replace
 
 from pytest_rvads.report.annotations import annotate
+from pytest_rvads.report.folders import claimed
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import Changes, outline
 from pytest_rvads.report.page import page
@@ -117,6 +118,16 @@ def test_changes_since_a_baseline_stand_before_the_causes_and_many_are_folded() 
     shown, _, folded = text.partition("<details>")
     assert "against main.json: 15 NEW" in shown
     assert (shown.count("<li>"), folded.startswith("<summary>5 more</summary>")) == (10, True)
+
+
+def test_the_page_of_a_session_names_it_in_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    one = replace(record(1, "p1", "FAIL"), look="")
+    claimed(Path(".rvads"), "token", 5)
+    told = f'"draw":"rvads replay --session 1 \\"{one.nodeid}\\""'
+    for folder in (Path(".rvads/1"), tmp_path / ".rvads/1", Path(".rvads/latest")):
+        assert told in page(session(one), folder)
+    assert "--session" not in page(session(one), Path(".rvads")), "of what lies elsewhere nobody knows the session"
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from pytest_rvads.report import matrix, traceability, triage
+from pytest_rvads.report import matrix, rollup, traceability, triage
 from pytest_rvads.report.coverage import measure
 from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.markdown import markdown
@@ -461,3 +461,9 @@ def test_a_stack_that_drives_several_vehicles_made_one_run() -> None:
     took = Computing(stack="stack ./mine", decisions=50, compute=0.5, longest=0.02)
     report = Report((replace(record("J1", 1, "p1", "PASS"), timing={"a0": took, "a1": took}),))
     assert "stack ./mine: 100 decisions in 1 run, 10 ms each, 20 ms the longest" in told(report, 120)
+
+
+def test_names_with_numbers_are_in_their_order_however_long_these_are() -> None:
+    long = "9" * 5000  # Python makes no number of so many digits
+    names = ["j26", "j124", "j07", "j7", f"j{long}", f"j1{long}", "j", "\u0663"]
+    assert sorted(names, key=rollup.natural) == ["\u0663", "j", "j07", "j7", "j26", "j124", f"j{long}", f"j1{long}"]

@@ -1,0 +1,74 @@
+"""What went wrong with one item, from its record: what was violated, when, and what all records of one fault share."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Hashable
+
+from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.report.record import Record, VerdictRecord
+
+__all__ = ["explains", "first_line", "hanging", "signature", "time_of", "verdict_of", "violated"]
+
+_INSTANCES = 3
+"""Unsure instances of an item that are told; the rest is counted."""
+_VARIES = re.compile(r"0x[0-9a-fA-F]+|\d+([.,]\d+)*(e[+-]?\d+)?")
+"""What differs between messages of one fault: vehicles, times, lines, addresses. Names of vehicles end with a number."""
+
+
+def explains(record: Record) -> bool:
+    """Tell whether what a record says was violated can be behind other failures of its run."""
+    verdict = verdict_of(record)
+    return bool(verdict and record.hash and not verdict.unavoidable)
+
+
+def verdict_of(record: Record) -> VerdictRecord | None:
+    """Return the verdict that gave a record its status, or None where something else did."""
+    wanted = record.status
+    if wanted is Outcome.ERROR:
+        return None
+    return next((verdict for verdict in record.verdicts if wanted in (verdict.outcome, verdict.status)), None)
+
+
+def time_of(record: Record) -> tuple[float, str]:
+    """Return when it was violated [s]; of several at the same time, the first by name tells."""
+    verdict = verdict_of(record)
+    return (math.inf if verdict is None or verdict.time is None else verdict.time), record.asks
+
+
+def signature(record: Record) -> Hashable:
+    """Return what records with the same cause share; what messages of one fault differ in is not part of it."""
+    verdict = verdict_of(record)
+    if verdict:
+        # What can't be kept is one cause, however it ended.
+        return "" if verdict.unavoidable else record.status, violated(record)
+    # One fault of a stack is one cause, whatever rules would have judged its runs; and so is chance in it.
+    rule = "" if record.status in (Outcome.ERROR, Outcome.FLAKY) else record.asks
+    return record.status, rule, _VARIES.sub("#", violated(record))
+
+
+def violated(record: Record) -> str:
+    """Return what was violated or went wrong, in words."""
+    if record.status is Outcome.FLAKY:
+        return "not deterministic: the same start gave another run"
+    if record.status is Outcome.UNSURE:
+        return hanging(record)
+    verdict = verdict_of(record)
+    if verdict is None:
+        return first_line(record).removeprefix(f"{record.asks} {Outcome.ERROR}: ")
+    told = verdict.violated or verdict.cause
+    return told.replace("open: ", "still owed at the end of the run: ", 1) if told.startswith("open: ") else told
+
+
+def hanging(record: Record) -> str:
+    """Return what an unsure record hangs on."""
+    verdict = verdict_of(record)
+    told = verdict.hangs if verdict else ()
+    more = len(told) - _INSTANCES
+    return "; ".join(told[:_INSTANCES]) + (f" and {more} more" if more > 0 else "") or first_line(record)
+
+
+def first_line(record: Record) -> str:
+    """Return the first line of a message."""
+    return record.message.strip().partition("\n")[0]
