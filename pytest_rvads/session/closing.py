@@ -123,8 +123,8 @@ class Causes:
             reporter.section("rvads causes")
             reporter.write(summary.causes)
         if self._verdicts.lines:
-            folded = plural(self._verdicts.lines, "more line is", "more lines are")
-            reporter.write_line(f"{folded} left out of the short test summary, whose items these causes count: -vv shows all")
+            folded = plural(self._verdicts.lines, "FAILED line", "FAILED lines")
+            reporter.write_line(f"{folded} left out above, counted by these causes: -vv shows all")
         if summary and self._session.outputs.index:
             reporter.write_line(f"look: {self._session.outputs.index}")
         for trouble in self._session.troubles:
