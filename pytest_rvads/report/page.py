@@ -167,7 +167,7 @@ def _drawing(record: Record, report: Report) -> str:
     """Return the command that draws the replay of an item, where it has a run that may be kept and none is drawn."""
     if record.look and not record.look.startswith("not drawn"):
         return ""
-    if not record.hash or not (record.failed or report.kept) or not report.again.startswith("pytest"):
+    if not record.hash or not (record.shows if record.failed else report.kept) or not report.again.startswith("pytest"):
         return ""
     return f"rvads replay {quoted(record.nodeid)}"
 

@@ -127,6 +127,7 @@ def test_changes_since_a_baseline_stand_before_the_causes_and_many_are_folded() 
         (".rvads/a.html#t=1.00", "FAIL", "", False),
         ("", "PASS", "", False),
         ("", "PASS", "runs", True),
+        ("", "ERROR", "", False),
     ],
 )
 def test_what_has_a_run_and_no_replay_tells_how_to_draw_it(look: str, status: str, kept: str, command: bool) -> None:
