@@ -109,7 +109,7 @@ def _next(options: argparse.Namespace) -> list[str]:
 def _missing(command: str, folder: Path) -> list[str]:
     """Return a line where the program of a command is not there yet."""
     program = _command(command)[0]
-    if shutil.which(str(folder / program) if "/" in program else program):
+    if shutil.which(os.path.join(folder, program) if "/" in program else program):  # a Path would drop ./, without which
         return []
     where = f"at {folder / program}" if "/" in program else "on the PATH"
     return [f"There is no program {where} yet: put it there first."]

@@ -22,8 +22,6 @@ __all__ = ["declare"]
 
 _NAMED = 3
 """Failures that an error names."""
-_REPLAYED = ("FAIL", "OPEN", "UNSURE")
-"""Verdicts that are shown."""
 
 
 def declare(commands: Subparsers) -> None:
@@ -75,7 +73,7 @@ class _Session:
         """Return why there can be no replay of a failure, or nothing."""
         from pytest_rvads.report.folders import run_file
 
-        if not record.hash or not record.verdicts or record.verdicts[-1].status not in _REPLAYED:
+        if not record.hash or not record.shows:
             return "no rule was violated"
         try:
             return "" if run_file(self.folder, record.hash).exists() else "its run is not kept"

@@ -6,6 +6,7 @@ that is longer than a line is the one thing that is broken.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from itertools import groupby, zip_longest
@@ -15,6 +16,9 @@ from rich.cells import cell_len, chop_cells
 from rich.text import Text
 
 __all__ = ["Block", "Cell", "Column", "blocks", "wrapped"]
+
+_BREAK = re.compile(r"(?<!\d) | (?!(?:m?s|m|m/s|m/s\^2|NA)(?:[ ,:;).]|$))")
+"""The spaces at which a text may be broken."""
 
 _GAPS = 3, 2
 """Between columns where one block is wide enough for all of them, and elsewhere."""
@@ -58,7 +62,7 @@ class Block:
 
 
 def wrapped(text: str, width: int, indent: int = 0) -> list[str]:
-    """Return a text as lines, broken at spaces; a word that is longer than a line is broken where that is full.
+    """Return a text as lines, broken at spaces, but not between a number and its unit; a word longer than a line is cut.
 
     Args:
         text: on one line.
@@ -66,7 +70,7 @@ def wrapped(text: str, width: int, indent: int = 0) -> list[str]:
         indent: of all lines but the first.
     """
     lines = [""]
-    for word in text.split(" "):
+    for word in _BREAK.split(text):
         joined = f"{lines[-1]} {word}" if lines[-1].strip() else lines[-1] + word
         if cell_len(joined) <= width:
             lines[-1] = joined

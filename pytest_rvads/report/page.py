@@ -186,7 +186,7 @@ def _drawing(record: Record, report: Report, session: str) -> str:
     """
     if record.look and not record.look.startswith("not drawn"):
         return ""
-    if not record.hash or not (record.failed or report.kept) or not report.again.startswith("pytest"):
+    if not record.hash or not (record.shows if record.failed else report.kept) or not report.again.startswith("pytest"):
         return ""
     return " ".join(filter(None, ("rvads replay", session, quoted(record.nodeid))))
 

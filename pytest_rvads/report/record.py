@@ -257,6 +257,11 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return self.outcome == "failed"
 
     @property
+    def shows(self) -> bool:
+        """Whether a replay shows what was wrong: the item has a run, and its last verdict is FAIL, OPEN or UNSURE."""
+        return bool(self.hash and self.verdicts) and self.verdicts[-1].status in ("FAIL", "OPEN", "UNSURE")
+
+    @property
     def asked(self) -> bool:
         """Whether a rule asked something of the system under test, of the subject where there is one, and got an answer."""
         given = any(verdict.asked for verdict in self.verdicts if verdict.status.judges)

@@ -123,10 +123,8 @@ class Causes:
             reporter.section("rvads causes")
             reporter.write(summary.causes)
         if self._verdicts.lines:
-            folded = plural(self._verdicts.lines, "more line is", "more lines are")
-            reporter.write_line(
-                f"{folded} left out of the short test summary, which has the first item of every cause: -vv shows all"
-            )
+            folded = plural(self._verdicts.lines, "FAILED line")
+            reporter.write_line(f"{folded} left out above, where the first item of every cause stands: -vv shows all")
         if self._session.outputs.index:
             reporter.write_line(f"look: {self._session.outputs.index}")
         for trouble in self._session.troubles:

@@ -94,6 +94,11 @@ def test_a_stack_that_is_not_there_yet_is_told(pytester: pytest.Pytester, capsys
     )
 
 
+def test_a_stack_that_lies_here_is_found(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copy(sys.executable, "stack")
+    assert not any("There is no program" in line for line in told(capsys, "--stack", "./stack"))
+
+
 @pytest.mark.extended
 @pytest.mark.parametrize(("name", "grid"), [("light3", "H"), ("stop3", "C")])
 def test_a_map_is_driven_at_its_first_junction(

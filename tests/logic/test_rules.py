@@ -150,6 +150,15 @@ def test_a_rule_of_ones_own(make: Make) -> None:
     assert rules_for("gets_in") == (made,)
 
 
+def test_titles_and_requirements_steer_no_terminal(make: Make) -> None:
+    hostile = "\x1b[2Jred\n::error::boom\u202e"
+    mine = rule("mine", "forall a. G !(a@j & stopped(a))", title=hostile, requirement=hostile)
+    told = check(make("stop4", {0: (2, 10, 50, 200)}, 300), mine).explanation
+    for text in (told.replace("\n", ""), repr(mine)):
+        assert text.isprintable()
+        assert "\\x1b[2Jred ::error::boom\\u202e" in text
+
+
 def test_rules_of_other_shapes_are_never_vacuous(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, None, None)}, 300)
     some = Rule("some", "exists a. F a@j")

@@ -64,9 +64,8 @@ def test_failures_are_folded_per_cause_and_causes_come_last(pytester: pytest.Pyt
     assert sorted(named(result)) == sorted([first, "test_of_something_else"])
     assert named(result, "ERROR") == ["test_with_a_broken_fixture"]
     left_out = counts["failed"] - 2
-    result.stdout.fnmatch_lines(
-        [f"{left_out} more lines are left out of the short test summary, which has the first item of every cause: -vv shows all"]
-    )
+    told = f"{left_out} FAILED lines left out above, where the first item of every cause stands: -vv shows all"
+    result.stdout.fnmatch_lines([told])
     assert result.outlines.index(next(line for line in result.outlines if line.startswith("XFAIL"))) > 0
     assert result.ret == pytest.ExitCode.TESTS_FAILED
 
@@ -85,7 +84,7 @@ def test_causes_that_are_not_listed_keep_the_line_of_their_first_item(pytester: 
     )
     result = pytester.runpytest("--tb=no")
     assert result.parseoutcomes() == {"failed": 24}
-    result.stdout.fnmatch_lines(["  ... and 2 more: *", "12 more lines are left out of the short test summary, *"])
+    result.stdout.fnmatch_lines(["  ... and 2 more: *", "12 FAILED lines left out above, *"])
     told = [found[1] for name in named(result) if (found := re.search(r"-([a-l])\]$", name))]
     assert sorted(told) == list("abcdefghijkl"), "also those of the two causes that are not listed"
 
@@ -112,7 +111,7 @@ def test_all_lines_are_there_for_who_asks(pytester: pytest.Pytester, options: tu
     pytester.makepyfile(RUDE)
     result = pytester.runpytest("--tb=no", *options)
     assert len(named(result)) == result.parseoutcomes()["failed"]
-    result.stdout.no_fnmatch_line("*left out of the short test summary*")
+    result.stdout.no_fnmatch_line("*left out above*")
     assert sections(result)[-2] == "rvads causes"
 
 
@@ -121,7 +120,7 @@ def test_nothing_is_said_to_be_left_out_where_pytest_has_no_lines(pytester: pyte
     pytester.makepyfile(RUDE)
     for options in (("-rN",), ("--no-summary",), ("-q", "-rx")):
         result = pytester.runpytest("--tb=no", *options)
-        result.stdout.no_fnmatch_line("*left out of the short test summary*")
+        result.stdout.no_fnmatch_line("*left out above*")
         result.stdout.fnmatch_lines(["*= rvads causes =*", "causes of failures", "*first: pytest *"])
 
 

@@ -138,6 +138,7 @@ def test_the_page_of_a_session_names_it_in_commands(tmp_path: Path, monkeypatch:
         (".rvads/a.html#t=1.00", "FAIL", "", False),
         ("", "PASS", "", False),
         ("", "PASS", "runs", True),
+        ("", "ERROR", "", False),
     ],
 )
 def test_what_has_a_run_and_no_replay_tells_how_to_draw_it(look: str, status: str, kept: str, command: bool) -> None:

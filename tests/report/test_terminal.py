@@ -66,6 +66,14 @@ def test_wrapping_keeps_all_letters_and_breaks_words_only_where_they_are_longer_
         assert " ".join(lines).split() == text.split()
 
 
+def test_a_number_stays_with_its_unit() -> None:
+    text = "stop4: waiting 7.64 s (a2), braking 3.66 m/s^2, 97 NA"
+    for width in range(12, 60):
+        broken = " ".join(f"<{line.strip()}>" for line in wrapped(text, width))
+        assert all(value in broken for value in ("7.64 s", "3.66 m/s^2", "97 NA")), broken
+    assert wrapped("at 5 stop4", 5) == ["at 5", "stop4"], "a unit is a whole word"
+
+
 def test_a_table_reads_as_it_is_drawn() -> None:
     columns = [
         Column(("C", "full_stop"), (Cell("pass"), Cell("1/2 unavoidable, 1/2 xfail I3")), group="C"),

@@ -13,6 +13,7 @@ from pytest_rvads.logic.rules.shape import outermost, untimed
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word
 from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.wording import one_line
 
 __all__ = ["LONGEST_TIE", "Rule"]
 
@@ -127,4 +128,4 @@ class Rule:
         return Vocabulary({**known, **given}) if self.words else known
 
     def __repr__(self) -> str:
-        return f"<Rule {self.name}: {self.title or self.text}>"
+        return f"<Rule {self.name}: {one_line(self.title or self.text)}>"

@@ -21,6 +21,7 @@ from pytest_rvads.logic.telling.phrase import clock, colour_at, place, position,
 from pytest_rvads.logic.telling.story import Story, bound_names, happened
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
+from pytest_rvads.wording import one_line
 
 __all__ = ["block"]
 
@@ -28,9 +29,9 @@ __all__ = ["block"]
 def block(story: Story, worst: Judgement | None, miss: NearMiss | None) -> list[str]:
     """Return the lines of the explanation."""
     rule, run = story.rule, story.run
-    lines = [f"rule      {rule.name}  {rule.title + ':  ' if rule.title else ''}{rule.text}"]
+    lines = [f"rule      {rule.name}  {one_line(rule.title) + ':  ' if rule.title else ''}{rule.text}"]
     if rule.requirement:
-        lines.append(f"traces to {rule.requirement}")
+        lines.append(f"traces to {one_line(rule.requirement)}")
     if worst is None:
         if story.reason:
             lines.append(f"{story.status.lower():<9} {story.reason}")
