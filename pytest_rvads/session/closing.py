@@ -123,7 +123,7 @@ class Causes:
             reporter.section("rvads causes")
             reporter.write(summary.causes)
         if self._verdicts.lines:
-            folded = plural(self._verdicts.lines, "FAILED line")
+            folded = plural(self._verdicts.lines, "failure")
             reporter.write_line(f"{folded} left out above, where the first item of every cause stands: -vv shows all")
         if self._session.outputs.index:
             reporter.write_line(f"look: {self._session.outputs.index}")

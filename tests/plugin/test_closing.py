@@ -64,7 +64,7 @@ def test_failures_are_folded_per_cause_and_causes_come_last(pytester: pytest.Pyt
     assert sorted(named(result)) == sorted([first, "test_of_something_else"])
     assert named(result, "ERROR") == ["test_with_a_broken_fixture"]
     left_out = counts["failed"] - 2
-    told = f"{left_out} FAILED lines left out above, where the first item of every cause stands: -vv shows all"
+    told = f"{left_out} failures left out above, where the first item of every cause stands: -vv shows all"
     result.stdout.fnmatch_lines([told])
     assert result.outlines.index(next(line for line in result.outlines if line.startswith("XFAIL"))) > 0
     assert result.ret == pytest.ExitCode.TESTS_FAILED
@@ -84,7 +84,7 @@ def test_causes_that_are_not_listed_keep_the_line_of_their_first_item(pytester: 
     )
     result = pytester.runpytest("--tb=no")
     assert result.parseoutcomes() == {"failed": 24}
-    result.stdout.fnmatch_lines(["  ... and 2 more: *", "12 FAILED lines left out above, *"])
+    result.stdout.fnmatch_lines(["  ... and 2 more: *", "12 failures left out above, *"])
     told = [found[1] for name in named(result) if (found := re.search(r"-([a-l])\]$", name))]
     assert sorted(told) == list("abcdefghijkl"), "also those of the two causes that are not listed"
 
