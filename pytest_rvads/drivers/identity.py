@@ -61,17 +61,21 @@ def identity(thing: Any) -> str:
 def source(driver: Any, here: Path) -> str:
     """Return where the code of a driver is and a digest of it: ``pilots.py 3fa29c01``; of what is bundled, the package's version.
 
-    Of the code count the files that `identity` counts, and no values: it is the same before and after a run.
+    Of the code count the files that `identity` counts, and no values: it is the same before and after a run. Where it can't be
+    told there is nothing: a driver is code of others, and that costs no verdict.
 
     Args:
         driver: what drives, or what makes it.
         here: the folder that the file is told from.
     """
-    if isinstance(driver, Process):
-        _, _, _, _, digests = driver.settings()
-        return _short(digests)
-    made = driver.func if isinstance(driver, partial) else driver
-    return _source(made if isinstance(made, type | FunctionType) else type(made), here)
+    try:
+        if isinstance(driver, Process):
+            _, _, _, _, digests = driver.settings()
+            return _short(digests)
+        made = driver.func if isinstance(driver, partial) else driver
+        return _source(made if isinstance(made, type | FunctionType) else type(made), here)
+    except Exception:
+        return ""
 
 
 @lru_cache(maxsize=64)  # every item tells it

@@ -33,8 +33,5 @@ def code_of_simulator(config: pytest.Config, simulator: Any) -> str:
 def _told(thing: Any, config: pytest.Config) -> str:
     from pytest_rvads.drivers.identity import source
 
-    try:
-        found = source(thing, config.invocation_params.dir)
-    except Exception:  # it is code of others, and no reason to end a session before it begins
-        return ""
+    found = source(thing, config.invocation_params.dir)
     return f" ({found})" if found else ""
