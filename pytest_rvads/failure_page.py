@@ -14,14 +14,14 @@ from pytest_rvads.draw.replay import Beside, Track, replay
 from pytest_rvads.errors import FormulaError, RvadsError
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
-from pytest_rvads.logic.rules.book import get_rule
+from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.timeline import timelines
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.runs.run import ARRAYS, Run
 from pytest_rvads.wording import one_line
 
-__all__ = ["Page", "failure_pages", "failure_picture", "moment", "other_verdicts", "when"]
+__all__ = ["Page", "failure_pages", "failure_picture", "moment", "other_verdicts", "usual_rules", "when"]
 
 _BEFORE, _AFTER = 30.0, 10.0
 """How much of recorded traffic a page shows before and after what it is about [s]: minutes of dense traffic fill megabytes."""
@@ -115,6 +115,11 @@ def _known(run: Run, rule: str | Rule, notes: str, beside: Beside) -> Beside:
     given = dict(beside.facts)
     own = tuple((word, given.pop(word, text)) for word, text in found.items())
     return replace(beside, facts=tuple((word, text) for word, text in (*own, *given.items()) if text))
+
+
+def usual_rules(run: Run) -> tuple[Rule, ...]:
+    """Return the rules that a run is judged by where nobody names any: the paper's where all drive alike, else the road's."""
+    return rules_for("paper" if run.subject is None and run.excerpt is None else "road", run.junction)
 
 
 def other_verdicts(run: Run, rules: Iterable[str | Rule], but: str = "") -> tuple[tuple[str, str, str], ...]:

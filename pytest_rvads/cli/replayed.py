@@ -12,10 +12,10 @@ from pytest_rvads.cli.answers import named_rules
 from pytest_rvads.draw.animated import animated
 from pytest_rvads.draw.replay import Beside, replay
 from pytest_rvads.errors import FormulaError, RunError, RvadsError
-from pytest_rvads.failure_page import failure_pages, moment, other_verdicts
+from pytest_rvads.failure_page import failure_pages, moment, other_verdicts, usual_rules
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
-from pytest_rvads.logic.rules.book import get_rule, rules_for
+from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.facts import facts
 from pytest_rvads.report.folders import INDEX, run_file
@@ -91,7 +91,7 @@ def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier
     ghost = None
     if earlier and run.excerpt is None:
         ghost = earlier_run(earlier[1], earlier[0].parent, Path(), record.nodeid, run)
-    others = _recorded_verdicts(report, record) or _usual_verdicts(run, verdict.rule)
+    others = _recorded_verdicts(report, record) or other_verdicts(run, usual_rules(run), verdict.rule)
     back = os.path.relpath(folder / INDEX, page.parent).replace(os.sep, "/") if (folder / INDEX).exists() else ""
     beside = Beside(facts(record, start, again), others, back, ghost, earlier[0].name if earlier and ghost else "")
     return Replayed(run, verdict, rule, notes, beside, doubt)
@@ -119,7 +119,7 @@ def run_of_file(file: Path, asked: str | None) -> Replayed:
     again = f"rvads replay {quoted(str(file))}{f' --rule {asked}' if asked else ''}"
     told = [("recorded", str(file)), *([("rule", f"{rules[0].name}: {rules[0].title}")] if rules else []), ("rerun", again)]
     notes = "\n".join((*([verdict.explanation or verdict.message] if verdict else []), f"recorded  {file}", f"rerun     {again}"))
-    others = _usual_verdicts(run, rules[0].name if rules else "")
+    others = other_verdicts(run, usual_rules(run), rules[0].name if rules else "")
     return Replayed(run, verdict, rules[0] if rules else None, notes, Beside(tuple(told), others))
 
 
@@ -188,11 +188,3 @@ def _recorded_verdicts(report: Report, but: Record) -> tuple[tuple[str, str, str
     same = (r for r in report.records if r.hash == but.hash and r.test == but.test and r.variant == but.variant)
     found = {v.rule: v for r in same for v in r.verdicts if v.rule != but.verdicts[-1].rule}
     return tuple((v.rule, v.outcome.value, v.message) for v in sorted(found.values(), key=lambda v: v.outcome.severity))
-
-
-def _usual_verdicts(run: Run, but: str) -> tuple[tuple[str, str, str], ...]:
-    """Return the same by the usual rules."""
-    usual = "paper" if run.subject is None and run.excerpt is None else "road"
-    with suppress(RvadsError):
-        return other_verdicts(run, rules_for(usual, run.junction), but)
-    return ()

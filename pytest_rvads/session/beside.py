@@ -49,12 +49,12 @@ def beside(item: pytest.Item, options: Options, record: Record, run: Run, start:
 
 def _rules(item: pytest.Item, run: Run) -> tuple[Rule, ...]:
     """Return the rules that the marks of a test name for its runs, whichever of them were selected; else the usual ones."""
+    from pytest_rvads.failure_page import usual_rules
     from pytest_rvads.logic.rules.book import rules_for
 
     marks = [found for name in ("scenario", "recorded") for found in item.iter_markers_with_node(f"rvads_{name}")]
     named = [rule for node, mark in marks if node is marks[0][0] for rule in mark.args[0].rules or ()]
-    usual = "paper" if run.subject is None and run.excerpt is None else "road"
-    return rules_for(named or usual, run.junction)
+    return rules_for(named, run.junction) if named else usual_rules(run)
 
 
 def _ghost(item: pytest.Item, options: Options, run: Run) -> Run | None:
