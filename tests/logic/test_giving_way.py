@@ -16,8 +16,8 @@ from pytest_rvads.conduct.grounds import Ground, ground_of
 from pytest_rvads.conduct.lane import wrong_lanes
 from pytest_rvads.conduct.predicates import extract
 from pytest_rvads.conduct.priority import owes
-from pytest_rvads.conduct.right_of_way import comes_first, due
 from pytest_rvads.conduct.progress import may_go
+from pytest_rvads.conduct.right_of_way import comes_first, due
 from pytest_rvads.conduct.standing import stopped
 from pytest_rvads.conduct.stretches import on_stretch, shared
 from pytest_rvads.junctions.junction import Entrance, Junction, Movement
