@@ -1,4 +1,4 @@
-"""The way is owed until the vehicle is clear; arrivals and full stops count in the stop place; a right that is not used is waived."""
+"""The way is owed until a vehicle is clear, arrivals count in the stop place, and an unused right is waived."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -205,7 +205,7 @@ def test_vehicle_that_brakes_for_a_red_light_runner_does_not_share_the_blame(dri
 
 def test_way_owed_only_after_entry_decides_the_blame(drive: Make) -> None:
     """a0 enters when a2 is 6 s away, and owes a2 the way only once it is on the stretch."""
-    mine, yours, _ = stretch_of("light4", (0, 3), (2, 2))
+    _, yours, _ = stretch_of("light4", (0, 3), (2, 2))
     vehicles = {0: (3, -0.5, [(0, 5.0), (130, 1.0)]), 2: (2, yours.start - 66.0, [(0, 11.0)])}
     run = drive("light4", vehicles, 900, CROSS, [(640, "a0", "a2")])
     assert check(replace(run, collisions=()), "left_yields").status == "FAIL"
