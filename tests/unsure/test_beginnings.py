@@ -22,7 +22,9 @@ def track(place: Junction, name: str, key: Key, begins: float, legs: list[tuple[
     way = Itinerary.through(place, *key)
     pose = np.array([way.pose(float(s)) for s in stations])
     agent = Agent(name, place.movements[key], size=(4.6, 1.8))
-    return Track(agent, begins + np.arange(len(speed)) * 0.1, stations, speed.astype(float), pose, np.zeros(len(speed)))
+    return Track(
+        agent, np.float64(begins) + np.arange(len(speed)) * 0.1, stations, speed.astype(float), pose, np.zeros(len(speed))
+    )
 
 
 def recorded(place: Junction, *tracks: Track) -> Run:
@@ -72,12 +74,9 @@ def test_way_owed_by_a_vehicle_that_vanishes_before_it_is_clear_is_unsure() -> N
     crosses = track(YIELD, "v1", minor, 0.0, [(8.0, 5.0)], mine.start - 20.0)
     comes = track(YIELD, "v2", major, 0.0, [(12.0, 5.0)], yours.start - 35.0)
     seen = np.arange(int(10 * (20.0 + 2.0) / 5.0))
-    cut = replace(
-        crosses, times=crosses.times[seen], station=crosses.station[seen], speed=crosses.speed[seen], pose=crosses.pose[seen]
-    )
-    whole, short = (
-        check(recorded(YIELD, first, comes), "yield_sign") for first in (crosses, replace(cut, spread=np.zeros(len(seen))))
-    )
+    columns = {name: getattr(crosses, name)[seen] for name in ("times", "station", "speed", "pose", "spread")}
+    tracks = crosses, replace(crosses, **columns)
+    whole, short = (check(recorded(YIELD, first, comes), "yield_sign") for first in tracks)
     assert whole.status == "PASS"
     assert short.status == "UNSURE"
     assert "had left the recording before it was clear" in short.reason
