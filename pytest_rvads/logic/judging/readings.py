@@ -47,7 +47,7 @@ _ASKS: dict[str, tuple[str, ...]] = {
     "speeding": (_PACE,),
     "stopped": (_PACE, _ALONG, _BEFORE),
     "arrived": (_PACE, _ALONG, _BEFORE),
-    "waives": (_PACE, _ALONG),
+    "gives_up": (_PACE, _ALONG, _BEFORE),
     "blocks": (_PACE, _ALONG),
     "idles": (_PACE, _ALONG),
     "may_go": (_PACE, _ALONG),
