@@ -16,13 +16,18 @@ from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "damage", "validate"]
+__all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "damage", "impossible", "validate"]
 
 PROGRESS_TOLERANCE = (0.005, 0.3)
 """Progress of a step may differ from speed times time by this much [m] and this share: the bumper swings in bends, where
 its projection on the centre line is a quarter slower or faster than the car."""
 OFFSET_LIMIT = 2.0
 """A reference point further from the centre line of its itinerary is off it [m]; half a lane and a bit."""
+_PACE = 0.6
+"""Over a whole run, progress differs from speed times time by less than this share: in the tightest bends of real maps the bumper
+gets on by half as much as the vehicle does."""
+_MOVES = 0.5
+"""Slower vehicles are not asked whether their speed is their progress [m/s]."""
 _EVERY = 10
 """Offsets are looked at in every tenth state."""
 _ORDER = {Colour.GREEN: Colour.YELLOW, Colour.YELLOW: Colour.RED, Colour.RED: Colour.GREEN}
@@ -61,6 +66,18 @@ def validate(run: Run) -> tuple[Finding, ...]:
     found += _colours(run)
     found += _bodies(run)
     return tuple(sorted(found, key=lambda f: f.time))
+
+
+def impossible(run: Run) -> Iterator[Finding]:
+    """Yield what no simulator may answer: what makes a run unfit to be judged, zones out of order, speeds that are no progress.
+
+    It is looked at in every simulated run, so it takes well below a hundredth of the time of one; `validate` looks at more.
+    """
+    broken = once(run, damage)
+    yield from broken
+    for column, agent in enumerate(() if broken else run.agents):
+        yield from _zones(run, column, agent)
+        yield from _pace(run, column, agent)
 
 
 def damage(run: Run) -> tuple[Finding, ...]:
@@ -104,9 +121,11 @@ def _agents(run: Run) -> Iterator[Finding]:
     names = [agent.name for agent in run.agents]
     if len(set(names)) < len(names):
         yield Finding("values", 0.0, f"every vehicle must have a name of its own, got {', '.join(names)}")
-    for named in (run.facts.subject, *run.facts.strayed):
-        if named not in (None, *names):
-            yield Finding("values", 0.0, f"the facts name {named!r}, which is none of the vehicles {', '.join(names)}")
+    collided = [name for collision in run.collisions or () for name in collision.agents]
+    for what, named in (("facts", (run.facts.subject, *run.facts.strayed)), ("collisions", collided)):
+        for name in dict.fromkeys(named):
+            if name not in (None, *names):
+                yield Finding("values", 0.0, f"the {what} name {name!r}, which is none of the vehicles {', '.join(names)}")
     for agent in run.agents:
         way = run.junction.movements.get((agent.entrance, agent.exit))
         where = f"{agent.name} goes from entrance {agent.entrance} to exit {agent.exit}"
@@ -172,6 +191,21 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         yield Finding("missing ticks", time, f"{text}: {round(ratio) - 1} states seem to be missing")
     else:
         yield Finding("progress", time, text)
+
+
+def _pace(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
+    """A vehicle gets on about as fast as it says in most states in which it moves, and never forwards at a negative speed."""
+    if run.station is None or run.speed is None or run.steps < 2:
+        return
+    speed, rate = run.speed[1:, column], np.diff(run.station[:, column]) / run.dt
+    moving = run.here[1:, column] & run.here[:-1, column] & (np.maximum(np.abs(speed), np.abs(rate)) > _MOVES)
+    wrong = moving & (np.abs(rate - speed) > _MOVES + _PACE * np.abs(speed))
+    reversed = moving & (speed < -_MOVES) & (rate > _MOVES)
+    if 2 * wrong.sum() > moving.sum() or reversed.any():
+        tick = int(np.argmax(reversed if reversed.any() else wrong))
+        time = _clock(run, tick + 1)
+        said = f"{agent.name} gets on by {rate[tick]:.1f} m/s at {time:.2f} s, and its speed is said to be {speed[tick]:.1f} m/s"
+        yield Finding("progress", time, said)
 
 
 def _sampling(run: Run) -> Iterator[Finding]:
