@@ -22,7 +22,7 @@ from pytest_rvads.simulators.choice import choice
 from pytest_rvads.simulators.patience import TooLate, Watch
 from pytest_rvads.simulators.planar import usual
 
-__all__ = ["SIMULATORS", "Simulator", "answered", "meant", "named", "simulate", "usable", "vmax"]
+__all__ = ["SIMULATORS", "Simulator", "answered", "made_by", "meant", "named", "simulate", "usable", "vmax"]
 
 
 class Simulator(Protocol):
@@ -175,6 +175,15 @@ def answered(case: Case, simulator: Simulator | None = None) -> Run:
                 f"expected {expected!s:.200}"
             )
     return run
+
+
+def made_by(simulator: Simulator, run: Run) -> str:
+    """Return the name of what made a run: of a shipped simulator that another one asked for it, else of `simulator` itself.
+
+    ``sumo`` leaves cases in which SUMO is to drive nobody to the usual simulator.
+    """
+    told = run.provenance.get("simulator")
+    return str(told) if {simulator.name, told} <= SIMULATORS.keys() else simulator.name
 
 
 def vmax(
