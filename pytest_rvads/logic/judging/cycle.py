@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.lane import beyond_steering
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Judgement, columns
@@ -48,10 +49,10 @@ def find_cycle(templates: Iterable[Template], values: Values) -> Cycle | None:
 
 
 def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], values: Values) -> bool:
-    """Return whether nobody could have kept a rule that is violated: all that was broken were cycles, by one vehicle each.
+    """Return whether nobody could have kept a rule that is violated: all that was broken were cycles, or tight bends.
 
     Whoever is in a cycle has to break it, or all wait for ever; but one is enough. What was broken when no cycle was left, or
-    by several at once, could have been kept.
+    by several at once, could have been kept. No vehicle keeps to a movement that bends more tightly than it can steer.
 
     Args:
         found: what the instances of the rule say.
@@ -62,6 +63,9 @@ def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], value
     broken = [j for j in found if j.status is Status.FAIL]
     breakers: dict[int, set[str]] = {}
     for j in broken:
+        lanes = [e.index for atom, _ in j.broken if atom.name == "off_lane" for e in agents_of(atom)]
+        if lanes and len(lanes) == len(j.broken) and all(beyond_steering(values.run, agent) for agent in lanes):
+            continue
         ends = _ends(j.template)
         if ends is None or not j.failed:
             return False
