@@ -17,6 +17,8 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.physics.body import Body
+from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run, save_run
@@ -167,6 +169,21 @@ def test_a_front_that_swings_out_is_on_the_route_while_the_rear_axle_is() -> Non
     # 3.68 m behind the front, the axle is 1.5 m to the side when the body is turned by 0.46 rad.
     assert not beside(way, 30.0, 3.1, 0.48, -20.0, 4.6)
     assert beside(way, 30.0, 3.1, 0.40, -20.0, 4.6)
+
+
+@pytest.mark.parametrize(("turned", "strayed"), [(0.48, False), (0.40, True)])
+def test_a_run_and_its_simulation_ask_for_the_rear_axle_as_well(drive: Make, turned: float, strayed: bool) -> None:
+    """The front is 3.1 m beside its way; the axle, 3.68 m behind, is 3.1 m less 3.68 m times the sine of the turn: 1.4 or 1.67 m."""
+    run = drive("stop4", {0: (2, -30.0, [(0, 0.0)], 3.1)}, 2)
+    pose = run.need("pose").copy()
+    pose[:, 0, 2] += turned
+    assert off_route(replace(run, pose=pose), 0).all() == strayed
+    x, y, heading = pose[0, 0]
+    car, way = Vehicle(), Itinerary.through(run.junction, 0, 2)
+    body = Body(run.agents[0], way, -30.0, car, 1)
+    ahead = car.gravity_offset
+    body.sample(Motion(x - ahead * np.cos(heading), y - ahead * np.sin(heading), heading, 1.0, 0.0, 0.0))
+    assert body.strayed == strayed
 
 
 def test_without_a_map_nothing_is_said(drive: Make, topology: Callable[[Junction], Junction]) -> None:
