@@ -31,9 +31,6 @@ from pytest_rvads.wording import first, plural
 
 __all__ = ["Town", "TownRecords", "tallied"]
 
-_NAMED = 5
-"""Movements named that are left out."""
-
 
 @dataclass(eq=False)
 class Town:
@@ -155,7 +152,7 @@ class Town:
     def notes(self) -> list[str]:
         """Return what is to be said of the town as a whole, a sentence each."""
         bends = [name for place in self.plan.places for name in self.plan.selection(place).too_tight]
-        found = [f"{plural(len(bends), 'movement')} left out: {TOO_TIGHT}: {first(bends, _NAMED)}"] if bends else []
+        found = [f"{plural(len(bends), 'movement')} left out: {TOO_TIGHT}: {first(bends, 5)}"] if bends else []
         several = [len(shape.members) for shape in self.shapes if len(shape.members) > 1]
         total = sum(self.counts.values())
         if not several and self.once_per_shape:

@@ -18,18 +18,7 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import AXLE, Zone
 from pytest_rvads.runs.vehicle import usual_radius
 
-__all__ = [
-    "LANE_TOLERANCE",
-    "MAX_OFFSET",
-    "NEAR",
-    "beside",
-    "beyond_steering",
-    "lane_allows",
-    "off_lane",
-    "off_route",
-    "too_tight",
-    "wrong_lanes",
-]
+__all__ = ["LANE_TOLERANCE", "MAX_OFFSET", "NEAR", "beside", "lane_allows", "off_lane", "off_route", "too_tight", "wrong_lanes"]
 
 LANE_TOLERANCE = 0.3
 """How far a body may reach over the border of its lane [m]; about as much as lane keeping of people varies."""
@@ -112,18 +101,6 @@ def too_tight(run: Run, agent: int) -> tuple[float, float] | None:
     needed = dict(run.facts.turning).get(who.name) or usual_radius(who.size[0])
     radius = least_radius(who.route.path.points)
     return (radius, needed) if radius < needed else None
-
-
-def beyond_steering(run: Run, agent: int) -> bool:
-    """Return whether the agent was outside its lane only on a movement that bends more tightly than the vehicle can steer.
-
-    A vehicle is on its movement from its entry into the junction until its rear has left the junction.
-    """
-    if too_tight(run, agent) is None:
-        return False
-    station, length = run.need("station")[:, agent], run.agents[agent].route.length
-    turning = (station > 0.0) & (station - run.size(agent)[0] < length)
-    return not (off_lane(run, agent) & ~turning).any()
 
 
 def _aside(run: Run, agent: int, way: Itinerary, room: float) -> NDArray[np.int64]:

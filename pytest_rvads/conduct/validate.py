@@ -24,10 +24,9 @@ its projection on the centre line is a quarter slower or faster than the car."""
 OFFSET_LIMIT = 2.0
 """A reference point further from the centre line of its itinerary is off it [m]; half a lane and a bit."""
 _PACE = (0.3, 0.2)
-"""The speed of a simulated vehicle may differ from how fast its body moves by this much [m/s] and this share: a time step of a
-simulator that knows only speeds, or an impact, takes less."""
+"""The speed of a simulated vehicle may differ from how fast its body moves by this much [m/s] and this share."""
 _LONG = 10
-"""States in which it may differ by more: two bodies that touch."""
+"""States in which it may differ by more, since bodies that touch are thrown aside."""
 _SHORT = 0.5
 """A vehicle may pass a part of its way that is shorter than this in one step [m]; maps have exit roads of a few centimetres."""
 _EVERY = 10
@@ -124,10 +123,10 @@ def _agents(run: Run) -> Iterator[Finding]:
     if len(set(names)) < len(names):
         yield Finding("values", 0.0, f"every vehicle must have a name of its own, got {', '.join(names)}")
     collided = [name for collision in run.collisions or () for name in collision.agents]
-    for what, named in (("facts", (run.facts.subject, *run.facts.strayed)), ("collisions", collided)):
-        for name in dict.fromkeys(named):
-            if name not in (None, *names):
-                yield Finding("values", 0.0, f"the {what} name {name!r}, which is none of the vehicles {', '.join(names)}")
+    for named in dict.fromkeys((run.facts.subject, *run.facts.strayed, *collided)):
+        if named not in (None, *names):
+            what = "facts" if named not in collided else "collisions"
+            yield Finding("values", 0.0, f"the {what} name {named!r}, which is none of the vehicles {', '.join(names)}")
     for agent in run.agents:
         way = run.junction.movements.get((agent.entrance, agent.exit))
         where = f"{agent.name} goes from entrance {agent.entrance} to exit {agent.exit}"

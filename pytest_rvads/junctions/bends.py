@@ -33,11 +33,7 @@ def tight_bends(graph: MetricGraph, ways: Sequence[Way]) -> list[tuple[float, Wa
 
 
 def least_radius(points: NDArray[np.float64]) -> float:
-    """Return the least radius of a centre line over `_CHORD` of it, or over all of it where it is shorter [m].
-
-    Args:
-        points: of the line, shape ``(points, 2)`` [m].
-    """
+    """Return the least radius of a line of points, ``(points, 2)``, over `_CHORD` or all of it, where it is shorter [m]."""
     steps = np.diff(points, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     steps, lengths = steps[lengths > 0.0], lengths[lengths > 0.0]

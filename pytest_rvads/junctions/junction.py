@@ -208,8 +208,8 @@ class Junction:
     @cached_property
     def tight(self) -> Mapping[Key, float]:
         """Turning movements that bend with a smaller radius [m] than a car can steer, of those with a known centre line."""
-        turning = [m for m in self.movements.values() if m.path is not None and m.turn is not Turn.STRAIGHT]
-        found = {m.key: least_radius(m.path.points) for m in turning if m.path is not None}
+        turning = [(m.key, m.path) for m in self.movements.values() if m.turn is not Turn.STRAIGHT]
+        found = {key: least_radius(path.points) for key, path in turning if path is not None}
         return MappingProxyType({key: radius for key, radius in found.items() if radius < LEAST_RADIUS})
 
     @cached_property

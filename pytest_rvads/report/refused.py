@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.wording import first, plural
 
@@ -21,12 +19,11 @@ def refused(report: Report, most: int | None = None) -> list[str]:
         most: reasons told; the junctions of the others are counted.
     """
     reasons = sorted(report.refused.items(), key=lambda entry: -len(entry[1]))
-    lines = [f"{plural(len(names), _what(names))} left out: {reason}: {first(names, _NAMED)}" for reason, names in reasons[:most]]
+    lines = []
+    for reason, names in reasons[:most]:
+        what = plural(len(names), "movement" if " from entrance " in names[0] else "junction")
+        lines.append(f"{what} left out: {reason}: {first(names, _NAMED)}")
     others = {name for _, names in reasons[len(lines) :] for name in names}
     if others:
         lines.append(f"{plural(len(others), 'junction')} left out for other reasons: reports in files say which")
     return lines + [f"{one.taken:,} of {one.total:,} {one.what} drawn, seed {one.seed}: {one.test}" for one in report.drawn]
-
-
-def _what(names: Sequence[str]) -> str:
-    return "movement" if " from entrance " in names[0] else "junction"

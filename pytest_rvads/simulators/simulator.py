@@ -182,8 +182,8 @@ def made_by(simulator: Simulator, run: Run) -> str:
 
     ``sumo`` leaves cases in which SUMO is to drive nobody to the usual simulator.
     """
-    told = run.provenance.get("simulator")
-    return str(told) if {simulator.name, told} <= SIMULATORS.keys() else simulator.name
+    told = str(run.provenance.get("simulator"))
+    return told if {simulator.name, told} <= SIMULATORS.keys() else simulator.name
 
 
 def vmax(

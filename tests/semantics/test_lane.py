@@ -173,7 +173,7 @@ def test_a_front_that_swings_out_is_on_the_route_while_the_rear_axle_is() -> Non
 
 @pytest.mark.parametrize(("turned", "strayed"), [(0.48, False), (0.40, True)])
 def test_a_run_and_its_simulation_ask_for_the_rear_axle_as_well(drive: Make, turned: float, strayed: bool) -> None:
-    """The front is 3.1 m beside its way; the axle, 3.68 m behind, is 3.1 m less 3.68 m times the sine of the turn: 1.4 or 1.67 m."""
+    """The front is 3.1 m beside its way; the axle is 3.68 m times the sine of the turn nearer to it: 1.4 or 1.67 m beside."""
     run = drive("stop4", {0: (2, -30.0, [(0, 0.0)], 3.1)}, 2)
     pose = run.need("pose").copy()
     pose[:, 0, 2] += turned

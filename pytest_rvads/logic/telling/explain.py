@@ -25,10 +25,6 @@ _OWN: dict[str, str] = {Sort.ENTRANCE: "its entrance", Sort.LIGHT: "its light"}
 """What a cause calls the places of a vehicle: their numbers differ among the rotations of a scenario."""
 
 
-_STEERED = ("off_lane", "off_route", "collide")
-"""Words whose truth may come from a bend that is too tight for the vehicle."""
-
-
 def tell(story: Story) -> Verdict:
     """Return the verdict of a story."""
     run, rule = story.run, story.rule
@@ -85,7 +81,7 @@ def tell(story: Story) -> Verdict:
 
 def _bends(worst: Judgement | None, run: Run) -> Iterator[str]:
     """Yield a sentence for each vehicle to blame that left its lane, or hit somebody, in a bend that it can't follow."""
-    if worst is None or not any(atom.name in _STEERED for atom, _ in worst.broken):
+    if worst is None or {"off_lane", "off_route", "collide"}.isdisjoint(atom.name for atom, _ in worst.broken):
         return
     for name, bend in ((e.name, too_tight(run, e.index)) for e in responsible(worst, run)):
         if bend is not None:
