@@ -17,7 +17,7 @@ from pytest_rvads.junctions.conflicts import CONFLICT_WIDTH, Key, Shared, Stretc
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.run import Run
 
-__all__ = ["ALWAYS", "before_exit", "meet", "on_stretch", "parting", "position", "shared"]
+__all__ = ["ALWAYS", "before_exit", "first_stretch", "meet", "on_stretch", "parting", "position", "shared"]
 
 ALWAYS = slice(None)
 """In all states of a run."""
@@ -55,6 +55,12 @@ def parting(junction: Junction, one: Key, two: Key) -> float:
     first, second = (np.array([path.pose(float(s))[:2] for s in along]) for path in paths if path)
     together = np.flatnonzero(np.hypot(*(first - second).T) < CONFLICT_WIDTH)
     return float(along[together[-1]]) if len(together) else 0.0
+
+
+@lru_cache(maxsize=4096)
+def first_stretch(junction: Junction, way: Key) -> float:
+    """Return the station at which a movement first shares a stretch with a movement from another entrance [m], else infinity."""
+    return min((common.mine.start for (one, _), common in (junction.stretches or {}).items() if one == way), default=math.inf)
 
 
 def position(run: Run, agent: int, when: slice = ALWAYS) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
