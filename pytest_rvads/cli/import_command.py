@@ -69,6 +69,10 @@ def _import(options: argparse.Namespace) -> int:
         _check_junction(options)
     columns = parse_columns(options.columns) if options.columns else None
     log, usual = read_log(options.tracks, format=options.format, columns=columns, strict=options.strict, watch=_watch())
+    for sentence in log.again[:_SHOWN]:
+        warn(f"warning: {sentence}")
+    if len(log.again) > _SHOWN:
+        warn(f"warning: {len(log.again)} ids are used again by other vehicles, the first {_SHOWN} are told above")
     junctions = junctions_of(log, options.junction, options.map)
     intake = intake_of(options, usual)
     shown = light_log(log, options.lights)
