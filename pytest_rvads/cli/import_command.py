@@ -81,10 +81,12 @@ def _import(options: argparse.Namespace) -> int:
     if not several:
         check_one(log, recordings)
     found = [(Path(options.output, f"{r.junction.name}.npz") if several else Path(options.output), r) for r in recordings]
+    if shown and not any(recording.lights for recording in recordings):
+        if options.lights:
+            raise RunError(unlit(shown, recordings[0].junction))
+        warn(f"warning: {unlit(shown, recordings[0].junction)}")
     for path, recording in found:
         save_recording(recording, path)
-    if shown and not any(recording.lights for _, recording in found):
-        warn(f"warning: {unlit(shown, found[0][1].junction)}")
     told = [_told(path, recording, stated=options.position_accuracy is not None) for path, recording in found]
     if options.json:
         print(json.dumps(told if several else told[0]))

@@ -105,7 +105,7 @@ def check(
 
 def _worst(rulebook: str, verdicts: Sequence[Verdict]) -> Verdict:
     """Return the worst verdict of the rules of a rulebook, with what the other rules say."""
-    counts = Counter(verdict.outcome for verdict in verdicts)
+    counts = Counter[Outcome | None](verdict.outcome for verdict in verdicts)
     worst = min(verdicts, key=lambda verdict: verdict.outcome.severity)
     others = tuple(f"{v.outcome} {v.message}" for v in verdicts if v is not worst and v.outcome not in _QUIET)
     return replace(worst, message=f"{rulebook}: {counted(counts)}; {worst.message}", notes=(*worst.notes, *others))

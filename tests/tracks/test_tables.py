@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pytest_rvads.cli import main
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.recording import Recording
@@ -137,6 +138,18 @@ def test_a_bad_row_costs_its_vehicle_and_is_told(tmp_path: Path, what: str) -> N
     with pytest.raises(RunError, match=told) as strict:
         read_tracks(path, STOP, strict=True)
     assert str(strict.value) == why
+
+
+def test_unclosed_quote_costs_its_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, out = write_csv(tmp_path / "t.csv", [ONE, TWO]), tmp_path / "out.npz"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    lines[20] = lines[20].replace("7,", '"7,', 1)
+    path.write_text("\n".join(lines), encoding="utf-8")
+    recording = read_tracks(path, STOP)
+    assert [len(track.times) for track in recording.tracks] == [len(ONE.times) - 1, len(TWO.times)]
+    assert recording.left_out == (("row 21", "t.csv: row 21, column id: a quote in the row is not closed"),)
+    assert main(["import", str(path), "--junction", "stop4", "-o", str(out), "--strict"]) == 2
+    assert "t.csv: row 21, column id: a quote in the row is not closed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

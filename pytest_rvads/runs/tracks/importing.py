@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import RunError
+from pytest_rvads.errors import MapError, RunError
 from pytest_rvads.junctions.finder import find, load, names
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.recording import Changes, Recording, Track
@@ -135,7 +135,7 @@ def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | N
 
     Raises:
         RunError: neither a junction is named nor a map.
-        MapError: no such junction.
+        MapError: no such junction, or the map has no usable one; the message says why each is not.
     """
     if map is None and junction not in names():
         map = log.map
@@ -143,7 +143,12 @@ def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | N
         return [find(junction, map)]
     if map is None:
         raise RunError(f"{log.where}: name the junction that it is about (--junction, junction=), this log names no map")
-    return [find(report.id, map) for report in load(map).junctions if report.usable]
+    reports = load(map).junctions
+    usable = [find(report.id, map) for report in reports if report.usable]
+    if not usable:
+        why = "; ".join(f"{report.id}: {report.reason}" for report in reports)
+        raise MapError(f"map file {map} has no usable junction ({one_line(why, 600)}): give a map of where the log was recorded")
+    return usable
 
 
 def passed(  # noqa: PLR0913 - a log, where, how it is taken, and what it is called

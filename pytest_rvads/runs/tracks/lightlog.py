@@ -16,7 +16,7 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import ObjectKind
 from pytest_rvads.runs.recording import Changes
 from pytest_rvads.runs.states import Colour
-from pytest_rvads.runs.tracks.csvfile import rows_of
+from pytest_rvads.runs.tracks.csvfile import rows_of, wrong_cells
 from pytest_rvads.runs.tracks.source import opened, parse_xml
 from pytest_rvads.wording import one_line
 
@@ -112,10 +112,12 @@ def _table(path: Path) -> dict[str, Changes]:
         before = ENTRANCE if signal == "entrance" else ""
         for number, (line, cells) in enumerate(rows):
             if len(cells) != len(names):
-                raise RunError(f"{source.where}: row {line}: expected {len(names)} cells as in row 1, got {len(cells)}")
+                raise RunError(f"{source.where}: row {line}: {wrong_cells(cells, names)}")
             row = dict(zip(names, (cell.strip() for cell in cells), strict=True))
             _show(shown, row["time"], before + row[signal], row[colour], f"{source.where}: row {line}")
             _limit(number, source.where)
+    if not shown:
+        raise RunError(f"{path.name}: it has no row but the names of its columns, expected a row per change of colour")
     return changes_of(shown)
 
 

@@ -133,8 +133,8 @@ class Gather:
             found = self._rows[name] = self._begun(name, row)
         new = not found[0]
         if not new:
-            time, x, y = (column[-1] - number for column, number in zip(found[1][:3], numbers[:3], strict=True))
-            new = -time > _UNSEEN or x * x + y * y > (_JUMP - _FASTEST * time) ** 2
+            time, x, y = (number - column[-1] for number, column in zip(numbers[:3], found[1][:3], strict=True))
+            new = time > _UNSEEN or math.hypot(x, y) > _FASTEST * time + _JUMP
         found[0].append(row)
         for column, number in zip(found[1], numbers, strict=True):
             column.append(number)
@@ -152,8 +152,9 @@ class Gather:
             found = self._rows[name] = self._begun(name, int(rows[0]))
         before = len(found[0])
         last = [column[-1] if before else np.nan for column in found[1][:3]]
-        steps = np.diff(np.vstack((last, numbers[:, :3])), axis=0)
-        again = np.flatnonzero(~((steps[:, 0] <= _UNSEEN) & ~_jumped(steps)))
+        with np.errstate(invalid="ignore", over="ignore"):  # `log` refuses what is not finite
+            steps = np.diff(np.vstack((last, numbers[:, :3])), axis=0)
+            again = np.flatnonzero(~((steps[:, 0] <= _UNSEEN) & ~_jumped(steps)))
         found[0].frombytes(rows.astype("=q").tobytes())
         for column, values in zip(found[1], numbers.T, strict=True):
             column.frombytes(values.astype("=d").tobytes())
@@ -233,10 +234,9 @@ class Gather:
                     own = f"{name}#{number}"
                     while own in names:  # a vehicle of the log is called so
                         own += "'"
-                    again.append(
-                        one_line(f"{self.where}: row {rows[begin]}: {name!r} is {why}: it is another vehicle, called {own}")
-                    )
-                self._another(number > 2)  # the first two parts are bounded by those that were counted
+                    told = f"{self.where}: row {rows[begin]}: {name!r} is {why}: it is another vehicle, called {own}"
+                    again.append(one_line(told))
+                self._another(number > 1)
                 vehicles.append(_vehicle(own, numbers[:, begin:end], body))
         return Log(self.where, tuple(vehicles), tuple(self._refused.items()), self.lights, again=tuple(again))
 
@@ -291,8 +291,8 @@ def _parted(numbers: _Values, bodies: Sequence[_Body]) -> Iterator[tuple[int, in
 
 def _vehicle(name: str, numbers: _Values, body: _Body) -> Samples:
     times, x, y, heading, speed = numbers
-    told = (None if np.isnan(values).all() else values for values in (heading, speed))
-    return Samples(name, times, np.column_stack((x, y)), *told, body.size, body.kind, body.ahead)
+    facing, fast = (None if np.isnan(values).all() else values for values in (heading, speed))
+    return Samples(name, times, np.column_stack((x, y)), facing, fast, body.size, body.kind, body.ahead)
 
 
 def kind_of(text: str) -> Kind:
