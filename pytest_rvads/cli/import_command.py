@@ -168,6 +168,8 @@ def _lines(told: dict[str, Any], *, verbose: bool) -> list[str]:
         f"beside their ways by {offset['mean']:.2f} m on average, at most {offset['worst']:.2f} m ({offset['vehicle']})",
         f"positions are {'exact' if not accuracy['position'] else format(accuracy['position'], '.3f') + ' m accurate'} ({known})",
     ]
+    if accuracy["speed"]:
+        lines.append(f"speeds are {accuracy['speed']:.2f} m/s accurate")
     if told["lights"]:
         lines.append(f"lights at entrances {', '.join(told['lights'])}")
     reasons = Counter(out.values()).most_common()

@@ -19,7 +19,7 @@ from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.smoothing import DERIVED
 from pytest_rvads.runs.states import AXLE, Agent, Kind
-from pytest_rvads.runs.tracks.cleaning import accuracy_of, delay_of, track_of
+from pytest_rvads.runs.tracks.cleaning import accuracy_of, delay_of, noise_of, track_of
 from pytest_rvads.runs.tracks.intake import Intake
 from pytest_rvads.runs.tracks.lightlog import lights_at, read_lights, signals_at
 from pytest_rvads.runs.tracks.logformats import Point, read_log
@@ -85,7 +85,8 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
         position_accuracy: standard deviation of a coordinate [m]: two of three are closer to the truth than that. Verdicts that
             another reading within it would flip are UNSURE. None: estimated from how rough the tracks are, which does not show
             what is wrong with all samples alike, nor what somebody has smoothed away.
-        speed_accuracy: of a speed [m/s]; None: 0, and what smoothing leaves where speeds are worked out from positions.
+        speed_accuracy: of a speed [m/s]; None: estimated like that of positions, and what smoothing leaves where speeds are
+            worked out from positions.
         speed_limit: at the junction [m/s].
         strict: a bad row is an error; it costs its vehicle otherwise.
         label: begins the labels of its runs; None: after the file.
@@ -221,21 +222,24 @@ def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[st
     accuracy = intake.position_accuracy
     if accuracy is None:
         accuracy = accuracy_of([(vehicle, match) for _, vehicle, match in found])
+    noise = intake.speed_accuracy
+    if noise is None:
+        noise = noise_of([(vehicle, match) for _, vehicle, match in found]) if accuracy > 0.0 else 0.0
     derived = any(vehicle.speed is None for _, vehicle, _ in found)
     return Recording(
         label,
         junction,
-        tuple(_tracks(found, junction, intake, float(accuracy))),
+        tuple(_tracks(found, junction, intake, float(accuracy), float(noise))),
         lights_at(junction, shown) if shown else {},
         Facts(speed_limit=intake.speed_limit),
         float(accuracy),
-        max(float(intake.speed_accuracy or 0.0), DERIVED if derived and accuracy > 0.0 else 0.0),
+        max(float(noise), DERIVED if derived and accuracy > 0.0 else 0.0),
         left_out=tuple(left_out),
     )
 
 
 def _tracks(
-    found: Sequence[tuple[str, Samples, Matched]], junction: Junction, intake: Intake, accuracy: float
+    found: Sequence[tuple[str, Samples, Matched]], junction: Junction, intake: Intake, accuracy: float, noise: float
 ) -> Iterable[Track]:
     taken = {vehicle.name for _, vehicle, _ in found}
     late = delay_of([(vehicle, match) for _, vehicle, match in found]) if accuracy > 0.0 else 0.0
@@ -246,7 +250,7 @@ def _tracks(
         taken.add(own)
         agent = Agent(own, junction.movements[match.way.entrance, match.way.exit], vehicle.kind, vehicle.size or intake.size)
         points, _ = placed(vehicle, intake)
-        yield track_of(agent, vehicle, match, points, vehicle.heading, accuracy, late)
+        yield track_of(agent, vehicle, match, points, vehicle.heading, accuracy, late, noise)
 
 
 def placed(vehicle: Samples, intake: Intake) -> tuple[_Values, _Values]:

@@ -209,7 +209,9 @@ def _add(gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: dict[
     if speed is not None:
         speed = speed * columns["speed"].factor
     elif {"vx", "vy"} <= columns.keys():
-        speed = np.hypot(rows.numbers["vx"] * columns["vx"].factor, rows.numbers["vy"] * columns["vy"].factor)
+        east, north = (rows.numbers[field] * columns[field].factor for field in ("vx", "vy"))
+        # Noise makes the length of a velocity too long, and never its part along the heading.
+        speed = east * np.cos(heading) + north * np.sin(heading) if "heading" in columns else np.hypot(east, north)
     table = np.column_stack((times, rows.numbers["x"], rows.numbers["y"], heading, nothing if speed is None else speed))
     for at, field, why in rows.bad:
         gather.refuse(names[at], int(rows.lines[at]), field, why)
