@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import RunError
+from pytest_rvads.runs.tracks.expressions import valued
 from pytest_rvads.runs.tracks.source import Watch, opened, parse_xml
 from pytest_rvads.wording import one_line
 
@@ -108,6 +109,8 @@ class _Builder:
         if len(self._stack) + self._inside >= _DEEPEST:
             raise RunError(f"{self.where}: row {row}: elements are nested deeper than {_DEEPEST} levels")
         place = f"{self.where}: row {row}"
+        if tag == "ParameterDeclaration":  # some tools write the sign of a reference into the name, too
+            attributes["name"] = attributes.get("name", "").removeprefix("$")
         node = Node(tag, {name: self._value(value, place) for name, value in attributes.items()}, place)
         if self._line is not None:
             self._inside += 1
@@ -144,9 +147,10 @@ class _Builder:
             raise RunError(f"{place}: an attribute has {len(text):,} characters, expected at most {_LONGEST:,}")
         if not text.startswith("$"):
             return text
-        if text[1:] not in self._parameters:
-            raise RunError(one_line(f"{place}: {text[:60]!r} refers to no parameter, and expressions are not evaluated"))
-        return self._parameters[text[1:]]
+        try:
+            return valued(text, self._parameters)
+        except ValueError as error:
+            raise RunError(one_line(f"{place}: {text[:60]!r} {error}")) from error
 
     def _vertex(self, line: Node, node: Node, row: int) -> None:
         """Take a vertex: its time stands in one element, its place in one inside."""
