@@ -10,7 +10,7 @@ from typing import Any
 from pytest_rvads.decoding import decode, typed
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.states import Colour, Kind
-from pytest_rvads.runs.tracks.lightlog import changes_of
+from pytest_rvads.runs.tracks.lightlog import changes_of, limit_lights
 from pytest_rvads.runs.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.runs.tracks.source import Watch, opened
 
@@ -45,6 +45,7 @@ class _Reader:
     def __init__(self, gather: Gather) -> None:
         self.gather = gather
         self.shown: dict[str, list[tuple[float, Colour]]] = {}
+        self._changes = 0
         self._ids: dict[str, str] = {}
         self._known: dict[int, tuple[tuple[float, float], Kind, float]] = {}
         """Size, kind, and how far ahead the front is [m], by id."""
@@ -85,3 +86,5 @@ class _Reader:
                 colour, before = _COLOURS.get(state, Colour.NONE), self.shown.setdefault(name, [])
                 if not before or before[-1][1] is not colour:
                     before.append((time, colour))
+                    self._changes += 1
+                    limit_lights(self._changes, len(self.shown), where)

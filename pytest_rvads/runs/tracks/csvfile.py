@@ -19,6 +19,8 @@ __all__ = ["read_csv", "read_ind", "read_interaction", "rows_of", "wrong_cells"]
 
 _AT_ONCE = 20_000
 """Rows that are taken from text to numbers together."""
+_LONGEST, _COLUMNS = 2**15, 1000
+"""Longest row [bytes] and most columns: `_AT_ONCE` rows are in memory together."""
 _DELIMITERS = ",;\t"
 
 
@@ -79,11 +81,15 @@ def rows_of(source: Source) -> Iterator[tuple[int, list[str]]]:
     Raises:
         RunError: there are no names of columns, or something is too large.
     """
-    lines = (line.decode("utf-8-sig" if number == 0 else "utf-8", "replace") for number, line in enumerate(source.lines()))
+    lines = (
+        line.decode("utf-8-sig" if number == 0 else "utf-8", "replace") for number, line in enumerate(source.lines(_LONGEST))
+    )
     first = next(lines, "")
     if not first.strip():
         raise RunError(f"{source.where}: row 1 is empty, expected the names of columns")
     delimiter = max(_DELIMITERS, key=first.count)
+    if first.count(delimiter) >= _COLUMNS:
+        raise RunError(f"{source.where}: row 1 names more than {_COLUMNS:,} columns, expected fewer")
     yield 1, [name.strip() for name in _cells(first, delimiter)]
     for number, line in enumerate(lines, start=2):
         if line.strip():
@@ -100,7 +106,7 @@ def wrong_cells(cells: Sequence[str], names: Sequence[str]) -> str:
 def _cells(line: str, delimiter: str) -> list[str]:
     """Return the cells of a line, none where it is no CSV."""
     if '"' not in line:
-        return line.rstrip("\r\n").split(delimiter)
+        return line.rstrip("\r\n").split(delimiter, _COLUMNS)
     try:
         return next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter, skipinitialspace=True, strict=True))
     except csv.Error:

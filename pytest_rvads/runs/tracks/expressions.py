@@ -30,7 +30,10 @@ _OPERATORS: Mapping[type[ast.AST], Callable[..., Any]] = {
 }
 _FUNCTIONS: Mapping[str, Callable[..., float]] = {
     **{name: getattr(math, name) for name in ("floor", "ceil", "sqrt", "pow", "sin", "cos", "tan", "asin", "acos", "atan")},
-    **{"round": lambda x: math.floor(x + 0.5), "sign": lambda x: (x > 0) - (x < 0), "max": max, "min": min},
+    "round": lambda x: math.floor(x + 0.5),
+    "sign": lambda x: (x > 0) - (x < 0),
+    "max": max,
+    "min": min,
 }
 
 

@@ -20,8 +20,6 @@ __all__ = ["VERTEX", "Node", "read_tree"]
 
 VERTEX = ("row", "time", "x", "y", "h")
 """What a vertex has: the line of the file that it stands in, its time [s], its place [m], its heading [rad]."""
-_DEEPEST = 60
-"""Deepest nesting that is read; a trajectory lies 16 levels deep."""
 _MOST_NODES = 200_000
 _MOST_VERTICES = 5_000_000
 """An hour of fourteen vehicles at 100 Hz."""
@@ -106,8 +104,6 @@ class _Builder:
         self._time = (0, math.nan)
 
     def start(self, tag: str, attributes: dict[str, str], row: int) -> None:
-        if len(self._stack) + self._inside >= _DEEPEST:
-            raise RunError(f"{self.where}: row {row}: elements are nested deeper than {_DEEPEST} levels")
         place = f"{self.where}: row {row}"
         if tag == "ParameterDeclaration":  # some tools write the sign of a reference into the name, too
             attributes["name"] = attributes.get("name", "").removeprefix("$")
