@@ -15,7 +15,7 @@ from pytest_rvads.runs import between
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary, itinerary
 from pytest_rvads.runs.periods import Period, busy_periods
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
-from pytest_rvads.runs.smoothing import DERIVED, beside, settled
+from pytest_rvads.runs.smoothing import DERIVED, beside
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
 __all__ = ["Changes", "Recording", "Track", "zones"]
@@ -178,7 +178,7 @@ class Recording(Sequence[Run]):
             return max(slower, default=0.0) / _ALL
         known = self.speed_accuracy
         if self.position_accuracy > 0.0 and known < DERIVED:
-            known = settled(known, _apart(tracks))
+            known = beside(known, _apart(tracks))
         return max(known, HARDEST * max(_apart(tracks) - DT, 0.0) / 2 / _ALL)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DERIVED", "QUIET", "beside", "delay", "roughness", "settled", "smoothed"]
+__all__ = ["DERIVED", "QUIET", "beside", "delay", "roughness", "smoothed"]
 
 _Values = NDArray[np.float64]
 
@@ -75,28 +75,18 @@ def roughness(times: _Values, values: _Values) -> float:
 
 
 def beside(accuracy: float, apart: float) -> float:
-    """Return the standard deviation of a smoothed position beside the way [m].
+    """Return the standard deviation of a smoothed position beside the way [m], or of a smoothed speed [m/s].
 
     It is that of a parabola in the middle of the samples that always count: ``1.5 / sqrt(n)`` of one sample's.
 
     Args:
-        accuracy: standard deviation of a coordinate of a sample [m].
+        accuracy: standard deviation of a coordinate [m] or speed [m/s] of a sample.
         apart: time between samples [s].
     """
     if accuracy <= 0.0:
         return 0.0
     several = 2 * int(SHORT / apart + 1e-9) + 1
     return min(accuracy, 1.5 / float(np.sqrt(several)) * accuracy + ALLOWED / SURE)
-
-
-def settled(noise: float, apart: float) -> float:
-    """Return the standard deviation of a smoothed speed [m/s]; that of a parabola in the middle of the samples that always count.
-
-    Args:
-        noise: standard deviation of a measured speed [m/s].
-        apart: time between samples [s].
-    """
-    return min(noise, 1.5 / float(np.sqrt(2 * int(SHORT / apart + 1e-9) + 1)) * noise)
 
 
 def delay(times: _Values, station: _Values, speed: _Values, straight: NDArray[np.bool_]) -> tuple[float, float]:

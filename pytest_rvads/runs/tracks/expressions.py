@@ -7,16 +7,13 @@ import math
 import operator
 import re
 from collections.abc import Callable, Mapping
-from typing import Any
 
 __all__ = ["valued"]
 
-_LONGEST = 1000
-"""Longest expression that is evaluated [characters]."""
-_NUMBER = 40
-"""Longest number that a parameter gives to an expression [characters]."""
+_LONGEST, _NUMBER = 1000, 40
+"""Longest expression that is evaluated, and longest number that a parameter gives to it [characters]."""
 _PARAMETER = re.compile(r"\$(\w+)")
-_OPERATORS: Mapping[type[ast.AST], Callable[..., Any]] = {
+_OPERATORS: Mapping[type[ast.AST], Callable[..., float]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
@@ -71,11 +68,11 @@ def _value(node: ast.AST) -> float:
         case ast.Name(id="true" | "false" as word):
             return word == "true"
         case ast.UnaryOp(op=op, operand=inner) if type(op) in _OPERATORS:
-            return _OPERATORS[type(op)](_value(inner))  # type: ignore[no-any-return]
+            return _OPERATORS[type(op)](_value(inner))
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
-            return _OPERATORS[type(op)](_value(left), _value(right))  # type: ignore[no-any-return]
+            return _OPERATORS[type(op)](_value(left), _value(right))
         case ast.BoolOp(op=op, values=values):
-            return _OPERATORS[type(op)](*map(_value, values))  # type: ignore[no-any-return]
+            return _OPERATORS[type(op)](*map(_value, values))
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in _FUNCTIONS:
             return _FUNCTIONS[name](*map(_value, args))
     raise ValueError("only numbers, + - * / %, not, and, or, and the functions of OpenSCENARIO 1.2 may stand in it")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
+from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -187,12 +188,7 @@ class Gather:
     ) -> None:
         """Say what does not change about a vehicle: length and width [m], its kind, and how far ahead its front is [m].
 
-        Args:
-            name: of the vehicle.
-            size: None where the log has none.
-            kind: a car where the log has none.
-            ahead: None where it follows from point and size.
-            at: the number of its sample from which on that holds, unless it is the first that is said of it; None: the last one.
+        `at` is the number of its sample from which on another description than before holds; None: the last one.
         """
         bodies = self._bodies.setdefault(name, [])
         first = len(self._rows[name][0]) - 1 if at is None else at
@@ -237,7 +233,10 @@ class Gather:
                     told = f"{self.where}: row {rows[begin]}: {name!r} is {why}: it is another vehicle, called {own}"
                     again.append(one_line(told))
                 self._another(number > 1)
-                vehicles.append(_vehicle(own, numbers[:, begin:end], body))
+                times, x, y, *others = numbers[:, begin:end]
+                heading, speed = (None if np.isnan(values).all() else values for values in others)
+                points = np.column_stack((x, y))
+                vehicles.append(Samples(own, times, points, heading, speed, body.size, body.kind, body.ahead))
         return Log(self.where, tuple(vehicles), tuple(self._refused.items()), self.lights, again=tuple(again))
 
     def _bad(self, name: str, numbers: _Values, bodies: Sequence[_Body]) -> tuple[int, str, str] | None:
@@ -284,15 +283,9 @@ def _parted(numbers: _Values, bodies: Sequence[_Body]) -> Iterator[tuple[int, in
     why = {int(at) + 1: _away(numbers, int(at) + 1) for at in np.flatnonzero(_jumped(np.diff(numbers[:3].T, axis=0)))}
     for one, other in pairwise(bodies):
         why.setdefault(other.at, one.differs(other))
-    cuts = [0, *sorted(why), numbers.shape[1]]
-    for begin, end in pairwise(cuts):
-        yield begin, end, next(body for body in reversed(bodies) if body.at <= begin), why.get(begin, "")
-
-
-def _vehicle(name: str, numbers: _Values, body: _Body) -> Samples:
-    times, x, y, heading, speed = numbers
-    facing, fast = (None if np.isnan(values).all() else values for values in (heading, speed))
-    return Samples(name, times, np.column_stack((x, y)), facing, fast, body.size, body.kind, body.ahead)
+    starts = [body.at for body in bodies]
+    for begin, end in pairwise([0, *sorted(why), numbers.shape[1]]):
+        yield begin, end, bodies[bisect_right(starts, begin) - 1], why.get(begin, "")
 
 
 def kind_of(text: str) -> Kind:
