@@ -5,6 +5,7 @@ from __future__ import annotations
 from pytest_rvads.drivers.crossing import conflicts, exit_blocked, runs_through
 from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.order import STOP_PLACE
 from pytest_rvads.drivers.spacing import can_stop, time_to
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
@@ -72,7 +73,10 @@ class Light:
         far = junction.far
         if me.turn is far and other.turn is not far and (me.entrance, other.entrance) in junction.opposite:
             return True
-        return colour is _RED and me.turn is _RIGHT and (me.entrance, other.entrance) in junction.right_of
+        if colour is not _RED or me.turn is not _RIGHT:
+            return False
+        goes = seen.lights[other.entrance] is not _RED and bool(conflicts(seen, other))
+        return goes or (me.entrance, other.entrance) in junction.right_of
 
     def _remember(self, seen: Observation, prior: list[VehicleState]) -> None:
         """Keep whom to let in first: once both were at their entrances, it stays so whatever the lights show."""
@@ -100,15 +104,15 @@ class Light:
 
 def _leaves_time(seen: Observation, other: VehicleState) -> bool:
     """Return whether one can pass before `other`, who has priority, needs the place."""
-    if other.zone is ENTRANCE:
+    line = -seen.junction.setbacks[other.entrance] - other.station
+    if line <= STOP_PLACE:
         return False
     me = seen.me
     delay = SET_OFF if me.speed < 1.0 else 0.0
     cruise = min(seen.speed_limit, 5.0)
     # It must not come to its entrance while the own vehicle is still at the own one.
-    entrance = -seen.junction.setbacks[other.entrance] - ENTRANCE_ZONE - other.station
     enter = delay + time_to(-me.station, me.speed, DRIVE, cruise)
-    if time_to(entrance, other.speed, EAGER, seen.speed_limit) < enter + MARGIN / 2:
+    if time_to(line - ENTRANCE_ZONE, other.speed, EAGER, seen.speed_limit) < enter + MARGIN / 2:
         return False
     for found in conflicts(seen, other):
         leave = delay + time_to(found.mine.end + me.length - me.station, me.speed, DRIVE, cruise)
