@@ -15,11 +15,11 @@ import pytest_rvads as rvads
 from pytest_rvads.conduct.grounds import Ground, ground_of
 from pytest_rvads.conduct.lane import wrong_lanes
 from pytest_rvads.conduct.predicates import extract
-from pytest_rvads.conduct.priority import Encounter, due, owes
+from pytest_rvads.conduct.priority import Encounter, owes
+from pytest_rvads.conduct.right_of_way import comes_first, due
 from pytest_rvads.conduct.progress import may_go
 from pytest_rvads.conduct.standing import stopped
 from pytest_rvads.conduct.stretches import on_stretch, shared
-from pytest_rvads.conduct.waiting import comes_first
 from pytest_rvads.junctions.junction import Entrance, Junction, Movement
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.prepare import prepare

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.predicates import once
-from pytest_rvads.conduct.standing import stops
+from pytest_rvads.conduct.standing import STANDSTILL, stands, stops
 from pytest_rvads.logic.judging.crossings import certain, crossings
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Hinge, Judgement, judge, unsure
@@ -42,6 +42,8 @@ _ASKS: dict[str, tuple[str, ...]] = {
     "lane_allows": (_SIDES,),
     "speeding": (_PACE,),
     "stopped": (_PACE, _ALONG, _BEFORE),
+    "arrived": (_PACE, _ALONG, _BEFORE),
+    "waives": (_PACE, _ALONG),
     "blocks": (_PACE, _ALONG),
     "idles": (_PACE, _ALONG),
     "may_go": (_PACE, _ALONG),
@@ -86,8 +88,8 @@ def doubted(found: Sequence[Judgement], values: Values, sampled: Run, *, standin
         return result
     known = crossings(sampled)
     if not known.exact:
-        result = [reordered(j, known, values) if about_order(j.template) and not standing else j for j in result]
-    rest = {k: j for k, j in enumerate(found) if standing or not about_order(j.template)}
+        result = [reordered(j, known, values) if about_order(j.template, run) and not standing else j for j in result]
+    rest = {k: j for k, j in enumerate(found) if standing or not about_order(j.template, run)}
     asked = {ask for j in rest.values() for ask in _asks(j.template)}
     for ask in (a for a in _ORDER if a in asked):
         for reading in _readings(run, ask):
@@ -186,15 +188,20 @@ def _of_one(run: Run) -> tuple[Reading, ...]:
 
 
 def _of_the_past(run: Run) -> tuple[Reading, ...]:
-    """Return a reading in which who appears where a full stop counts stops there at once, as it may have done before."""
+    """Return readings of what vehicles did before they appear in their stop place.
+
+    In the first reading they stop there as they appear. In the second one they roll until they first move.
+    """
     if run.excerpt is None or run.speed is None or run.station is None:
         return ()
-    speed, driven = run.speed.copy(), np.ones(run.steps, dtype=np.bool_)
-    late = [a for a, (begin, end) in enumerate(run.spans) if end - begin > 1 and stops(run, a, driven)[0][begin]]
+    stopping, rolling = run.speed.copy(), run.speed.copy()
+    late = [a for a, (begin, end) in enumerate(run.spans) if end > begin and stops(run, a)[0][begin]]
     for agent in late:
-        begin = int(run.spans[agent][0])
-        speed[begin : begin + 2, agent] = 1.0, 0.0
-    return (Reading(_BEFORE, 0.0, replace(run, speed=speed)),) if late else ()
+        begin, end = run.spans[agent]
+        still = stands(run)[begin:end, agent]
+        stopping[begin, agent] = 0.0
+        rolling[begin : begin + (len(still) if still.all() else still.argmin()), agent] = 2 * STANDSTILL
+    return tuple(Reading(_BEFORE, 0.0, replace(run, speed=speed)) for speed in (stopping, rolling) if late)
 
 
 def _all_moved(run: Run, asks: str, patterns: Iterable[NDArray[np.float64]]) -> tuple[Reading, ...]:
