@@ -76,7 +76,7 @@ def unhindered(run: Run, agent: int) -> NDArray[np.bool_]:
 
 
 def owes(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
-    """The agent, from its entrance zone on until it is clear, has to let the other one go first."""
+    """The agent, from its entrance zone on until it has been clear for `MIN_GAP`, has to let the other one go first."""
     return each(run, _encounter, agent, other)[0]
 
 
@@ -214,7 +214,7 @@ class Encounter:
         self._excused |= now.kept and not before and self._left is None
         self._look_at_braking(now)
         hit = self.owed and not self._excused and self._obstructed(tick, now)
-        owes = now.bound and not self._excused and self._left is None
+        owes = now.bound and not self._excused
         passed = now.ahead > self._passed or (self._left is not None and (tick - self._left) * self._dt >= MIN_GAP)
         self.over = self.over or passed
         return owes or hit, hit
