@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -13,8 +14,22 @@ from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION, VehicleState
 
-__all__ = ["Meeting", "Meetings", "ahead_in_lane", "conflicts", "exit_blocked", "in_the_way", "may_meet", "may_yield", "runs_through"]
+__all__ = [
+    "ROLLING",
+    "Meeting",
+    "Meetings",
+    "ahead_in_lane",
+    "conflicts",
+    "exit_blocked",
+    "in_the_way",
+    "may_meet",
+    "may_yield",
+    "not_queued",
+    "runs_through",
+]
 
+ROLLING = 3.0
+"""A vehicle before the junction that goes first and is this fast goes on, as the next one behind it may [m/s]."""
 RUNNER = 4.5
 """Who would have to brake harder than this to stop before the junction is not going to [m/s^2]."""
 SOON = 1.5
@@ -102,9 +117,18 @@ def may_meet(junction: Junction, one: tuple[int, Turn], other: tuple[int, Turn])
 
 @lru_cache(maxsize=4096)
 def may_yield(junction: Junction, one: tuple[int, Turn], other: tuple[int, Turn]) -> bool:
-    """Return whether the first of two vehicles, each given by its entrance and its indicator, may have to give way to the other."""
+    """Return whether one of two vehicles, each given by its entrance and its indicator, may have to give way to the other."""
     known, ways = junction.yields or {}, junction.by_turn
     return any((mine.key, yours.key) in known for mine in ways[one] for yours in ways[other])
+
+
+def not_queued(seen: Observation) -> list[tuple[int, VehicleState]]:
+    """Return the others with their numbers, but those that queue behind a slow one before the junction."""
+    slow: dict[int, float] = {}
+    for other in seen.others:
+        if other.speed < ROLLING and other.zone < JUNCTION:
+            slow[other.entrance] = max(slow.get(other.entrance, -math.inf), other.station)
+    return [(k, other) for k, other in enumerate(seen.others) if other.station >= slow.get(other.entrance, -math.inf)]
 
 
 def in_the_way(seen: Observation, other: VehicleState) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from pytest_rvads.drivers.at_light import EAGER, SET_OFF, YELLOW
-from pytest_rvads.drivers.crossing import Meeting, Meetings, exit_blocked, may_meet, may_yield, runs_through
+from pytest_rvads.drivers.crossing import ROLLING, Meeting, Meetings, exit_blocked, may_meet, may_yield, not_queued, runs_through
 from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
@@ -29,8 +29,6 @@ MARGIN = 1.6
 """Time kept between leaving a place and the arrival there of one who goes first [s]: more than that of a near miss, 1 s."""
 MOVING = 0.15
 """Who is faster than this moves [m/s]."""
-ROLLING = 3.0
-"""Who goes first and is this fast will have passed when one comes later [m/s]."""
 PATIENCE_STEP = 0.5
 """How long the first one waits where all wait for one another, and how much longer each next one [s]: as long as it takes to see
 that one has set off."""
@@ -100,7 +98,7 @@ class GiveWay:
 
     def _relevant(self, seen: Observation) -> list[tuple[int, VehicleState]]:
         """Return the others that one meets, with their numbers, but those that queue behind a slow one before the junction."""
-        return [(k, other) for k, other in _not_queued(seen) if self._meetings.of(other)]
+        return [(k, other) for k, other in not_queued(seen) if self._meetings.of(other)]
 
     def _came_first(self, seen: Observation, one: VehicleState) -> list[VehicleState]:
         """Return who has arrived at an all-way stop and enters before `one`, of those that `one` may meet."""
@@ -214,7 +212,7 @@ class GiveWay:
         me = seen.me
         if self._released:
             return True
-        moving = [other for _, other in _not_queued(seen) if other.speed > MOVING and other.zone <= JUNCTION]
+        moving = [other for _, other in not_queued(seen) if other.speed > MOVING and other.zone <= JUNCTION]
         if me.zone is not ENTRANCE or me.speed > MOVING or any(self._concerns(seen, other, waits_for) for other in moving):
             self._quiet_since = None
             return False
@@ -263,15 +261,6 @@ def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:
             if first and _leaves(other, yours.end, slow) + LEEWAY > mine:
                 least = min(least, stop_before(me.speed, place - BEFORE - me.station))
     return least
-
-
-def _not_queued(seen: Observation) -> list[tuple[int, VehicleState]]:
-    """Return the others with their numbers, but those that queue behind a slow one before the junction."""
-    slow: dict[int, float] = {}
-    for other in seen.others:
-        if other.speed < ROLLING and other.zone < JUNCTION:
-            slow[other.entrance] = max(slow.get(other.entrance, -math.inf), other.station)
-    return [(k, other) for k, other in enumerate(seen.others) if other.station >= slow.get(other.entrance, -math.inf)]
 
 
 def _stuck(seen: Observation) -> bool:

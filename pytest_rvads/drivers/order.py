@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
+from pytest_rvads.conduct.standing import STANDSTILL, stop_place
 from pytest_rvads.drivers.crossing import may_meet
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, VehicleState
 
-__all__ = ["STOP_PLACE", "Queue"]
+__all__ = ["Queue"]
 
 _MOVING = 0.15
 """A vehicle that stood before its line and is now faster than this has set off [m/s]."""
-_STANDING = 0.05
-"""Slower than this a vehicle stands [m/s]."""
-STOP_PLACE = 5.0
-"""The stop place begins so far before the stopping line [m]: whoever stops there, with nobody ahead, has arrived."""
 
 
 class Queue:
@@ -47,14 +44,14 @@ class Queue:
                 if name not in outside:
                     # Arrived from the start: waiting times count from zero there.
                     outside[name] = tick
-                if state.speed < _STANDING:
+                if state.speed <= STANDSTILL:
                     stood.add(name)
 
     def _in_stop_place(self, seen: Observation, state: VehicleState) -> bool:
         """Return whether `state`, on its approach, has stopped in the stop place, with nobody ahead, and not left it since."""
-        if not self._tie or state.station < -seen.junction.setbacks[state.entrance] - STOP_PLACE:
+        if not self._tie or state.station < stop_place(seen.junction, state.entrance)[0]:
             return False
-        if state.name in self._stood or state.speed >= _STANDING:
+        if state.name in self._stood or state.speed > STANDSTILL:
             return state.name in self._stood
         return not any(o.entrance == state.entrance and state.station < o.station <= 0.0 for o in (seen.me, *seen.others))
 

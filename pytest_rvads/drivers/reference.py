@@ -53,8 +53,8 @@ class Reference(Follower):
 
     Args:
         tie: at an all-way stop, who arrived within this time of each other arrived at once, and the right one goes first, at
-            most 0.5 [s]. The paper's rules know no such window, the road rulebook has one of 0.5 s:
-            ``functools.partial(Reference, tie=0.5)``.
+            most 0.5 [s]. The road rulebook has such a window of 0.5 s: ``functools.partial(Reference, tie=0.5)``. With 0 it keeps
+            the paper's rules, which know neither such a window nor waivers.
 
     Raises:
         AutopilotError: a `tie` out of range.
@@ -73,7 +73,7 @@ class Reference(Follower):
         """Return what decides when to enter; called once, with the first observation."""
         if not by_zones(seen.junction):
             return GiveWay(seen, self.track(seen), self._tie)
-        return Light() if seen.junction.control is JunctionControl.LIGHTS else StopSign(self._tie)
+        return Light(paper=not self._tie) if seen.junction.control is JunctionControl.LIGHTS else StopSign(self._tie)
 
     def control(self, seen: Observation) -> Control:
         """Return throttle, brake and steering."""
