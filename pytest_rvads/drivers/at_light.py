@@ -70,6 +70,12 @@ class Light:
                 return False
         return not exit_blocked(seen)
 
+    def owes(self, seen: Observation) -> bool:
+        """Return whether by the paper's rules it still waits for a vehicle to be let in; to be called in every step."""
+        self._watch(seen)
+        self._prior(seen, seen.lights[seen.me.entrance])
+        return bool(self._owed)
+
     def _prior(self, seen: Observation, colour: Colour) -> list[VehicleState]:
         """Return the vehicles on their way to the junction that go first."""
         prior = [other for other in seen.others if self._has_priority(seen, other, colour)]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from pytest_rvads.drivers.at_light import EAGER, SET_OFF, YELLOW
+from pytest_rvads.drivers.at_light import EAGER, SET_OFF, YELLOW, Light
 from pytest_rvads.drivers.crossing import ROLLING, Meeting, Meetings, exit_blocked, may_meet, may_yield, not_queued, runs_through
 from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.interface import Observation
@@ -56,6 +56,8 @@ class GiveWay:
         entrance = junction.entrances[itinerary.entrance]
         self._meetings = Meetings(junction, itinerary)
         self._queue = Queue(tie)
+        self._paper = Light() if junction.control is JunctionControl.LIGHTS and not tie else None
+        """What the paper's rules ask for beyond giving way."""
         self._all_stop = junction.control is JunctionControl.STOP
         self._must_stop = stops and entrance.sign is Sign.STOP
         self._on_red = itinerary.turn is junction.near and entrance.lane == 0 and not junction.left_hand
@@ -75,7 +77,7 @@ class GiveWay:
         self._queue.watch(seen)
         if me.zone is ENTRANCE and speed < STANDING and self._stood_since is None:
             self._stood_since = seen.time
-        if not self._permitted(seen):
+        if not self._permitted(seen) or (self._paper is not None and self._paper.owes(seen)):
             self._released, self._quiet_since = False, None
             return False
         waits_for = [other for k, other in self._relevant(seen) if self._blocked(seen, other, k < seen.created)]

@@ -59,7 +59,7 @@ def _forfeited(j: Judgement, run: Run) -> bool:
     if not awaited or not j.failed:
         return False
     try:
-        waiving = {k for k in others if waives(run)[j.failed - 1, k]}
+        waiving = {k for k in others if waives(run)[j.trigger or 0 : j.failed, k].any()}
         return all(k in waiving or any(may_owe(run, k, other) for other in waiving) for k in awaited)
     except RunError:
         return False
