@@ -46,7 +46,7 @@ def _ordered(atom: f.Atom, by_zone: bool) -> bool:
     match atom.name, atom.terms:
         case "@", _:
             return True
-        case (("arrived" | "waives"), _):
+        case (("arrived" | "gives_up"), _):
             return by_zone
         case _, (f.Attr(_, one), f.Attr(_, two)) if one == two and ATTRIBUTES[one].waited:
             return by_zone or one == "wt"

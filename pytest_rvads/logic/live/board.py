@@ -223,8 +223,8 @@ class Board:
         match name, agents:
             case "stopped", [who]:
                 return lambda: who.stood
-            case "waives", [who]:
-                return lambda: now.waives(who)
+            case "gives_up", [who]:
+                return lambda: now.waives(who) or not who.arrived
             case "inside", [who]:
                 return lambda: now.inside(who)
             case "speeding", [who]:
@@ -328,7 +328,7 @@ class Board:
         return fact
 
 
-_PRESENT = ("@", "inside", "meet", "collide", "stopped", "arrived", "waives")
+_PRESENT = ("@", "inside", "meet", "collide", "stopped", "arrived")
 """Words that hold of nobody who is absent."""
 _PLACE, _MOTION = ("station",), ("station", "speed")
 _NEEDS: Mapping[str, tuple[str, ...]] = {

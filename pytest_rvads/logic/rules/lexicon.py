@@ -99,9 +99,11 @@ def _from_right(static: Static, one: f.Element, two: f.Element) -> bool:
     return _between(one, two, static.right_of)
 
 
-def _waives(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Without positions nothing tells who is free to go, so no vehicle waives its right."""
-    return waives(run)[:, agent] if run.station is not None and run.speed is not None else np.zeros(run.steps, dtype=np.bool_)
+def _gives_up(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The agent waives its right, or has not arrived; without positions nothing tells which vehicle waives its right."""
+    located = run.station is not None and run.speed is not None and run.junction.stretches is not None
+    gone = ~arrived(run, agent)
+    return gone | waives(run)[:, agent] if located else gone
 
 
 _word = partial(Word, place=PACKAGE)
@@ -174,7 +176,7 @@ BUILT_IN = Vocabulary.of(
     ),
     _word("stopped", _ONE, stopped, "{0} has stopped at the line", "{0} has not stopped at the line"),
     _word("arrived", _ONE, arrived, "{0} has arrived at its line", "{0} has not arrived at its line"),
-    _word("waives", _ONE, _waives, "{0} waives its right", "{0} does not waive its right"),
+    _word("gives_up", _ONE, _gives_up, "{0} has given up its turn", "{0} has not given up its turn"),
     _word("inside", _ONE, inside, "{0} is partly in the junction", "{0} is out of the junction"),
     _word("blocks", _ONE, blocks, "{0} blocks the junction", "{0} does not block the junction"),
     _word("may_go", _ONE, may_go, "{0} could go", "{0} could not go"),

@@ -117,7 +117,7 @@ ROAD = (
     _rule(
         "first_come",
         "forall a, a'. G(arrived(a) & arrived(a') & takes_turns(a, a') & a.waited < a'.waited"
-        " -> (N !a@j) U (a'@j | waives(a') | !arrived(a')))",
+        " -> (N !a@j) U (a'@j | gives_up(a')))",
         "first come, first served",
         "At an all-way stop, of two vehicles whose ways meet the vehicle that arrived clearly earlier enters first,"
         " unless it waives its right.",
@@ -131,7 +131,7 @@ ROAD = (
     _rule(
         "right_first",
         "forall a, a'. G(arrived(a) & arrived(a') & takes_turns(a, a') & a.waited = a'.waited & a right-of a'"
-        " -> (N !a'@j) U (a@j | waives(a) | !arrived(a)))",
+        " -> (N !a'@j) U (a@j | gives_up(a)))",
         "right before left",
         "At an all-way stop, of two vehicles whose ways meet and that arrive at about the same time the vehicle on the near side"
         " enters first, unless it waives its right.",
