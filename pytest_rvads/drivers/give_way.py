@@ -212,7 +212,7 @@ class GiveWay:
         It ends while nobody moves whom they or one oneself would meet, and later the more that one meets have arrived before.
         """
         me = seen.me
-        if self._released:
+        if self._released and me.speed > MOVING:
             return True
         moving = [other for _, other in not_queued(seen) if other.speed > MOVING and other.zone <= JUNCTION]
         if me.zone is not ENTRANCE or me.speed > MOVING or any(self._concerns(seen, other, waits_for) for other in moving):

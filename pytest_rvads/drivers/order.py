@@ -80,9 +80,9 @@ class Queue:
         """Return in which order the vehicles that have arrived may go, and how many of them have to wait for nobody.
 
         Returns:
-            Those that have to wait for nobody, then, unless turns are the paper's, those that wait for them; or all, where
-            everybody has somebody to let go first. Who came earlier stands first, of those that came at once who was created
-            earlier. Of several behind each other at one entrance only the first counts.
+            Those that have to wait for nobody, then, unless turns are the paper's, those that wait for no others than these; or
+            all, where everybody has somebody to let go first. Who came earlier stands first, of those that came at once who was
+            created earlier. Of several behind each other at one entrance only the first counts.
         """
         since, junction = self._outside, seen.junction
         waiting = [s for s in seen.everybody() if self.arrived(s)]
@@ -98,5 +98,7 @@ class Queue:
             return later > self._tie or (later >= -self._tie and (other.entrance, s.entrance) in junction.right_of)
 
         free = [s for s in waiting if not any(waits_for(s, other) for other in waiting)]
-        rest = [s for s in waiting if s not in free]
-        return free if free and not self._tie else free + rest, len(free)
+        if not free:
+            return waiting, 0
+        rest = [s for s in waiting if s not in free and all(o in free for o in waiting if waits_for(s, o))]
+        return free + rest if self._tie else free, len(free)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from pytest_rvads.drivers.crossing import exit_blocked, runs_through
 from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.interface import Observation
@@ -44,9 +46,11 @@ class StopSign:
             self._stood_since = seen.time
         if self._stood_since is None or seen.time - self._stood_since < HOLD:
             return False
-        # Also when it is already on its way: whoever goes out of turn is let in, not met in the junction.
-        for other in seen.others:
-            if other.zone is JUNCTION or self._queue.setting_off(other):
+        # Also when it is already on its way: whoever goes out of turn is let in, not met in the junction; of two that set off at
+        # once the farther one goes on.
+        mine = (me.station, -seen.created) if self._queue.setting_off(me) else (-math.inf, 0)
+        for k, other in enumerate(seen.others):
+            if other.zone is JUNCTION or (self._queue.setting_off(other) and (other.station, -k) > mine):
                 self._released, self._stuck_since = False, None
                 return False
         self._released = self._released or self._my_turn(seen)
