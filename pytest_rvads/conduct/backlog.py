@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.instant import Instant
 from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.conduct.progress import BLOCKING_TIME, PATIENCE, blocking_time, lost_time, may_go
-from pytest_rvads.conduct.right_of_way import DUE, GAP, PACE
+from pytest_rvads.conduct.rights import DUE, GAP, PACE
 from pytest_rvads.conduct.waiting import AT_LINE
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run

@@ -22,7 +22,7 @@ from pytest_rvads.conduct.bodies import tick_of
 from pytest_rvads.conduct.lane import off_lane
 from pytest_rvads.conduct.priority import HEADWAY, MIN_GAP, WINDOW, brakes_hard, owes, unhindered
 from pytest_rvads.conduct.progress import idles, may_go
-from pytest_rvads.conduct.right_of_way import comes_first
+from pytest_rvads.conduct.rights import comes_first
 from pytest_rvads.conduct.standing import STANDSTILL, stopped
 from pytest_rvads.conduct.stretches import contested, shared
 from pytest_rvads.errors import RunError

@@ -1,6 +1,6 @@
 """One instant of traffic in plain numbers: what the words of rules ask of a few vehicles, a hundred times a second.
 
-On a run the same is said of all its states at once, in `standing`, `right_of_way`, `priority` and `stretches`; for one state
+On a run the same is said of all its states at once, in `standing`, `rights`, `priority` and `stretches`; for one state
 of ten vehicles numpy takes longer to be called than to compute. The comparisons are the same ones, on the same numbers, so both
 say the same.
 """
@@ -14,7 +14,7 @@ import numpy as np
 
 from pytest_rvads.conduct.mover import NEVER, Mover, Pair
 from pytest_rvads.conduct.priority import HEADWAY
-from pytest_rvads.conduct.right_of_way import DUE, GAP, PACE, ROOM, WAIVER
+from pytest_rvads.conduct.rights import DUE, GAP, PACE, ROOM, WAIVER
 from pytest_rvads.conduct.standing import STANDSTILL, TIE
 from pytest_rvads.junctions.conflicts import Stretch
 from pytest_rvads.junctions.junction import Junction
@@ -110,11 +110,12 @@ class Instant:
                 mover.arrived = mover.stood = False
             elif not (mover.arrived and mover.stood):
                 still = measured and abs(mover.speed) <= STANDSTILL and mover.station <= mover.stop_place[1] and self.leads(mover)
-                mover.stood = mover.stood or still
+                mover.stood = mover.stood or (still and (mover.driven or zone == ENTRANCE))
                 if not mover.arrived and (zone == ENTRANCE or still):
                     mover.arrived, mover.arrived_at = True, self.tick
             if mover.arrived is not before:
                 self.turned.add(mover)
+            mover.driven = mover.driven or (mover.here and abs(mover.speed) > STANDSTILL)
 
     def _wait(self, changed: Sequence[Mover]) -> None:
         """Work out which vehicles are next to go, and for how long they have stood so."""
@@ -240,15 +241,15 @@ class Instant:
         return (me.facing == _RED) is pair.near
 
     def due(self, mover: Mover, stretch: Stretch) -> bool:
-        """`right_of_way.due`."""
+        """`rights.due`."""
         return mover.here and (_coming(mover, stretch) or (mover.next_to_go and not self.waives(mover)))
 
     def waives(self, mover: Mover) -> bool:
-        """`right_of_way.waives`."""
+        """`rights.waives`."""
         return mover.free > self._waiver
 
     def starting(self, mover: Mover) -> bool:
-        """`right_of_way.starting`."""
+        """`rights.starting`."""
         if not mover.next_to_go:
             return False
         if abs(mover.speed) <= STANDSTILL:
@@ -273,12 +274,12 @@ class Instant:
         return True
 
     def kept(self, mover: Mover, other: Mover) -> bool:
-        """Return whether a third vehicle, neither `mover` nor `other`, keeps `mover`: `right_of_way.kept_by`."""
+        """Return whether a third vehicle, neither `mover` nor `other`, keeps `mover`: `rights.kept_by`."""
         thirds = (o for o in self.movers if o is not mover and o is not other and o not in mover.slow_at_entry)
         return any(self._close_behind(self.pair(mover, third)) for third in thirds if third.speed < PACE)
 
     def _held(self, mover: Mover) -> bool:
-        """`right_of_way.held`."""
+        """`rights.held`."""
         if mover.held_at != self.tick:
             mover.held_at, mover.is_held = self.tick, self._find_held(mover)
         return mover.is_held
@@ -301,7 +302,7 @@ class Instant:
         return False
 
     def _keeps(self, mover: Mover, other: Mover) -> bool:
-        """Return whether `other` keeps `mover` from going, as in `right_of_way.waives`."""
+        """Return whether `other` keeps `mover` from going, as in `rights.waives`."""
         pair = self.pair(mover, other)
         if self._close_behind(pair):
             return True
@@ -313,7 +314,7 @@ class Instant:
         return not (back.owing and self.yields(back))
 
     def _close_behind(self, pair: Pair) -> bool:
-        """`right_of_way.close_behind`."""
+        """`rights.close_behind`."""
         me, you, common = pair.me, pair.you, pair.common
         if not (you.speed < PACE and you.here):
             return False
@@ -331,7 +332,7 @@ class Instant:
 
 
 def _coming(mover: Mover, stretch: Stretch) -> bool:
-    """Return whether it is on a stretch of its movement, or would be there within `DUE`; as in `right_of_way.due`."""
+    """Return whether it is on a stretch of its movement, or would be there within `DUE`; as in `rights.due`."""
     front = mover.station
     return stretch.start - front <= DUE * max(mover.speed, 0.0) and front - mover.length <= stretch.end
 

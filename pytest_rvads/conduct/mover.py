@@ -38,6 +38,7 @@ class Mover:
         "agent",
         "arrived",
         "arrived_at",
+        "driven",
         "entered",
         "entrance",
         "facing",
@@ -83,7 +84,7 @@ class Mover:
         self.wt = 0
         self.entered, self.facing = NEVER, 0
         self.fresh = True
-        self.stood = self.arrived = self.next_to_go = False
+        self.driven = self.stood = self.arrived = self.next_to_go = False
         self.arrived_at = self.last_ready = -1
         self.ready = self.free = 0
         self.slow_at_entry: frozenset[Mover] = frozenset()

@@ -18,7 +18,7 @@ from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.grounds import lit, may_owe
 from pytest_rvads.conduct.memo import each
 from pytest_rvads.conduct.presence import window
-from pytest_rvads.conduct.right_of_way import due, held, kept_by, starting, waives, yields
+from pytest_rvads.conduct.rights import due, held, kept_by, starting, waives, yields
 from pytest_rvads.conduct.standing import STANDSTILL
 from pytest_rvads.conduct.stretches import contested, position
 from pytest_rvads.junctions.conflicts import Shared

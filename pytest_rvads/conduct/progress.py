@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.memo import once
-from pytest_rvads.conduct.right_of_way import PACE
+from pytest_rvads.conduct.rights import PACE
 from pytest_rvads.conduct.stretches import before_exit, position
 from pytest_rvads.conduct.waiting import at_line, circles, reasons
 from pytest_rvads.runs.itineraries import LEAVE

@@ -61,8 +61,13 @@ def stop_place(junction: Junction, entrance: int) -> tuple[float, float]:
 
 
 def stopped(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent has stopped in the stop place, and since then has neither entered the junction nor backed out of that place."""
+    """The agent has stopped in the stop place, and since then has neither entered the junction nor backed out of that place.
+
+    A full stop is something that a vehicle does: standing before the entrance zone counts once the vehicle has driven.
+    """
     here, still = stops(run, agent)
+    driven = np.logical_or.accumulate(run.here[:, agent] & ~stands(run)[:, agent])
+    still = still & (driven | (run.zone[:, agent] == Zone.ENTRANCE))
     tick = np.arange(run.steps)
     last_still = np.maximum.accumulate(np.where(still, tick, -1))
     last_away = np.maximum.accumulate(np.where(here, -1, tick))

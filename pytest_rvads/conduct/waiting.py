@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.grounds import may_owe
 from pytest_rvads.conduct.presence import near, window
-from pytest_rvads.conduct.right_of_way import GAP, PACE, close_behind, comes_first, due, yields
+from pytest_rvads.conduct.rights import GAP, PACE, close_behind, comes_first, due, yields
 from pytest_rvads.conduct.stretches import ALWAYS, on_stretch, position, shared
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Shared
@@ -180,7 +180,7 @@ def _lets_pass(run: Run, agent: int, other: int, common: Shared | None, when: sl
     found |= there & (ahead | on_stretch(run, agent, common.mine, when))
     gives = yields(run, other, agent, when) if may_owe(run, other, agent) else np.zeros_like(found)
     found |= ahead & (theirs == Zone.JUNCTION) & (position(run, other, when)[0] < common.yours.start) & ~gives
-    comes = due(run, other, common.yours, when)
+    comes = due(run, other, common.yours, when, waiving=True)
     found |= before & comes & (run.need("speed")[when, other] > PACE)
     if may_owe(run, agent, other):
         found |= ahead & yields(run, agent, other, when) & comes

@@ -8,6 +8,7 @@ from functools import cached_property
 from itertools import product
 
 from pytest_rvads.errors import ScenarioError
+from pytest_rvads.junctions.bends import LEAST_RADIUS
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.forks import forks
@@ -16,11 +17,13 @@ from pytest_rvads.scenarios.pairs import PAIRED, covering
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
-__all__ = ["CHOOSING", "COVERS", "Selection"]
+__all__ = ["CHOOSING", "COVERS", "TOO_TIGHT", "Selection"]
 
 CHOOSING = ("partial", *PAIRED)
 """One row per class of scenarios that may leave entrances empty; enough scenarios for every pair of movements, or of those that
 conflict."""
+TOO_TIGHT = f"no car can follow a bend of less than {LEAST_RADIUS:.1f} m (cover 'class' takes them all the same)"
+"""Why movements are left out by `PAIRED` covers."""
 COVERS = ("class", "scenario", "rotation", *CHOOSING)
 """One row per class; every distinct member; all rows, as in the paper's tables; and those that choose scenarios themselves."""
 
@@ -76,6 +79,12 @@ class Selection:
     def points(self) -> int:
         """Number of runs per abstract scenario."""
         return len(self.configurations) * len(self.followers) * len(self.senses)
+
+    @property
+    def too_tight(self) -> tuple[str, ...]:
+        """The movements that the cover leaves out because no car can follow them, each by its junction and lanes."""
+        keys = sorted(self.place.tight) if self.cover in PAIRED else ()
+        return tuple(f"{self.place.name} from entrance {entrance} to exit {exit}" for entrance, exit in keys)
 
     @cached_property
     def orbits(self) -> Orbits:

@@ -9,6 +9,7 @@ import pytest
 from pytest_rvads.cli import main
 from pytest_rvads.cli.init_command import WORKFLOW
 from pytest_rvads.junctions.builtin import path_of
+from pytest_rvads.opendrive.writer import Layout, opendrive
 
 ROOT = Path(__file__).parents[2]
 DRIVES = ROOT / "examples" / "drives"
@@ -121,6 +122,21 @@ def test_a_junction_of_a_map_may_be_named(pytester: pytest.Pytester, capsys: pyt
     told(capsys, "--map", "mine.xodr", "--junction", "1")
     assert "@rvads.scenario('1', " in Path("test_rules.py").read_text("utf-8")
     assert "has no junction '7'" in refused(capsys, "other", "--map", "mine.xodr", "--junction", "7")
+
+
+@pytest.mark.extended
+def test_movements_that_no_car_can_follow_are_left_out_and_counted(
+    pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Right turns have a radius of 3.25 m there."""
+    Path("mine.xodr").write_text(opendrive(Layout(stop=5.0)), encoding="utf-8")
+    told(capsys, "--map", "mine.xodr")
+    result = pytester.runpytest("-k", "keep_lane", "--collect-only", "-q")
+    codes = {line.partition("-as")[2][:4] for line in result.outlines if "-as" in line}
+    assert codes
+    assert not any("1" in code for code in codes)
+    result = pytester.runpytest("-k", "keep_lane", "--rvads-sample=1")
+    result.stdout.fnmatch_lines(["4 movements left out: no car can follow a bend of less than 3.9 m *"])
 
 
 def test_recordings_are_judged_and_nothing_drives(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,7 +17,7 @@ from pytest_rvads.conduct.lane import wrong_lanes
 from pytest_rvads.conduct.predicates import extract
 from pytest_rvads.conduct.priority import owes
 from pytest_rvads.conduct.progress import may_go
-from pytest_rvads.conduct.right_of_way import comes_first, due
+from pytest_rvads.conduct.rights import comes_first, due
 from pytest_rvads.conduct.standing import stopped
 from pytest_rvads.conduct.stretches import on_stretch, shared
 from pytest_rvads.junctions.junction import Entrance, Junction, Movement
@@ -384,8 +384,8 @@ def test_a_full_stop_counts_from_five_metres_before_the_sign(
     assert check(run, "full_stop").status == ("PASS" if counts else "FAIL")
 
 
-def test_standing_in_the_stop_place_from_the_start_is_a_full_stop(drive: Make) -> None:
-    for start, status in ((-5.1, "FAIL"), (-4.9, "PASS"), (-0.9, "PASS")):
+def test_standing_before_the_entrance_zone_from_the_start_is_no_full_stop(drive: Make) -> None:
+    for start, status in ((-3.0, "FAIL"), (-0.9, "PASS")):
         assert check(drive("stop4", {0: (2, start, [STAND, (100, 5.0)])}, 700), "full_stop").status == status
 
 

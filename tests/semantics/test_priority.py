@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.conduct.priority import BEND_BRAKING, HARD_BRAKING, MIN_GAP, obstructs, owes
-from pytest_rvads.conduct.right_of_way import DUE, due
+from pytest_rvads.conduct.rights import DUE, due
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.junctions.finder import find

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from pytest_rvads.conduct.blame import cut_short_by
 from pytest_rvads.conduct.predicates import extract
-from pytest_rvads.conduct.right_of_way import held
+from pytest_rvads.conduct.rights import held
 from pytest_rvads.conduct.standing import drives
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.judging.cycle import unavoidable

@@ -208,11 +208,11 @@ def _of_the_past(run: Run) -> tuple[Reading, ...]:
     if run.excerpt is None or run.speed is None or run.station is None:
         return ()
     stopping, rolling = run.speed.copy(), run.speed.copy()
-    late = [a for a, (begin, end) in enumerate(run.spans) if end > begin and stops(run, a)[0][begin]]
+    late = [a for a, (begin, end) in enumerate(run.spans) if end > begin + 1 and stops(run, a)[0][begin]]
     for agent in late:
         begin, end = run.spans[agent]
         still = stands(run)[begin:end, agent]
-        stopping[begin, agent] = 0.0
+        stopping[begin : begin + 2, agent] = 1.0, 0.0
         rolling[begin : begin + (len(still) if still.all() else still.argmin()), agent] = 2 * STANDSTILL
     return tuple(Reading(_BEFORE, 0.0, replace(run, speed=speed)) for speed in (stopping, rolling) if late)
 

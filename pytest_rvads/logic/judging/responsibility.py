@@ -5,7 +5,7 @@ from __future__ import annotations
 from pytest_rvads.conduct.blame import Cause, blame, cause_of, stuck, surprised
 from pytest_rvads.conduct.bodies import contacts
 from pytest_rvads.conduct.grounds import may_owe
-from pytest_rvads.conduct.right_of_way import WAIVER, waives
+from pytest_rvads.conduct.rights import WAIVER, waives
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.judging.judge import Judgement
 from pytest_rvads.logic.judging.verdicts import Status
@@ -53,13 +53,13 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
 
 
 def _forfeited(j: Judgement, run: Run) -> bool:
-    """Return whether the vehicle that was to go first had waived its right; or whether it waited for such a vehicle."""
+    """Return whether the vehicle that was to go first waived its right meanwhile; or whether it waited for such a vehicle."""
     awaited, waiting = _awaited(j), {e.index for e in _waiting(j)}
     others = [k for k in range(len(run.agents)) if k not in waiting]
     if not awaited or not j.failed:
         return False
     try:
-        waiving = {k for k in others if waives(run)[j.trigger or 0 : j.failed, k].any()}
+        waiving = {k for k in others if waives(run)[j.trigger : j.failed, k].any()}
         return all(k in waiving or any(may_owe(run, k, other) for other in waiving) for k in awaited)
     except RunError:
         return False

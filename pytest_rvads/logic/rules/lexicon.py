@@ -14,7 +14,7 @@ from pytest_rvads.conduct.lane import lane_allows, off_lane, off_route
 from pytest_rvads.conduct.predicates import Static
 from pytest_rvads.conduct.priority import obstructs, owes
 from pytest_rvads.conduct.progress import blocks, idles, inside, may_go
-from pytest_rvads.conduct.right_of_way import waives
+from pytest_rvads.conduct.rights import waives
 from pytest_rvads.conduct.standing import arrived, speeding, stopped, waited
 from pytest_rvads.conduct.stretches import meet
 from pytest_rvads.errors import RunError

@@ -79,12 +79,19 @@ def yields(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np
     return found
 
 
-def due(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDArray[np.bool_]:
+def due(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS, *, waiving: bool = False) -> NDArray[np.bool_]:
     """The agent is on a stretch of its way, reaches it within `DUE` at its present speed, or is first at its line and may go.
 
-    A vehicle that waives its right is not due by standing at its line.
+    Args:
+        run: the run.
+        agent: its column.
+        stretch: part of its movement.
+        when: part of the run.
+        waiving: whether a vehicle that waives its right is due by standing at its line: nobody has to pass in front of it.
     """
-    next_to_go = (_may_go_first(run) & ~waives(run))[when, agent]
+    next_to_go = _may_go_first(run)[when, agent]
+    if not waiving:
+        next_to_go = next_to_go & ~waives(run)[when, agent]
     found: NDArray[np.bool_] = (_coming(run, agent, stretch, when) | next_to_go) & run.here[when, agent]
     return found
 
