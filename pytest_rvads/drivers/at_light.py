@@ -22,8 +22,6 @@ SET_OFF = 0.35
 """Time that setting off takes, until the drive answers [s]."""
 EAGER = 3.0
 """Acceleration that others are believed capable of [m/s^2]."""
-PARKED = 8.0
-"""By the paper's rules, a vehicle that stands at green for so long is not going to go [s]."""
 MARGIN = 1.0
 """Time kept between leaving a place and the arrival there of one who has priority [s]."""
 _GREEN, _YELLOW, _RED = Colour.GREEN, Colour.YELLOW, Colour.RED
@@ -109,13 +107,12 @@ class Light:
 
     def _watch(self, seen: Observation) -> None:
         idle, parked = self._idle, self._parked
-        patience = PARKED if self._paper else WAIVER
         for other in seen.others:
             stands = other.zone is ENTRANCE and other.speed <= STANDING
             if parked and not stands:
                 parked.discard(other.name)
             if stands and seen.lights[other.entrance] is _GREEN:
-                if seen.time - idle.setdefault(other.name, seen.time) >= patience:
+                if seen.time - idle.setdefault(other.name, seen.time) >= WAIVER:
                     parked.add(other.name)
             elif idle:
                 idle.pop(other.name, None)

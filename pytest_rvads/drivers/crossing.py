@@ -117,7 +117,7 @@ def may_meet(junction: Junction, one: tuple[int, Turn], other: tuple[int, Turn])
 
 @lru_cache(maxsize=4096)
 def may_yield(junction: Junction, one: tuple[int, Turn], other: tuple[int, Turn]) -> bool:
-    """Return whether one of two vehicles, each given by its entrance and its indicator, may have to give way to the other."""
+    """Return whether the first of two vehicles, as for `may_meet`, may have to give way to the second."""
     known, ways = junction.yields or {}, junction.by_turn
     return any((mine.key, yours.key) in known for mine in ways[one] for yours in ways[other])
 

@@ -80,10 +80,12 @@ class GiveWay:
         if not self._permitted(seen) or (self._paper is not None and self._paper.owes(seen)):
             self._released, self._quiet_since = False, None
             return False
-        waits_for = [other for k, other in self._relevant(seen) if self._blocked(seen, other, k < seen.created)]
+        meets = self._meetings.of
+        waits_for = [other for k, other in not_queued(seen) if meets(other) and self._blocked(seen, other, k < seen.created)]
         if self._all_stop:
             waits_for += self._came_first(seen, me)
-        if any(other.speed > MOVING or other.zone is not ENTRANCE for other in waits_for) or exit_blocked(seen) or _stuck(seen):
+        moves = any(other.speed > MOVING or not self._queue.arrived(other) for other in waits_for)
+        if moves or exit_blocked(seen) or _stuck(seen):
             self._released, self._quiet_since = False, None
             return False
         return not waits_for or self._patience_ends(seen, waits_for)
@@ -98,10 +100,6 @@ class GiveWay:
             return not can_stop(seen, YELLOW)
         return colour is not _RED or (self._on_red and self._stood_since is not None)
 
-    def _relevant(self, seen: Observation) -> list[tuple[int, VehicleState]]:
-        """Return the others that one meets, with their numbers, but those that queue behind a slow one before the junction."""
-        return [(k, other) for k, other in not_queued(seen) if self._meetings.of(other)]
-
     def _came_first(self, seen: Observation, one: VehicleState) -> list[VehicleState]:
         """Return who has arrived at an all-way stop and enters before `one`, of those that `one` may meet."""
         junction, found = seen.junction, []
@@ -115,7 +113,8 @@ class GiveWay:
     def _blocked(self, seen: Observation, other: VehicleState, earlier: bool) -> bool:
         """Return whether one has to wait for `other`, which may have been created `earlier`."""
         if other.zone >= JUNCTION:
-            return not all(self._fits(seen, other, meeting, 0.0) for meeting in self._meetings.of(other))
+            red = seen.lights[seen.me.entrance] is _RED
+            return not all(self._fits(seen, other, m, MARGIN if m.mine or red else 0.0) for m in self._meetings.of(other))
         colour = seen.lights[other.entrance]
         runs = runs_through(other)
         if not runs and (colour is _RED or (colour is _YELLOW and other.speed < MOVING)):

@@ -44,11 +44,11 @@ class Reference(Follower):
     green comes whose way meets its own. Turning left it yields to oncoming traffic, unless that stands at green for 3.5 s. It
     never gets into the way of a vehicle that is still in the junction.
 
-    Where there are other signs, signs at some entrances only, or none, and where arms have several lanes, it looks at the vehicles
-    whose way meets its own: it gives way as `Junction.yields` says, in time or not at all, after a stop where its sign demands
-    one and at green where it has a light; at an all-way stop to those that came first. A vehicle with the better right that stands
-    at its line is passed only once it has waived its right. A vehicle that has the way goes on, except into a body that is in it.
-    Where all that stand there wait for one another, the vehicle that came first goes.
+    Where there are other signs, signs at some entrances only, or none, and where arms have several lanes, it looks at those
+    vehicles whose way meets its own: it gives way as `Junction.yields` says, in time or not at all, after a stop where its sign
+    demands one and at green where it has a light; at an all-way stop to those that came first. A vehicle with the better right
+    that stands at its line is passed only once it has waived its right. A vehicle that has the way goes on, except into a body
+    that is in it. Where all that stand there wait for one another, the vehicle that came first goes.
 
     Everywhere it keeps its distance from who drives ahead, queues behind it, and stops before a body in its way. It enters only
     what it can leave.

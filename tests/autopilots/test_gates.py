@@ -154,15 +154,15 @@ def test_who_was_to_be_let_in_stays_so_when_the_lights_change() -> None:
 @pytest.mark.parametrize(
     ("story", "goes"),
     [
-        ([(0.0, 0.0), (8.0, 0.0)], True),
-        ([(0.0, 0.0), (7.9, 0.0)], False),
-        ([(0.0, 0.0), (4.0, 0.5), (8.0, 0.0)], False),  # it crept on
-        ([(0.0, 0.0), (4.0, 0.5), (5.0, 0.0), (13.0, 0.0)], True),
-        ([(0.0, 0.0), (8.0, 0.0), (8.1, 0.5)], False),  # it wakes up
+        ([(0.0, 0.0), (3.5, 0.0)], True),
+        ([(0.0, 0.0), (3.4, 0.0)], False),
+        ([(0.0, 0.0), (2.0, 0.5), (3.5, 0.0)], False),  # it crept on
+        ([(0.0, 0.0), (2.0, 0.5), (3.0, 0.0), (6.5, 0.0)], True),
+        ([(0.0, 0.0), (3.5, 0.0), (3.6, 0.5)], False),  # it wakes up
     ],
 )
 def test_who_does_not_go_on_its_green_is_not_waited_for_on_the_own_one(story: list[tuple[float, float]], goes: bool) -> None:
-    """Another one stands at green for eight seconds; (time, speed)."""
+    """Another one stands at green for 3.5 s; (time, speed)."""
     light = Light()
     for time, speed in story:
         assert light.allows(sees(at(1, RIGHT), at(0, STRAIGHT, speed=speed), time=time)) is False
