@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Cell, Extent, Report, in_order
+from pytest_rvads.report.steady import steady
 from pytest_rvads.wording import first
 
 __all__ = ["merge"]
@@ -43,7 +44,7 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
         notes.append(f"... and {len(clashes) - _SHOWN} more contradictions between the merged reports")
     versions, differences = _versions(reports)
     planned: dict[Cell, None] = dict.fromkeys(cell for _, report in reports for cell in report.planned)
-    merged = in_order([record for _, record in records.values()])
+    merged = in_order(list(steady(record for _, record in records.values())))
     return Report(
         merged,
         {ways: total for _, report in reports for ways, total in report.totals.items()},

@@ -253,8 +253,8 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def failed(self) -> bool:
-        """Whether the item failed."""
-        return self.outcome == "failed"
+        """Whether the item failed, or passed one time and not another."""
+        return self.outcome == "failed" or self.status is Outcome.FLAKY
 
     @property
     def shows(self) -> bool:

@@ -39,7 +39,7 @@ class Session:
         self.baseline = _load(self.options.baseline)
         self.outputs = Outputs(config)
         self.records: dict[str, Record] = {}
-        """By node id, once the session is over; until then they are in the journal. A repeated item counts as it ended."""
+        """By node id, once the session is over; until then they are in the journal. Of a repeated item the last one counts."""
         self.seconds: dict[str, float] = {}
         """Node id to how long its phases took [s]."""
         self.lost: dict[str, str] = {}
@@ -95,7 +95,7 @@ class Session:
             self.lost[report.nodeid] = f"the record of this item can't be read: {told(error)}"
             self.others.add(report.nodeid)
             return
-        if record.failed and not report.failed:
+        if record.outcome == "failed" and not report.failed:
             self.turned.add(report.nodeid)
         try:
             self.config.hook.pytest_rvads_verdict(record=content, config=self.config)
@@ -134,9 +134,12 @@ class Session:
 
     def _finish(self, session: pytest.Session, exitstatus: int) -> None:
         """Write what was asked for, and keep the exit status honest."""
+        from pytest_rvads.report.steady import steady
+
         self.records = self.outputs.journal.records()
         budget = self.config.stash[BUDGET]
         missing = self._complete()
+        self.records = {record.nodeid: record for record in steady(self.records.values())}
         found = reasons(
             Ending(
                 exitstatus,

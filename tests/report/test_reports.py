@@ -21,10 +21,12 @@ from pytest_rvads.report.figures import Extremes
 from pytest_rvads.report.files import load, save
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrices, Matrix
+from pytest_rvads.report.merge import merge
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Indicators, Record, conclude, planned_record, properties
 from pytest_rvads.report.session_report import Comparison, Report, cell_of
+from pytest_rvads.report.steady import steady
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.traceability import table
 from pytest_rvads.report.triage import Cause
@@ -449,3 +451,21 @@ def test_slow_runs_are_told_where_they_matter() -> None:
     assert "slowest: 11.0 s test[11], 10.0 s test[10], 9.0 s test[9]\n" in summary(slow, colour=False, width=100, unicode=False)
     assert "2.0 s test[2]\n" in summary(slow, colour=False, width=100, unicode=False, full=True)
     assert quick == slow, "how fast a machine is, is no difference between reports"
+
+
+def test_rules_of_one_start_on_two_runs_are_flaky_and_others_are_not() -> None:
+    start = [replace(record(1, "C", rule, "PASS"), run="start") for rule in ("p1", "p2", "p3")]
+    other, error = replace(start[1], hash="another"), replace(start[2], hash="another", status=Outcome.ERROR, outcome="failed")
+    assert [found.status for found in steady(start)] == ["PASS"] * 3
+    found = list(steady([start[0], other, error, replace(record(2, "C", "p1", "PASS"), run="next")]))
+    assert [one.status for one in found] == ["FLAKY", "FLAKY", "ERROR", "PASS"]
+    assert found[0].flaky is not None
+    assert found[0].flaky.text == f"it was judged on another run than {other.nodeid}"
+    assert [one.failed for one in found] == [True, True, True, False]
+
+
+def test_rules_of_one_start_on_two_runs_in_two_shards_are_flaky() -> None:
+    one, two = (replace(record(1, "C", rule, "PASS"), run="start", hash=rule) for rule in ("p1", "p2"))
+    merged = merge([("a.json", Report((one,))), ("b.json", Report((two,)))])
+    assert {found.status for found in merged.records} == {"FLAKY"}
+    assert merged.exitstatus == 1
