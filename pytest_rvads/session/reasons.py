@@ -128,13 +128,5 @@ def _late(ending: Ending) -> Reason | None:
     return Reason(said, exitstatus=0, cut=False) if late else None
 
 
-_CHECKS: tuple[Callable[[Ending], Reason | None], ...] = (
-    _ended,
-    _vanished,
-    _undriven,
-    _flaky,
-    _unjudged,
-    _hushed,
-    _unkept,
-    _late,
-)
+_Check = Callable[[Ending], Reason | None]
+_CHECKS: tuple[_Check, ...] = (_ended, _vanished, _undriven, _flaky, _unjudged, _hushed, _unkept, _late)
