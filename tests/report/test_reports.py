@@ -469,3 +469,36 @@ def test_rules_of_one_start_on_two_runs_in_two_shards_are_flaky() -> None:
     merged = merge([("a.json", Report((one,))), ("b.json", Report((two,)))])
     assert {found.status for found in merged.records} == {"FLAKY"}
     assert merged.exitstatus == 1
+
+
+@pytest.mark.parametrize(
+    ("edited", "says"),
+    [
+        ({"status": "NOT RUN"}, "is NOT RUN, failed, and has a verdict FAIL"),
+        ({"status": "NOT RUN", "outcome": ""}, "is NOT RUN, never ran, and has a verdict FAIL"),
+        ({"status": "NOT RUN", "verdicts": []}, "is NOT RUN, failed, and has no verdict"),
+        ({"status": "PASS", "outcome": "passed"}, "is PASS, passed, and has a verdict FAIL"),
+        ({"rule": "p2"}, "is about p2 and has a verdict of p1"),
+    ],
+)
+def test_record_that_contradicts_itself_is_refused(tmp_path: Path, edited: dict[str, Any], says: str) -> None:
+    failed = record(1, "C", "p1", "FAIL")
+    path = tmp_path / "old.json"
+    save(path, Report((replace(failed, verdicts=(replace(failed.verdicts[0], rule="p1"),)),)))
+    content = json.loads(path.read_text(encoding="utf-8"))
+    assert load(path).records
+    content["records"][0] |= edited
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(RvadsError, match=re.escape(f"the record of {failed.nodeid} {says}")):
+        load(path)
+
+
+@pytest.mark.parametrize("error", [None, Outcome.ERROR, Outcome.NOT_JUDGED, Outcome.UNSURE])
+@pytest.mark.parametrize("status", ["PASS", "FAIL", "OPEN", "NA", "UNSURE"])
+@pytest.mark.parametrize("outcome", ["passed", "failed", "skipped"])
+def test_no_record_that_a_session_writes_contradicts_itself(outcome: str, status: str, error: Outcome | None) -> None:
+    start = planned_record("t", 3, "test", {"junction": "stop4", "rule": "p1"}, 4)
+    verdicts = [{"rule": "p1", "status": status, "unavoidable": flag} for flag in (False, True)]
+    for given in ([], verdicts[:1], verdicts):
+        for when in ("setup", "call"):
+            assert conclude(start, given, when, outcome, error=error).contradiction == ""
