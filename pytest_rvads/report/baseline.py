@@ -48,7 +48,7 @@ def compare(
             its first item in which one fell, and not where something of the run is NEW. Its other items are UNCHANGED.
         gone: whether an item of the baseline that the session has no record of does not exist any more; otherwise it was
             not selected.
-        same: compare an item only where driver, junction and formula of the rule are those of the baseline. Elsewhere an item that
+        same: compare an item only where driver, junction and formula are those of the baseline. Elsewhere an item that
             fails is NEW, and an item that was judged in the baseline and does not fail is LOST.
     """
     before = {record.nodeid: record for record in baseline.records}

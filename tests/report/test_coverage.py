@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import permutations
 from typing import Any
 
 import pytest
@@ -59,6 +60,12 @@ def test_what_is_unsure_exercises_nothing_and_is_no_success() -> None:
     unsure = report(record(1, "p1", "UNSURE"), planned=())
     assert str(measure(unsure)) == "0/1 cells exercised (0.0 %): 1 unsure"
     assert merge([("one", unsure), ("two", unsure)]).exitstatus == 5, "nothing was judged"
+
+
+@pytest.mark.parametrize("statuses", list(permutations(("PASS", "NA", "ERROR"))))
+def test_cell_is_exercised_by_any_of_its_records_whichever_comes_last(statuses: tuple[str, ...]) -> None:
+    records = [record(1, "p1", status, row=row) for row, status in enumerate(statuses)]
+    assert str(measure(report(*records, planned=PLANNED[:1]))) == "1/1 cells exercised (100.0 %)"
 
 
 def recorded(name: str, rule: str, status: str) -> Record:

@@ -502,3 +502,9 @@ def test_no_record_that_a_session_writes_contradicts_itself(outcome: str, status
     for given in ([], verdicts[:1], verdicts):
         for when in ("setup", "call"):
             assert conclude(start, given, when, outcome, error=error).contradiction == ""
+
+
+def test_unavoidable_violation_that_is_to_fail_stays_unavoidable() -> None:
+    start = planned_record("t", 3, "test", {"junction": "stop4", "rule": "p2"}, 4)
+    verdict = {"rule": "p2", "status": "FAIL", "unavoidable": True}
+    assert conclude(start, [verdict], "call", "failed").status is Outcome.UNAVOIDABLE
