@@ -1,7 +1,7 @@
 """Causes of failures: which of many failing items have one thing behind them.
 
 One fault breaks several rules of a run: who enters too early also breaks the rules about those he meets. What broke first
-explains the rest of what the same vehicles broke in that run, and runs belong together in which the same was violated first,
+explains the rest, but for what other vehicles broke by themselves, and runs belong together in which the same was violated first,
 whoever it was. Grouping every failure by its own rule, violation and roles instead gave three times as many groups as faults,
 measured with mutants of the reference autopilot (tests/report/test_triage.py).
 
@@ -38,6 +38,8 @@ _SEATS = 3
 """Seats of the subject that are named per cause, where no more are concerned."""
 _GRAVE = ("no_collision", "no_conflict", "red", "right_on_red", "left_yields", "yield_sign", "priority", "right_before_left")
 """Rules that are told first, the gravest first: contact, meeting in the junction, then taking the way of others."""
+_OWN = (*_GRAVE[2:], "p4", "full_stop", "speed_limit", "keep_lane", "on_route", "on_lane_allowed")
+"""Rules that no vehicle breaks because another vehicle has broken a rule before."""
 
 
 def gravity(rules: Iterable[str]) -> int:
@@ -233,11 +235,11 @@ class ByCause(ByText):
                 self._close(next(iter(self._open)))
 
     def _close(self, run: str) -> None:
-        """Take in what broke in a run: what broke first explains what its vehicles broke later, and not what others did."""
+        """Take in what broke in a run: what broke first explains the rest, but for what others then broke by themselves."""
         begun: list[_Part] = []
         for part in sorted(self._open.pop(run), key=lambda part: part.time):
             for earlier in begun:
-                if not part.who or not earlier.begun or part.who & earlier.begun:
+                if part.rule not in _OWN or not part.who or not earlier.begun or part.who & earlier.begun:
                     earlier.join(part)
                     break
             else:
