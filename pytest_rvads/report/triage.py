@@ -235,11 +235,12 @@ class ByCause(ByText):
                 self._close(next(iter(self._open)))
 
     def _close(self, run: str) -> None:
-        """Take in what broke in a run: what broke first explains the rest, but for what others then broke by themselves."""
+        """Take in what broke in a run: what broke first explains the rest, but for what others broke by themselves, too."""
         begun: list[_Part] = []
         for part in sorted(self._open.pop(run), key=lambda part: part.time):
             for earlier in begun:
-                if part.rule not in _OWN or not part.who or not earlier.begun or part.who & earlier.begun:
+                own = part.rule in _OWN and earlier.rule in _OWN and part.who and earlier.begun
+                if not own or part.who & earlier.begun:
                     earlier.join(part)
                     break
             else:
