@@ -190,3 +190,19 @@ def test_senses_that_mean_nothing_are_refused(pytester: pytest.Pytester, senses:
         f"import pytest_rvads as rvads\n\n@rvads.scenario('stop4', subject=0, senses={senses})\ndef test_it(run): ...\n"
     )
     pytester.runpytest("--continue-on-collection-errors").stdout.fnmatch_lines([says])
+
+
+def test_session_of_runs_cut_off_before_the_crossing_is_not_green(pytester: pytest.Pytester, reference: None) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", subject=0, scenarios="1133", grid="D", duration=1)
+        def test_it(monitor, rule):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest("-rs")
+    result.assert_outcomes(skipped=10)
+    assert result.ret == pytest.ExitCode.NO_TESTS_COLLECTED
+    result.stdout.fnmatch_lines(["*NA: cut off: the run reached its duration before the subject had left the junction*"])
