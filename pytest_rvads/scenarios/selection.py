@@ -13,7 +13,7 @@ from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.forks import forks
 from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
 from pytest_rvads.scenarios.pairs import PAIRED, covering
-from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.scenario import Scenario, started
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
 __all__ = ["CHOOSING", "COVERS", "Selection"]
@@ -106,10 +106,8 @@ class Selection:
                     yield Scenario(
                         self.place,
                         first,
-                        distance=configuration.distances,
-                        speed=configuration.speeds,
+                        **started(configuration, self.place, row, subject, followers),
                         rotation=row,
-                        configuration=configuration.label,
                         duration=self.duration,
                         aggression=self.aggression,
                         wait=self.wait,
@@ -122,7 +120,7 @@ class Selection:
     def roomy(self) -> bool:
         """Whether every vehicle has room where it would start, for certain, so that no scenario has to be looked at."""
         place = self.place
-        longest = max(distance for configuration in self.configurations for distance in configuration.distances)
+        longest = max(configuration.room for configuration in self.configurations)
         reach = min(map(place.approach, range(len(place.entrances))))
         return not any(self.followers) and longest <= reach and not forks(place)
 
