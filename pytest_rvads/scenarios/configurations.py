@@ -19,8 +19,8 @@ from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.maps.control import JunctionControl
 
 __all__ = [
+    "ARRIVALS",
     "PAPER",
-    "STAGGERED",
     "Configuration",
     "Envelope",
     "configuration",
@@ -39,17 +39,19 @@ Envelope = Callable[[float], float | None]
 PAPER = {JunctionControl.STOP: "ABCDE", JunctionControl.LIGHTS: "FGHIJ"}
 """The paper's configurations by control; A and F are deliberate probes of a controller that launches before it looks."""
 
-STAGGERED = "staggered"
-"""The grid of the staggered configurations, in which the subject and the others arrive one after the other."""
+ARRIVALS = "arrivals"
+"""The grid of tests with a subject that name none: all vehicles 20 m before their lines at once, and four staggered ones."""
 
 _NEAR, _CLOSE, _FAR, _FAST = 0.01, 0.3, 20.0, 10.0
 _STAGGERED_SPEED = 8.0
 """Of every vehicle of a staggered configuration [m/s]; below the speed limit."""
 _NEAREST = 10.0
 """A vehicle of a staggered configuration starts no nearer to its line than this [m]; v(d)max is 8.66 m/s there."""
-_AT_STOPS, _ELSEWHERE = (36.0, (21, 26, 31, 46, 51, 56)), (20.0, (31, 42, 53, 64, 75))
-"""Distance of the subject and distances of the others, of all staggered configurations [m]. At an all-way stop, where the
+_AT_STOPS, _ELSEWHERE = (36.0, "S21 S26 S31 S46 S51 S56"), (20.0, "S31 S42 S53 S64 S75")
+"""Distance of the subject [m], and the staggered configurations by the distance of the others. At an all-way stop, where the
 order of arrival decides, the others arrive 1.5, 1 and 0.5 s earlier and 1, 1.5 and 2 s later; elsewhere 1 to 5 s later."""
+_OF_ARRIVALS = "S21", "S31", "S42", "S46", "S53", "S56", "S64"
+"""The staggered configurations of the grid `ARRIVALS`; each of the other three finds what one of these finds."""
 _STAGGERED_LABEL = re.compile(r"S(\d{1,3})")
 
 
@@ -131,19 +133,21 @@ def grid(names: str | Iterable[str], entrances: int, control: JunctionControl) -
 
     Args:
         names: ``"paper"`` for the five of the paper that belong to `control` (those of the stop junction where the control is
-            neither stop nor lights), ``"staggered"`` for all staggered ones, the label of one of these, a string of letters, or
-            a sequence of any.
+            neither stop nor lights), ``"staggered"`` for all staggered ones, ``"arrivals"`` for four of these and one of the
+            paper, the label of a staggered one, a string of letters, or a sequence of any.
         entrances: number of entrances.
         control: of the junction.
     """
+    letters = PAPER.get(control, PAPER[JunctionControl.STOP])
+    _, staggered = _AT_STOPS if control is JunctionControl.STOP else _ELSEWHERE
+    named: dict[str, Sequence[str]] = {
+        "paper": letters,
+        "staggered": staggered.split(),
+        ARRIVALS: [letters[2], *(label for label in staggered.split() if label in _OF_ARRIVALS)],
+    }
     labels: list[str] = []
     for name in [names] if isinstance(names, str) else names:
-        if name == STAGGERED:
-            labels += (f"S{others}" for others in (_AT_STOPS if control is JunctionControl.STOP else _ELSEWHERE)[1])
-        elif _STAGGERED_LABEL.fullmatch(name):
-            labels.append(name)
-        else:
-            labels += PAPER.get(control, PAPER[JunctionControl.STOP]) if name == "paper" else name
+        labels += named.get(name, [name] if _STAGGERED_LABEL.fullmatch(name) else name)
     if not labels:
         raise ScenarioError("a grid needs at least one configuration, such as 'paper', 'D' or ('C', 'D')")
     return tuple(configuration(label, entrances, control) for label in dict.fromkeys(labels))
