@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from zlib import crc32
 
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.junction import Junction
@@ -53,6 +54,8 @@ class Selection:
     """Longest run [s]; `usual_duration` where None."""
     aggression: int = 1
     wait: float = 1.5
+    alternating: bool = False
+    """Whether every scenario and seat runs at one point only, the next one at the next point, instead of at all of them."""
     left_out: int = 0
     """How many more configurations were asked for, in which nobody could stop."""
 
@@ -75,7 +78,7 @@ class Selection:
     @property
     def points(self) -> int:
         """Number of runs per abstract scenario."""
-        return len(self.configurations) * len(self.followers) * len(self.senses)
+        return 1 if self.alternating else len(self.configurations) * len(self.followers) * len(self.senses)
 
     @cached_property
     def orbits(self) -> Orbits:
@@ -100,9 +103,12 @@ class Selection:
 
     def __iter__(self) -> Iterator[Scenario]:
         """Yield the scenarios, class by class, row by row, configuration by configuration."""
+        points = list(product(self.configurations, self.followers, self.senses))
+        turn = crc32(self.place.name.encode()) if self.alternating else 0  # so that junctions of one shape differ in the points
         for first in self._firsts():
             for row, subject in self._seated(first):
-                for configuration, followers, senses in product(self.configurations, self.followers, self.senses):
+                turn += 1
+                for configuration, followers, senses in [points[turn % len(points)]] if self.alternating else points:
                     yield Scenario(
                         self.place,
                         first,
