@@ -15,6 +15,7 @@ SOURCE = ROOT / "tests" / "honesty" / "catalogue.py"
 SECTIONS = {
     "CHEATS": ("What was tried to get a green that is not deserved", "it", "it is told"),
     "INNOCENTS": ("What must not be blamed", "a driver that", "is told"),
+    "UNWATCHED": ("What no rule looks at", "a driver that", "is told"),
 }
 
 

@@ -23,7 +23,7 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.ids import run_id
 from pytest_rvads.simulators.choice import Choice, choosing
 from pytest_rvads.simulators.patience import Limits
-from pytest_rvads.simulators.simulator import Simulator, simulate
+from pytest_rvads.simulators.simulator import Simulator, made_by, simulate
 from pytest_rvads.versions import code, versions
 from pytest_rvads.wording import one_line
 
@@ -84,6 +84,7 @@ def judge(question: Question, job: Job) -> bytes:
     return encode(
         msgspec.structs.replace(
             _started(question, job),
+            simulator=made_by(question.simulator, run),
             hash=run.hash,
             duration=run.duration,
             agents=took_part(run),
@@ -131,7 +132,7 @@ def _started(question: Question, job: Job) -> Judged:
         traffic=job.traffic,
         orbit=scenario.orbit,
         driver=job.driver,
-        simulator=question.simulator.name,
+        simulator="",
         place=place.digest[:12],
         verdicts=(),
         requirements=traced if any(traced) else (),

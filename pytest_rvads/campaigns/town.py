@@ -26,6 +26,8 @@ from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Difference, Record
 from pytest_rvads.report.session_report import Drawn
 from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.selection import TOO_TIGHT
+from pytest_rvads.wording import first, plural
 
 __all__ = ["Town", "TownRecords", "tallied"]
 
@@ -149,15 +151,20 @@ class Town:
 
     def notes(self) -> list[str]:
         """Return what is to be said of the town as a whole, a sentence each."""
+        bends = [name for place in self.plan.places for name in self.plan.selections(place)[0].too_tight]
+        found = [f"{plural(len(bends), 'movement')} left out: {TOO_TIGHT}: {first(bends, 5)}"] if bends else []
         several = [len(shape.members) for shape in self.shapes if len(shape.members) > 1]
         total = sum(self.counts.values())
+        if not several and self.once_per_shape:
+            found.append("no two junctions have the same shape, so every run was simulated")
         if not several:
-            return ["no two junctions have the same shape, so every run was simulated"] if self.once_per_shape else []
+            return found
         told = f"{sum(several)} junctions have {len(several)} shape{'s' if len(several) > 1 else ''} in common"
         if not self.once_per_shape:
-            return [f"{told}: with --once-per-shape each is simulated once"]
+            return [*found, f"{told}: with --once-per-shape each is simulated once"]
         return [
-            f"{told}: {total - self.simulated} of {total} runs were not simulated but taken from a junction of the same shape"
+            *found,
+            f"{told}: {total - self.simulated} of {total} runs were not simulated but taken from a junction of the same shape",
         ]
 
     def _notes(self, place: Junction) -> tuple[str, ...]:

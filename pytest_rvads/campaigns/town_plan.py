@@ -19,7 +19,7 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import ARRIVALS, grid
 from pytest_rvads.scenarios.extents import extended
 from pytest_rvads.scenarios.ids import run_id
-from pytest_rvads.scenarios.selection import Selection
+from pytest_rvads.scenarios.selection import Selection, alone
 from pytest_rvads.stratified import draw
 
 __all__ = ["Asked", "LeftOut", "Plan", "Planned"]
@@ -152,7 +152,7 @@ class Plan:
     def selections(self, place: Junction) -> tuple[Selection, ...]:
         """Return what is to run at a junction, with what does not fit there; raises ScenarioError where nothing can.
 
-        A subject also arrives alone, once on every movement, except where the cover has such scenarios itself.
+        A subject also arrives `alone`; the cover ``partial`` has such scenarios itself.
         """
         asked, seat = self.asked, self.asked.subject
         names = asked.grid or ("paper" if seat is None else ARRIVALS,)
@@ -162,13 +162,8 @@ class Plan:
         most = every(configurations=points, cover=asked.cover, alternating=alternating)
         if seat is None or asked.cover == "partial":
             return (most,)
-        count = len(place.entrances)
-        alone = [
-            tuple(direction if e == entrance else 0 for e in range(count))
-            for entrance in (range(count) if seat == "all" else [int(seat)])
-            for direction in place.directions(entrance)
-        ]
-        return most, every(configurations=points[:1], scenarios=tuple(alone))
+        single = [code for code in alone(place) if seat == "all" or code[int(seat)]]
+        return most, every(configurations=points[:1], scenarios=tuple(single))
 
     def _count(self, place: Junction) -> tuple[int, LeftOut | None]:
         """Return how many scenarios fit at a junction, and which don't; gone through only where some may not."""

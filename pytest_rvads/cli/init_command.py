@@ -126,16 +126,24 @@ def _command(text: str) -> list[str]:
     return words
 
 
-def _place(file: str, wanted: str | None) -> dict[str, str]:
+def _place(file: str, wanted: str | None) -> dict[str, object]:
     """Return a junction of a map, the one that is asked for or the first that can be used, and where its vehicles begin."""
     from pytest_rvads.junctions.finder import find
     from pytest_rvads.junctions.road_map import describe, read_map
+    from pytest_rvads.maps.control import JunctionControl
+    from pytest_rvads.scenarios.classes import label
+    from pytest_rvads.scenarios.selection import alone
 
     usable = [wanted] if wanted else [str(one["id"]) for one in describe(read_map(file))["junctions"] if one["usable"]]
     if not usable:
         raise MapError(f"{file} has no junction that can be used: rvads map {shlex.quote(file)} tells why")
-    lights = find(usable[0], file).control.value == "lights"
-    return {"junction": usable[0], "grid": "H" if lights else "C"}  # 20 m before the line; H also turns the lights
+    place = find(usable[0], file)
+    return {
+        "junction": usable[0],
+        "grid": ("S21", "S46") if place.control is JunctionControl.STOP else ("S42", "S53"),
+        "alone": tuple(label(code, place.lanes) for code in alone(place)),
+        "first": "H" if place.control is JunctionControl.LIGHTS else "C",  # 20 m before the line
+    }
 
 
 def _recordings(name: str, folder: Path) -> str:

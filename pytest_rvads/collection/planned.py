@@ -54,13 +54,15 @@ def resolve(ask: Ask, test: pytest.Function, options: Options, added: Extensions
     if options.sample is None:
         _refuse_many(found.resolved, options)
     from pytest_rvads.scenarios.extents import extended
+    from pytest_rvads.scenarios.selection import TOO_TIGHT
 
     known: dict[str, Extent] = stash.setdefault(EXTENTS, {})
     for resolved in found.resolved:
         _count(stash, LEFT_OUT, test.nodeid, resolved.selection.left_out)
         known = extended(known, resolved.selection)
     stash[EXTENTS] = known
-    for name, reason in found.left_out:
+    bends = [(name, TOO_TIGHT) for resolved in found.resolved for name in resolved.selection.too_tight]
+    for name, reason in (*found.left_out, *bends):
         stash.setdefault(REFUSED, {}).setdefault(reason, {})[name] = None
     if found.passed_over:
         taken = len(found.resolved)

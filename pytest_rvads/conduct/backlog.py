@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.instant import Instant
 from pytest_rvads.conduct.mover import Mover
-from pytest_rvads.conduct.priority import DUE
 from pytest_rvads.conduct.progress import BLOCKING_TIME, PATIENCE, blocking_time, lost_time, may_go
-from pytest_rvads.conduct.waiting import AT_LINE, GAP, PACE
+from pytest_rvads.conduct.rights import DUE, GAP, PACE
+from pytest_rvads.conduct.waiting import AT_LINE
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import ABSENT, APPROACH, ENTRANCE, EXIT, Colour

@@ -1,16 +1,18 @@
 """Who is to blame where two vehicles collide or meet: right of way first, the order of entry last.
 
-Whoever lacked the right of way is to blame: who entered on red or past a stop sign (Vienna Convention on Road Traffic 1968,
-Art. 5), out of turn, or took a way that it owed to the other one (Art. 16(2), 18). Who could have stopped for somebody that
-had no right to be there, and did not, shares the blame (Art. 13(1)). Where rights tell nothing apart it is whoever was in
-the wrong lane (Art. 10(3)), drove into somebody who stood or was ahead (Art. 13), unless that one cut in, or drove backwards
-(California Vehicle Code 22106); else whoever entered the junction last (California Vehicle Code 21800(a)). This is also the
-order of everyday insurance practice.
+The vehicle that lacked the right of way is to blame, until it is clear of the shared stretch: the vehicle that entered on red
+or past a stop sign (Vienna Convention on Road Traffic 1968, Art. 5), out of turn, or took a way that it owed to the other vehicle
+(Art. 16(2), 18). The other vehicle shares the blame if it could still have stopped before the stretch, and did not (Art. 13(1)).
+Where rights tell nothing apart, the vehicle in the wrong lane is to blame (Art. 10(3)); then the vehicle that drove into one
+that stood or was ahead (Art. 13), unless that vehicle cut in; then the vehicle that drove backwards (California Vehicle Code
+22106); then the vehicle that entered the junction last (California Vehicle Code 21800(a)). A vehicle that braked hard without
+a reason shares the blame of the vehicle that ran into it (StVO, section 4(1)). This is also the order of insurance practice.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -18,14 +20,15 @@ import numpy as np
 
 from pytest_rvads.conduct.bodies import tick_of
 from pytest_rvads.conduct.lane import off_lane
-from pytest_rvads.conduct.priority import DUE, MIN_GAP, owes
+from pytest_rvads.conduct.priority import HEADWAY, MIN_GAP, WINDOW, brakes_hard, owes, unhindered
 from pytest_rvads.conduct.progress import idles, may_go
+from pytest_rvads.conduct.rights import comes_first
 from pytest_rvads.conduct.standing import STANDSTILL, stopped
-from pytest_rvads.conduct.stretches import shared
-from pytest_rvads.conduct.waiting import comes_first
+from pytest_rvads.conduct.stretches import contested, shared
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.maps.control import JunctionControl, Sign
+from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
 
@@ -66,14 +69,16 @@ def blame(run: Run, one: int, two: int, tick: int) -> Cause:
     What the run does not record decides nothing.
     """
     pairs = (one, two), (two, one)
-    matters = [pair for pair in pairs if _one_encounter(run, *pair, tick)]
+    matters = [pair for pair in pairs if not _clear(run, *pair, tick)]
     for asks, reason in (*_RIGHTS, *_HANDLING):
         guilty = [(i, other) for i, other in (matters if (asks, reason) in _RIGHTS else pairs) if asks(run, i, other, tick)]
         if len(guilty) == 1:
             who, whom = (run.agents[k].name for k in guilty[0])
             said = reason.format(whom)
-            if asks in _SEEN and _drove_on(run, *guilty[0][::-1], tick):
+            if (asks, reason) in _RIGHTS and _drove_on(run, *guilty[0][::-1], tick):
                 return Cause((who, whom), f"share the blame: {who} {said}, and {whom} drove on though it could have stopped")
+            if asks is _from_behind and _braked_for_nothing(run, guilty[0][1], tick):
+                return Cause((who, whom), f"share the blame: {who} {said}, and {whom} braked hard without a reason")
             return Cause((who,), said)
     return Cause((run.agents[one].name, run.agents[two].name), "are equally to blame")
 
@@ -207,12 +212,36 @@ def _took_the_way(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _drove_on(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Whether `agent` entered after `other` and could still have stopped before the junction when it had noticed it."""
-    mine, yours = _entered(run, agent, tick), _entered(run, other, tick)
-    if mine is None or yours is None or run.speed is None or run.station is None:
+    """Whether `agent` could still have stopped before the shared stretch when it had noticed `other` there."""
+    try:
+        common = contested(run, agent, other)
+    except RunError:
         return False
-    noticed = yours + round(REACTION / run.dt)
-    return noticed < mine and bool(-run.station[noticed, agent] > max(run.speed[noticed, agent], 0.0) ** 2 / (2 * BRAKING))
+    if common is None or run.speed is None or run.station is None:
+        return False
+    reached = np.flatnonzero(run.station[: tick + 1, other] >= common.yours.start)
+    noticed = int(reached[0]) + round(REACTION / run.dt) if len(reached) else tick
+    if noticed >= tick or not run.here[noticed, agent]:
+        return False
+    room = common.mine.start - run.station[noticed, agent]
+    return bool(room > max(run.speed[noticed, agent], 0.0) ** 2 / (2 * BRAKING))
+
+
+def _braked_for_nothing(run: Run, agent: int, tick: int) -> bool:
+    """Whether `agent`, which could have gone on, braked hard within `HEADWAY` before the impact."""
+    if run.speed is None:
+        return False
+    back, until = round(WINDOW / run.dt) or 1, tick - round(IMPACT / run.dt)
+    try:
+        free = may_go(run, agent) & unhindered(run, agent)
+    except RunError:
+        return False
+    straight = run.agents[agent].turn is Turn.STRAIGHT
+    for now in range(max(until - round(HEADWAY / run.dt), back), until + 1):
+        speeds = deque(run.speed[now - back : now + 1, agent].tolist())
+        if free[now - back] and brakes_hard(speeds, run.dt, straight=straight):
+            return True
+    return False
 
 
 def _last(run: Run, agent: int, other: int, tick: int) -> bool:
@@ -220,20 +249,13 @@ def _last(run: Run, agent: int, other: int, tick: int) -> bool:
     return mine is not None and (yours is None or mine > yours)
 
 
-def _one_encounter(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Whether it still matters what right the agent had to enter.
-
-    Their ways meet, and it has not been standing there, nor driving ahead of the other one in its lane, for so long that
-    anybody could see it.
-    """
+def _clear(run: Run, agent: int, other: int, tick: int) -> bool:
+    """Whether the rights of the agent matter no more: it shares no stretch with the other one, or has left that stretch."""
     try:
-        common = shared(run, agent, other)
+        common = contested(run, agent, other)
+        return common is None or bool(run.need("station")[tick, agent] - run.size(agent)[0] > common.mine.end)
     except RunError:
-        return True
-    if common is None or _stood(run, agent, tick, DUE):
         return False
-    since = _merged(run, agent, common, tick)
-    return since is None or (tick - since) * run.dt <= DUE
 
 
 def _merged(run: Run, agent: int, common: Shared, tick: int) -> int | None:
@@ -257,8 +279,6 @@ _RIGHTS: tuple[tuple[_Asks, str], ...] = (
     (_out_of_turn, "had entered out of turn"),
 )
 """Who lacked the right of way, the first question that exactly one of both answers with yes."""
-_SEEN = (_on_red, _past_the_sign, _out_of_turn)
-"""Those of them that don't excuse who sees it and drives on all the same."""
 _HANDLING: tuple[tuple[_Asks, str], ...] = (
     (_in_the_wrong_lane, "was outside its lane"),
     (_into_standing, "drove into {}, which stood"),

@@ -8,9 +8,10 @@ from collections.abc import Callable
 from pytest_rvads.conduct.clearance import Bodies
 from pytest_rvads.conduct.instant import Instant
 from pytest_rvads.conduct.mover import Mover
-from pytest_rvads.conduct.priority import Encounter
+from pytest_rvads.conduct.priority import Encounter, Meeting
+from pytest_rvads.conduct.standing import STANDSTILL
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import ABSENT, APPROACH, JUNCTION
+from pytest_rvads.runs.states import ABSENT, APPROACH, ENTRANCE, JUNCTION
 
 __all__ = ["Follower", "Giving"]
 
@@ -36,50 +37,51 @@ class Giving:
     def __init__(self, now: Instant, me: Mover, you: Mover, bodies: Bodies) -> None:
         self._me, self._you, self._bodies = me, you, bodies
         self._pair = now.pair(me, you)
-        common = self._pair.common if self._pair.owing else None
+        common = self._pair.contested if self._pair.owing else None
         self.never = common is None
         """Whether it never owes it."""
-        self._encounter = None if common is None else Encounter(now.run, me.slot, you.slot, common)
+        self._encounter = None if common is None else Encounter(me.agent, you.agent, common, now.dt)
         self._active = False
         self.value = (False, False)
         """Whether it owes the way, and whether it obstructs the other one, in the latest instant."""
 
     def follow(self, now: Instant) -> None:
         """Read an instant."""
-        me, encounter = self._me, self._encounter
+        me, you, encounter = self._me, self._you, self._encounter
         self.value = (False, False)
-        if encounter is None or (encounter.over and not me.zone <= JUNCTION) or me.zone == ABSENT:
+        if encounter is None or encounter.over or me.zone == ABSENT:
             return
         if not self._active:
             if me.zone == APPROACH and me.station < me.line - me.reach:
                 return
             self._begin(now, encounter)
-        pair, you = self._pair, self._you
-        common = encounter.common
-        inside, front = me.zone >= JUNCTION, me.station
-        there = front >= common.mine.start
-        better = now.yields(pair)
-        bound = better and now.due(you, common.yours)
-        owes, obstructs = bound and not there and me.zone > APPROACH and me.zone <= JUNCTION, False
-        if not encounter.over:
-            ahead, rear = you.station, front - me.length
-            if common.merges:
-                ahead, rear = ahead - you.agent.route.length, rear - me.agent.route.length
-            if not me.here:
-                rear = math.inf
-            braked = inside and max(you.speeds, default=0.0) > you.speed
-            free = braked and now.unhindered(you)
-            touch = inside and self._touching(now)
-            taking, obstructs = encounter.step(inside, better, bound, touch, there, rear, ahead, you.speed, free)
-            owes = owes or taking
-        self.value = (owes, obstructs)
+        inside, common = me.zone >= JUNCTION, encounter.common
+        self.value = encounter.step(
+            Meeting(
+                inside,
+                me.zone >= ENTRANCE,
+                me.here and now.yields(self._pair) and now.due(you, common.yours),
+                inside and self._touching(now),
+                me.station,
+                me.station - me.length if me.here else math.inf,
+                abs(me.speed) <= STANDSTILL,
+                you.station,
+                you.speed,
+                inside and now.unhindered(you),
+                inside and now.starting(you),
+                inside and now.waives(you),
+                inside and me.station >= common.mine.start and now.kept(me, you),
+            )
+        )
 
     def _begin(self, now: Instant, encounter: Encounter) -> None:
-        """Read what counts of the instants before: how fast the other one was (NaN: not there), and who was inside already."""
+        """Read what counts of the instants before: whether this vehicle was inside already, and how fast the other one was."""
         self._active = True
-        inside = self._me.entered < now.tick
+        nan = math.nan
+        if self._me.entered < now.tick:
+            encounter.step(Meeting(True, True, False, False, nan, nan, False, nan, nan, False, False, False, False))
         for speed in list(self._you.speeds)[:-1]:
-            encounter.step(inside, False, False, False, False, -math.inf, math.nan, speed, False)
+            encounter.step(Meeting(False, False, False, False, nan, nan, False, nan, speed, False, False, False, False))
 
     def _touching(self, now: Instant) -> bool:
         if now.touching is None:

@@ -66,13 +66,12 @@ def ground_of(junction: Junction, one: Key, other: Key) -> Ground | None:
 def in_turn(junction: Junction, one: Key, other: Key) -> bool:
     """Return whether at an all-way stop one of two movements waits for the other by the order of arrival.
 
-    With one entrance on each arm all take turns, as the law has it. Where an arm has several, whoever waited for all of them
-    would wait for vehicles that it never meets, and only those do whose ways cross or join; all of different arms, where it is
-    not known where the lanes lie.
+    The order binds movements from different arms that share a stretch (California Vehicle Code 21800(a) protects a vehicle that
+    has entered); all movements from different arms, where it is not known where the lanes lie.
     """
     if junction.entrances[one[0]].arm == junction.entrances[other[0]].arm:
         return False
-    return max(junction.lanes) < 2 or junction.conflicts is None or (one, other) in junction.conflicts
+    return junction.conflicts is None or (one, other) in junction.conflicts
 
 
 def may_owe(run: Run, agent: int, other: int) -> bool:

@@ -1,7 +1,8 @@
 """One instant of traffic in plain numbers: what the words of rules ask of a few vehicles, a hundred times a second.
 
-On a run the same is said of all its states at once, in `standing`, `priority` and `stretches`; for one state of ten vehicles
-numpy takes longer to be called than to compute. The comparisons are the same ones, on the same numbers, so both say the same.
+On a run the same is said of all its states at once, in `standing`, `rights`, `priority` and `stretches`; for one state
+of ten vehicles numpy takes longer to be called than to compute. The comparisons are the same ones, on the same numbers, so both
+say the same.
 """
 
 from __future__ import annotations
@@ -12,13 +13,14 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from pytest_rvads.conduct.mover import NEVER, Mover, Pair
-from pytest_rvads.conduct.priority import DUE, HEADWAY
-from pytest_rvads.conduct.standing import LINE_TOLERANCE, STANDSTILL
+from pytest_rvads.conduct.priority import HEADWAY
+from pytest_rvads.conduct.rights import DUE, GAP, PACE, ROOM, WAIVER
+from pytest_rvads.conduct.standing import STANDSTILL, TIE
 from pytest_rvads.junctions.conflicts import Stretch
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Collision, Facts, Run
-from pytest_rvads.runs.states import ABSENT, ENTRANCE, JUNCTION, Agent, Colour
+from pytest_rvads.runs.states import ABSENT, APPROACH, ENTRANCE, EXIT, JUNCTION, Agent, Colour
 
 __all__ = ["Instant"]
 
@@ -48,6 +50,9 @@ class Instant:
         self._pairs: dict[tuple[Mover, Mover], Pair] = {}
         self._run: Run | None = None
         self._all_way = junction.control is JunctionControl.STOP
+        self.turned: set[Mover] = set()
+        """Vehicles that have arrived now, or whose arrival has ended now."""
+        self._tie, self._waiver = round(TIE / dt), round(WAIVER / dt)
 
     def add(self, agent: Agent, slot: int) -> Mover:
         """Return a vehicle that appears in the next instant, in a column of its own or one that has become free."""
@@ -89,7 +94,43 @@ class Instant:
             if poses is not None:
                 self._pose(mover, poses[slot], 0.0 if stations is None else mover.station - before)
             mover.fresh = False
+        self._arrive()
+        if self.located and self.timed and self.junction.stretches is not None:
+            self._wait(changed)
         return changed
+
+    def _arrive(self) -> None:
+        """Work out which vehicles have arrived."""
+        measured = self.located and self.timed
+        self.turned = set()
+        for mover in self.slots:
+            before, zone = mover.arrived, mover.zone
+            here = zone == ENTRANCE or (measured and zone == APPROACH and mover.station >= mover.stop_place[0])
+            if not here:
+                mover.arrived = mover.stood = False
+            elif not (mover.arrived and mover.stood):
+                still = measured and abs(mover.speed) <= STANDSTILL and mover.station <= mover.stop_place[1] and self.leads(mover)
+                mover.stood = mover.stood or (still and (mover.driven or zone == ENTRANCE))
+                if not mover.arrived and (zone == ENTRANCE or still):
+                    mover.arrived, mover.arrived_at = True, self.tick
+            if mover.arrived is not before:
+                self.turned.add(mover)
+            mover.driven = mover.driven or (mover.here and abs(mover.speed) > STANDSTILL)
+
+    def _wait(self, changed: Sequence[Mover]) -> None:
+        """Work out which vehicles are next to go, and for how long they have stood so."""
+        for mover in changed:
+            if mover.entered == self.tick:
+                mover.slow_at_entry = frozenset(o for o in self.movers if o.speed <= PACE)
+        for mover in self.movers:
+            may_go = mover.arrived and (not mover.lit or mover.facing == _GREEN) and self.leads(mover)
+            mover.next_to_go = may_go and not self._held(mover)
+            if mover.next_to_go and abs(mover.speed) <= STANDSTILL:
+                kept = any(self._keeps(mover, other) for other in self.movers if other is not mover)
+                mover.ready, mover.last_ready = mover.ready + 1, self.tick
+                mover.free = 0 if kept else mover.free + 1
+            else:
+                mover.ready = mover.free = 0
 
     def _zone(self, mover: Mover, zone: int) -> bool:
         """Take over the zone of a vehicle, and return whether it is another one."""
@@ -167,20 +208,11 @@ class Instant:
             o.entrance == entrance and o.zone <= ENTRANCE and o.station > station for o in self.movers if o is not mover
         )
 
-    def stopped(self, mover: Mover) -> bool:
-        """`standing.stopped`, asked in every state."""
-        slow = abs(mover.speed) <= STANDSTILL
-        mover.driven = mover.driven or not slow
-        zone = mover.zone
-        here = zone == ENTRANCE
-        if mover.sign_from is not None:
-            here = zone <= ENTRANCE and mover.station >= mover.sign_from
-        if not here:
-            mover.stood = False
-        elif not mover.stood:
-            still = slow and (mover.driven or zone == ENTRANCE) and mover.station <= LINE_TOLERANCE - mover.setback
-            mover.stood = still and self.leads(mover)
-        return mover.stood
+    def waited(self, mover: Mover) -> int:
+        """`standing.waited`."""
+        if not (self.located and self.timed):
+            return mover.wt
+        return self.tick - mover.arrived_at if mover.arrived else 0
 
     def inside(self, mover: Mover) -> bool:
         """`progress.inside`."""
@@ -209,15 +241,29 @@ class Instant:
         return (me.facing == _RED) is pair.near
 
     def due(self, mover: Mover, stretch: Stretch) -> bool:
-        """`priority.due`."""
-        return mover.here and (_coming(mover, stretch) or self._next(mover))
+        """`rights.due`."""
+        return mover.here and (_coming(mover, stretch) or (mover.next_to_go and not self.waives(mover)))
+
+    def waives(self, mover: Mover) -> bool:
+        """`rights.waives`."""
+        return mover.free > self._waiver
+
+    def starting(self, mover: Mover) -> bool:
+        """`rights.starting`."""
+        if not mover.next_to_go:
+            return False
+        if abs(mover.speed) <= STANDSTILL:
+            return mover.ready <= self._waiver
+        return mover.last_ready >= 0 and self.tick - mover.last_ready < self._waiver
 
     def unhindered(self, mover: Mover) -> bool:
-        """Return whether it has no reason of its own to brake: light, stop sign, who has priority, who is ahead."""
+        """`priority.unhindered`."""
+        if self._held(mover):
+            return False
         if mover.lit:
             if mover.facing != _GREEN:
                 return False
-        elif self._held(mover) or (mover.sign_from is not None and mover.zone < JUNCTION):
+        elif mover.stop_sign and mover.zone < JUNCTION:
             return False
         front, far = mover.station, HEADWAY * mover.speed
         for other in self.movers:
@@ -227,32 +273,66 @@ class Instant:
                     return False
         return True
 
-    def _next(self, mover: Mover) -> bool:
-        if self._all_way or mover.zone != ENTRANCE or not self.leads(mover):
-            return False
-        return mover.facing == _GREEN if mover.lit else not self._held(mover)
+    def kept(self, mover: Mover, other: Mover) -> bool:
+        """Return whether a third vehicle, neither `mover` nor `other`, keeps `mover`: `rights.kept_by`."""
+        thirds = (o for o in self.movers if o is not mover and o is not other and o not in mover.slow_at_entry)
+        return any(self._close_behind(self.pair(mover, third)) for third in thirds if third.speed < PACE)
 
     def _held(self, mover: Mover) -> bool:
+        """`rights.held`."""
         if mover.held_at != self.tick:
             mover.held_at, mover.is_held = self.tick, self._find_held(mover)
         return mover.is_held
 
     def _find_held(self, mover: Mover) -> bool:
-        if mover.lit:
-            return False
         for other in self.movers:
             if other is mover:
                 continue
             pair = self.pair(mover, other)
-            if not pair.owing or pair.common is None or not self.yields(pair):
+            if self._all_way:
+                if mover.arrived and other.arrived and pair.in_turn:
+                    later = self.waited(other) - self.waited(mover)
+                    if later > self._tie or (pair.from_right and later >= -self._tie):
+                        return True
                 continue
-            if (_coming(other, pair.common.yours) and other.here) or (other.zone == ENTRANCE and self.leads(other)):
+            if not pair.owing or pair.contested is None or not self.yields(pair):
+                continue
+            if (_coming(other, pair.contested.yours) and other.here) or (other.arrived and self.leads(other)):
                 return True
         return False
 
+    def _keeps(self, mover: Mover, other: Mover) -> bool:
+        """Return whether `other` keeps `mover` from going, as in `rights.waives`."""
+        pair = self.pair(mover, other)
+        if self._close_behind(pair):
+            return True
+        if pair.contested is None or not _on(other, pair.contested.yours):
+            return False
+        if self._all_way:
+            return other.arrived_at <= mover.arrived_at
+        back = self.pair(other, mover)
+        return not (back.owing and self.yields(back))
+
+    def _close_behind(self, pair: Pair) -> bool:
+        """`rights.close_behind`."""
+        me, you, common = pair.me, pair.you, pair.common
+        if not (you.speed < PACE and you.here):
+            return False
+        ahead, behind = you.station, you.station - you.length
+        if me.entrance == you.entrance and behind < pair.parting and ahead > me.station and behind - me.station < GAP:
+            return True
+        if me.agent.exit != you.agent.exit:
+            return False
+        mine, yours = me.agent.route.length, you.agent.route.length
+        front, ahead, behind = me.station - mine, ahead - yours, behind - yours
+        merged = ahead >= (common.yours.start - yours if common else 0.0)
+        if me.zone >= JUNCTION and merged and ahead > front and behind - front < GAP:
+            return True
+        return me.arrived and you.zone == EXIT and behind < me.length + ROOM
+
 
 def _coming(mover: Mover, stretch: Stretch) -> bool:
-    """Return whether it is on a stretch of its movement, or would be there within `DUE`; as in `priority.due`."""
+    """Return whether it is on a stretch of its movement, or would be there within `DUE`; as in `rights.due`."""
     front = mover.station
     return stretch.start - front <= DUE * max(mover.speed, 0.0) and front - mover.length <= stretch.end
 

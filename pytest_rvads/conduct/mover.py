@@ -7,13 +7,13 @@ from collections import deque
 
 import numpy as np
 
-from pytest_rvads.conduct.grounds import ground_of, lit, may_owe
+from pytest_rvads.conduct.grounds import ground_of, in_turn, lit, may_owe
 from pytest_rvads.conduct.priority import WINDOW
-from pytest_rvads.conduct.standing import SIGN_ZONE
-from pytest_rvads.conduct.stretches import shared
+from pytest_rvads.conduct.standing import stop_place
+from pytest_rvads.conduct.stretches import contested, parting, shared
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.control import Sign
+from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import ABSENT, GONE, Agent
 
@@ -36,27 +36,34 @@ class Mover:
     __slots__ = (
         "advance",
         "agent",
+        "arrived",
+        "arrived_at",
         "driven",
         "entered",
         "entrance",
         "facing",
+        "free",
         "fresh",
         "heading",
         "held_at",
         "is_held",
+        "last_ready",
         "length",
         "line",
         "lit",
         "moved",
+        "next_to_go",
         "outreach",
         "reach",
-        "setback",
-        "sign_from",
+        "ready",
         "slot",
+        "slow_at_entry",
         "speed",
         "speeds",
         "station",
         "stood",
+        "stop_place",
+        "stop_sign",
         "wt",
         "x",
         "y",
@@ -67,9 +74,9 @@ class Mover:
         place = junction.entrances[agent.entrance]
         self.agent, self.slot, self.entrance = agent, slot, agent.entrance
         self.lit = lit(junction, agent.entrance)
-        self.setback = place.setback
         self.line = -junction.setbacks[agent.entrance]
-        self.sign_from = -max(place.setback, place.sign_setback or 0.0) - SIGN_ZONE if place.sign is Sign.STOP else None
+        self.stop_place = stop_place(junction, agent.entrance)
+        self.stop_sign = place.sign is Sign.STOP
         self.length = math.nan if agent.size is None else agent.size[0]
         self.outreach = 0.0 if agent.size is None else math.hypot(agent.size[0], agent.size[1] / 2)
         self.zone = int(ABSENT)
@@ -77,7 +84,10 @@ class Mover:
         self.wt = 0
         self.entered, self.facing = NEVER, 0
         self.fresh = True
-        self.driven = self.stood = False
+        self.driven = self.stood = self.arrived = self.next_to_go = False
+        self.arrived_at = self.last_ready = -1
+        self.ready = self.free = 0
+        self.slow_at_entry: frozenset[Mover] = frozenset()
         self.speeds: deque[float] = deque(maxlen=max(round(WINDOW / dt), 1) + 1)
         self.moved = 0.0
         self.reach = 20.0 + 100.0 * dt
@@ -98,12 +108,16 @@ class Pair:
         you: the second.
     """
 
-    __slots__ = ("always", "common", "me", "near", "owing", "you")
+    __slots__ = ("always", "common", "contested", "from_right", "in_turn", "me", "near", "owing", "parting", "you")
 
     def __init__(self, run: Run, me: Mover, you: Mover) -> None:
-        self.me, self.you = me, you
+        self.me, self.you, junction = me, you, run.junction
         self.common: Shared | None = shared(run, me.slot, you.slot)
+        self.contested: Shared | None = contested(run, me.slot, you.slot)
         self.owing = may_owe(run, me.slot, you.slot)
-        self.near = me.agent.turn is run.junction.near
+        self.near = me.agent.turn is junction.near
         ways = me.agent.route.key, you.agent.route.key
-        self.always = me.lit and self.near and not you.lit and ground_of(run.junction, *ways) is not None
+        self.always = me.lit and self.near and not you.lit and ground_of(junction, *ways) is not None
+        self.in_turn = junction.control is JunctionControl.STOP and in_turn(junction, *ways)
+        self.from_right = (you.entrance, me.entrance) in junction.right_of
+        self.parting = parting(junction, *ways) if me.entrance == you.entrance else 0.0

@@ -56,7 +56,7 @@ class Static:
     owing: frozenset[tuple[int, int]] | None = None
     """Pairs of agents of which the first may owe the way to the second; None where that is left to the run."""
     by_arrival: frozenset[tuple[int, int]] | None = None
-    """Pairs of agents that enter by the order of arrival at an all-way stop; None where all do."""
+    """Pairs of agents that enter by the order of arrival at an all-way stop; None where that is left to the run."""
     choosing: frozenset[int] = frozenset()
     """Agents, by column, of whose arm a lane does not lead where they go."""
     together: frozenset[tuple[int, int]] | None = None
@@ -115,7 +115,7 @@ def _extract(run: Run) -> Static:
         junction.far,
         grounds,
         _owing(run) if grounds is not None and junction.control not in _BY_STATE else None,
-        _by_arrival(run) if max(junction.lanes) > 1 else None,
+        _by_arrival(run) if junction.control is JunctionControl.STOP else None,
         frozenset(k for k, who in enumerate(run.agents) if wrong_lanes(junction, *who.route.key)),
         together(run),
         judged(run),
@@ -143,8 +143,8 @@ def _owing(run: Run) -> frozenset[tuple[int, int]]:
 
 
 def _by_arrival(run: Run) -> frozenset[tuple[int, int]]:
-    ways = [agent.route.key for agent in run.agents]
-    pairs = permutations(range(len(ways)), 2)
+    ways, there = [agent.route.key for agent in run.agents], together(run)
+    pairs = permutations(range(len(ways)), 2) if there is None else there
     return frozenset((one, two) for one, two in pairs if in_turn(run.junction, ways[one], ways[two]))
 
 

@@ -1,129 +1,70 @@
-"""Who has to give way to whom, and whether he did: the hazard that the law speaks of, in seconds and metres.
+"""Whether a vehicle gave way to the vehicle that it owed the way to.
 
-A vehicle owes the way to one that has the better right and *is due*: it comes "so closely as to be a hazard" (California
-Vehicle Code 21801(a), 21453(b)), or stands at its line and is next to go. It obstructs it when it takes the way all the same and
-the other one has to brake hard, meets it, or touches it: "neither endanger nor substantially impede" (StVO, section 8(2)). The
-numbers are named here.
+A vehicle obstructs the other vehicle when it takes the way all the same, and the other vehicle touches it, meets it, brakes
+hard, loses much of its speed, or is passed as it sets off: "neither endanger nor substantially impede" (StVO, section 8(2)).
+The way is owed until the vehicle is clear: "at any time during the turning movement" (California Vehicle Code 21801(a)).
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.bodies import collide
-from pytest_rvads.conduct.grounds import ground_of, lit, may_owe
-from pytest_rvads.conduct.memo import each, once
+from pytest_rvads.conduct.grounds import lit, may_owe
+from pytest_rvads.conduct.memo import each
 from pytest_rvads.conduct.presence import window
-from pytest_rvads.conduct.standing import leads
-from pytest_rvads.conduct.stretches import ALWAYS, before_exit, position, shared
-from pytest_rvads.junctions.conflicts import Shared, Stretch
-from pytest_rvads.maps.control import JunctionControl, Sign
+from pytest_rvads.conduct.rights import due, held, kept_by, starting, waives, yields
+from pytest_rvads.conduct.standing import STANDSTILL
+from pytest_rvads.conduct.stretches import contested, position
+from pytest_rvads.junctions.conflicts import Shared
+from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = ["DUE", "HARD_BRAKING", "MIN_GAP", "WINDOW", "Encounter", "due", "obstructs", "owed_before", "owes", "yields"]
+__all__ = [
+    "HARD_BRAKING",
+    "HEADWAY",
+    "MIN_GAP",
+    "WINDOW",
+    "Encounter",
+    "Meeting",
+    "brakes_hard",
+    "obstructs",
+    "owes",
+    "unhindered",
+]
 
-DUE = 4.0
-"""Who reaches the shared stretch within this time at its present speed is due [s]: the usual critical gap of a left turn
-across oncoming traffic (Highway Capacity Manual: 4.1 s)."""
 HARD_BRAKING = 2.0
-"""Who has to brake harder than this on account of another is impeded [m/s^2]."""
+"""A vehicle that has to brake harder than this on account of another vehicle is impeded [m/s^2]."""
 BEND_BRAKING = 4.0
-"""Who turns brakes for its bend anyway, and is impeded when it has to brake harder than this [m/s^2]."""
+"""A vehicle that turns brakes for its bend anyway, and is impeded when it has to brake harder than this [m/s^2]."""
 MIN_GAP = 1.0
-"""Two that pass a place within this time of each other nearly meet [s]; the usual threshold of post-encroachment times."""
+"""Two vehicles that pass a place within this time of each other nearly meet [s]; the usual threshold of post-encroachment
+times."""
 HEADWAY = 2.0
-"""Who follows another one at less than this time brakes on its account [s]: the two-second rule (UK Highway Code, rule 126)."""
+"""A vehicle that follows another one at less than this time brakes on its account [s]: the two-second rule (UK Highway Code,
+rule 126)."""
 WINDOW = 0.1
 """Decelerations are differences of speed over this time [s]."""
+LOSS = 3.0
+"""A vehicle that goes straight on and loses more speed than this, and more than `SHARE`, is impeded [m/s]."""
+SHARE = 1 / 3
+"""Share of its speed that an unimpeded vehicle does not lose."""
 
 
-def has_way(run: Run, agent: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """No light keeps the agent from going: it is green or yellow, was when the agent entered, or there is none."""
-    facing = run.facing[when, agent]
-    found: NDArray[np.bool_] = (facing == Colour.GREEN) | (facing == Colour.YELLOW)
-    return found if lit(run.junction, run.agents[agent].entrance) else np.ones_like(found)
-
-
-def due(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """The agent is on a stretch of its movement, would be there within `DUE` at its present speed, or is next at its line."""
-    found: NDArray[np.bool_] = (_coming(run, agent, stretch, when) | _next(run)[when, agent]) & run.here[when, agent]
-    return found
-
-
-def _coming(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """Whether the agent is on a stretch of its movement, or would be there within `DUE` at its present speed."""
-    front, rear = position(run, agent, when)
-    speed = run.need("speed")[when, agent]
-    found: NDArray[np.bool_] = (stretch.start - front <= DUE * np.maximum(speed, 0.0)) & (rear <= stretch.end)
-    return found
-
-
-def _next(run: Run) -> NDArray[np.bool_]:
-    """Return who is first at its line and has the right to go, shape ``(steps, agents)``: at green, or where it owes nobody."""
-    return once(run, _find_next)
-
-
-def _find_next(run: Run) -> NDArray[np.bool_]:
-    found = _first(run)
-    if run.junction.control is JunctionControl.STOP:  # there the order of arrival decides
-        return np.zeros_like(found)
-    for agent, who in enumerate(run.agents):
-        if lit(run.junction, who.entrance):
-            found[:, agent] &= run.facing[:, agent] == Colour.GREEN
-        else:
-            found[:, agent] &= ~_held(run)[:, agent]
-    return found
-
-
-def _first(run: Run) -> NDArray[np.bool_]:
-    """Return who is at its entrance with nobody before it there, shape ``(steps, agents)``."""
-    first = [leads(run, agent) for agent in range(len(run.agents))]
-    found: NDArray[np.bool_] = run.zone == Zone.ENTRANCE
-    if first:
-        found &= np.stack(first, axis=1)
-    return found
-
-
-def _held(run: Run) -> NDArray[np.bool_]:
-    """Return who has to let somebody pass that comes or is first at its line, shape ``(steps, agents)``; not by lights alone.
-
-    Whoever is held itself counts as well, so that of vehicles that hold each other in a circle none is due by standing there.
-    """
-    return once(run, _find_held)
-
-
-def _find_held(run: Run) -> NDArray[np.bool_]:
-    first = _first(run)
-    found = np.zeros_like(first)
-    for agent, who in enumerate(run.agents):
-        if lit(run.junction, who.entrance):
-            continue
-        for other in range(len(run.agents)):
-            common = shared(run, agent, other) if may_owe(run, agent, other) else None
-            begin, end = window(run, (agent, other))
-            if common is not None and begin < end:
-                when = slice(begin, end)
-                there = _coming(run, other, common.yours, when) & run.here[when, other]
-                found[when, agent] |= (there | first[when, other]) & yields(run, agent, other, when)
-    return found
-
-
-def _unhindered(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Whether the agent has no reason of its own to brake: its light, its stop sign, who has priority, who drives ahead of it."""
-    found: NDArray[np.bool_]
+def unhindered(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The agent has no reason of its own to brake: its light, its stop sign, whom it owes the way, who drives ahead of it."""
+    found: NDArray[np.bool_] = ~held(run)[:, agent]
     if lit(run.junction, run.agents[agent].entrance):
-        found = run.facing[:, agent] == Colour.GREEN
-    else:
-        found = ~_held(run)[:, agent]
-        if run.junction.entrances[run.agents[agent].entrance].sign is Sign.STOP:
-            found &= run.zone[:, agent] >= Zone.JUNCTION
+        found &= run.facing[:, agent] == Colour.GREEN
+    elif run.junction.entrances[run.agents[agent].entrance].sign is Sign.STOP:
+        found &= run.zone[:, agent] >= Zone.JUNCTION
     for other, who in enumerate(run.agents):
         begin, end = window(run, (agent, other))
         if other != agent and who.entrance == run.agents[agent].entrance and begin < end:
@@ -135,195 +76,177 @@ def _unhindered(run: Run, agent: int) -> NDArray[np.bool_]:
 
 
 def owes(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
-    """The agent, at its entrance or inside, has to let the other one go first; once it took the way, until both have passed."""
+    """The agent, from its entrance zone on until it has been clear for `MIN_GAP`, has to let the other one go first."""
     return each(run, _encounter, agent, other)[0]
 
 
 def obstructs(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
-    """The agent took the way that it owed to the other one, which meets it, touches it or had to brake hard for it."""
+    """The agent took the way that it owed to the other one, and got in its way."""
     return each(run, _encounter, agent, other)[1]
 
 
 def _encounter(run: Run, agent: int, other: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     owed = np.zeros(run.steps, dtype=np.bool_)
     broken = np.zeros(run.steps, dtype=np.bool_)
-    common = shared(run, agent, other) if may_owe(run, agent, other) else None
+    common = contested(run, agent, other) if may_owe(run, agent, other) else None
     if common is None:
         return owed, broken
-    better = yields(run, agent, other)
-    bound = better & due(run, other, common.yours) & run.here[:, agent]
+    bound = yields(run, agent, other) & due(run, other, common.yours) & run.here[:, agent]
     ticks = np.flatnonzero(bound)
     if not len(ticks):
         return owed, broken
-    owed |= owed_before(run, agent, bound, common)
+    owed |= bound & (run.zone[:, agent] == Zone.ENTRANCE)
     if run.entered[agent] < run.steps:
-        follower = Encounter(run, agent, other, common)
+        encounter = Encounter(run.agents[agent], run.agents[other], common, run.dt)
         first, last = max(int(run.entered[agent]) - 1 - round(WINDOW / run.dt), 0), int(ticks[-1])
-        rows = follower.rows(run, better, bound, collide(run, agent, other), slice(first, run.steps))
-        for tick, row in enumerate(rows, first):
-            taking, broken[tick] = follower.step(*row)
-            owed[tick] |= taking
-            if follower.over or (tick > last and not follower.owed):
+        for tick, meeting in enumerate(_meetings(run, agent, other, bound, slice(first, run.steps)), first):
+            owed[tick], broken[tick] = encounter.step(meeting)
+            if encounter.over or (tick > last and not encounter.owed):
+                owed[tick + 1 :] = False
                 break
     return owed, broken
 
 
-def owed_before(run: Run, agent: int, bound: NDArray[np.bool_], common: Shared) -> NDArray[np.bool_]:
-    """Return where the agent, at its entrance or inside, has not come to the shared stretch and has to give way."""
-    zone = run.zone[:, agent]
-    ahead = position(run, agent)[0] < common.mine.start
-    found: NDArray[np.bool_] = bound & ahead & ((zone == Zone.ENTRANCE) | (zone == Zone.JUNCTION))
-    return found
+class Meeting(NamedTuple):
+    """What two vehicles do in one state."""
+
+    inside: bool
+    """Whether the agent has entered the junction."""
+    near: bool
+    """Whether it is in its entrance zone or beyond."""
+    bound: bool
+    """Whether it has to give way to the other vehicle, which is due."""
+    touching: bool
+    front: float
+    """Station of the front of the agent [m]."""
+    rear: float
+    """Station of its rear, infinite once it is gone [m]."""
+    still: bool
+    """Whether the agent stands."""
+    ahead: float
+    """Station of the front of the other vehicle; NaN where it is absent [m]."""
+    speed: float
+    """Speed of the other vehicle, likewise [m/s]."""
+    unhindered: bool
+    """Whether the other vehicle has no reason of its own to brake."""
+    starting: bool
+    """Whether the other vehicle is first at its line and about to go."""
+    waives: bool
+    """Whether the other vehicle waives its right."""
+    kept: bool
+    """Whether a third vehicle, which was not there before, keeps the agent."""
 
 
-def yields(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """The agent has to give way to the other one where their ways meet, as the lights are.
-
-    Turning across oncoming traffic it does to who also has the right to go (Vienna Convention on Road Traffic, Art. 16(2));
-    turning to the near side on red to everybody who has it (CVC 21453(b)). Without lights it does on the ground that there is;
-    to who comes to a light, as long as that lets it go.
-    """
-    me, you, junction = run.agents[agent], run.agents[other], run.junction
-    facing = run.facing[when, agent]
-    if not lit(junction, me.entrance):
-        mine = np.ones(len(facing), dtype=np.bool_)
-    elif me.turn is junction.near:
-        mine = facing == Colour.RED
-        if not lit(junction, you.entrance) and ground_of(junction, me.route.key, you.route.key) is not None:
-            mine = np.ones_like(mine)
-    else:
-        mine = facing != Colour.RED
-    found: NDArray[np.bool_] = mine & has_way(run, other, when)
-    return found
+def _meetings(run: Run, agent: int, other: int, bound: NDArray[np.bool_], when: slice) -> list[Meeting]:
+    (front, rear), (ahead, _) = (position(run, k, when) for k in (agent, other))
+    thirds = np.delete(each(run, kept_by, agent), other, axis=1)
+    columns = (
+        run.zone[when, agent] >= Zone.JUNCTION,
+        run.zone[when, agent] >= Zone.ENTRANCE,
+        bound[when],
+        collide(run, agent, other)[when],
+        front,
+        # A short exit road may end before the rear of the vehicle has left the stretch.
+        np.where(run.here[when, agent], rear, math.inf),
+        np.abs(run.need("speed")[when, agent]) <= STANDSTILL,
+        ahead,
+        run.need("speed")[when, other],
+        each(run, unhindered, other)[when],
+        starting(run)[when, other],
+        waives(run)[when, other],
+        thirds[when].any(axis=1),
+    )
+    return [Meeting(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
 
 
 class Encounter:
-    """Follows two vehicles state by state, up to where one of them has passed the stretch that they share.
+    """Follows two vehicles state by state, until the agent has been clear of the shared stretch for `MIN_GAP`.
+
+    The agent *goes* when it enters the junction, or when its last standstill before the stretch ends. It *takes the stretch* when
+    its front reaches the stretch before the front of the other vehicle. It is *clear* when its rear has left the stretch.
 
     Args:
-        run: that the vehicles belong to; its states are not read.
-        agent: column of the vehicle that may owe the way.
-        other: column of the one that it may owe it to.
-        common: what their movements share.
+        agent: the vehicle that may owe the way.
+        other: the vehicle that may have the better right.
+        common: what their ways share.
+        dt: time between two states [s].
     """
 
-    def __init__(self, run: Run, agent: int, other: int, common: Shared) -> None:
-        self._agent, self._other, self._dt = agent, other, run.dt
-        self.common = common
-        """What their movements share."""
-        who = run.agents[other]
-        self._hard = HARD_BRAKING if who.turn is Turn.STRAIGHT else BEND_BRAKING
-        self._arrives, self._clear = common.yours.start, common.mine.end
-        if common.merges:
-            self._arrives -= who.route.length
-            self._clear = self._arrives
-        self._speeds: deque[float] = deque(maxlen=max(round(WINDOW / run.dt), 1) + 1)
+    def __init__(self, agent: Agent, other: Agent, common: Shared, dt: float) -> None:
+        self.common, self._dt = common, dt
+        self._lengths = agent.route.length, other.route.length
+        self._passed = common.yours.end + (other.size[0] if other.size else 0.0)
+        self._straight = other.turn is Turn.STRAIGHT
+        self._speeds: deque[float] = deque(maxlen=max(round(WINDOW / dt), 1) + 1)
         self._tick = 0
-        self._first = self._braked = False
-        self._entered: int | None = None
-        self._taken: int | None = None
+        self._since: int | None = None
         self._left: int | None = None
-        self._start = (0.0, 0.0)
+        self._taken = self._first = self._braked = self._started = self._excused = False
+        self._place = self._speed = self._pace = math.nan
         self.owed = False
-        """Whether the agent has owed the way since it entered, or owes it before."""
+        """Whether the agent has owed the way since it went."""
         self.over = False
         """Whether nothing can happen any more."""
 
-    def rows(
-        self,
-        run: Run,
-        better: NDArray[np.bool_],
-        bound: NDArray[np.bool_],
-        touching: NDArray[np.bool_],
-        when: slice = ALWAYS,
-    ) -> list[tuple[Any, ...]]:
-        """Return what `step` takes, state by state, for a run with the same agents.
-
-        Args:
-            run: the states.
-            better: whether the other one has the better right, shape ``(steps,)``.
-            bound: whether the agent has to give way to the other one, which is due, likewise.
-            touching: whether they touch, likewise.
-            when: part of the run.
-        """
-        agent, other = self._agent, self._other
-        (front, rear), (ahead, _) = (position(run, k, when) for k in (agent, other))
-        there = front >= self.common.mine.start
-        if self.common.merges:
-            (_, rear), (ahead, _) = (before_exit(run, k, when) for k in (agent, other))
-        # Who is gone has left the way, though a short exit road may end before its rear has.
-        here = run.here[when, agent]
-        rear = np.where(here, rear, math.inf)
-        free = each(run, _unhindered, other)[when]
-        inside, speed = run.zone[when, agent] >= Zone.JUNCTION, run.need("speed")[when, other]
-        columns = (inside, better[when], bound[when] & here, touching[when], there, rear, ahead, speed, free)
-        return list(zip(*(column.tolist() for column in columns), strict=True))
-
-    def step(  # noqa: PLR0913 - the columns that `rows` gives, each by its name
-        self,
-        inside: bool,
-        better: bool,
-        bound: bool,
-        touching: bool,
-        there: bool,
-        rear: float,
-        ahead: float,
-        speed: float,
-        free: bool,
-    ) -> tuple[bool, bool]:
-        """Read a state and return whether the agent is taking a way that it owed, and whether it obstructs the other one.
-
-        Args:
-            inside: whether the agent has entered the junction.
-            better: whether the other one has the better right; once its light is red, it has it no more.
-            bound: whether it has to give way to the other one, which is due.
-            touching: whether they touch.
-            there: whether its front has reached the shared stretch.
-            rear: of the agent, along its movement; where both merge, from the exit [m].
-            ahead: front of the other one, likewise [m].
-            speed: of the other one [m/s].
-            free: whether the other one has no reason of its own to brake: its light is green, or was when it entered.
-        """
+    def step(self, now: Meeting) -> tuple[bool, bool]:
+        """Read a state and return whether the agent owes the way, and whether it obstructs the other vehicle."""
         tick, self._tick = self._tick, self._tick + 1
-        if math.isnan(speed):  # it is not there
+        if math.isnan(now.speed):
             self._speeds.clear()
         else:
-            self._speeds.append(speed)
-        if not inside:
-            self.owed = bound
-            return False, False
-        if self._entered is None:
-            self._entered, self._start = tick, (ahead, speed)
-        if self._taken is None and not self._first:
-            self.owed = better and (self.owed or (bound and not there))
-            if there and ahead < self._arrives:
-                self._taken = tick
-            self._first = ahead >= self._arrives
-        if rear > self._clear and self._left is None:
+            self._speeds.append(now.speed)
+        if not now.inside:
+            return now.bound and now.near, False
+        mine, yours = self.common.mine, self.common.yours
+        before = now.front < mine.start
+        if self._since is None or (before and now.still and not self._first):
+            self._started, self._excused = now.starting, now.waives
+            self._braked = self.owed = False
+            self._place = math.nan
+        if math.isnan(self._place):
+            self._since, self._place, self._speed, self._pace = tick, now.ahead, now.speed, now.speed
+        self.owed |= now.bound
+        if not self._taken and not self._first:
+            self._first = now.ahead >= yours.start
+            self._taken = not before and now.ahead < yours.start
+        if self._left is None and now.rear > mine.end:
             self._left = tick
-        self._braked |= free and ahead < self._arrives and self._brakes_hard()
-        hit = self.owed and (touching or self._impeded(tick, rear, ahead))
-        taking = self.owed and self._taken is not None and not self.over
-        self.over = self.over or self._passed(tick, there, ahead)
-        return taking or hit, hit
+        self._excused |= now.kept and not before and self._left is None
+        self._look_at_braking(now)
+        hit = self.owed and not self._excused and self._obstructed(tick, now)
+        owes = now.bound and not self._excused
+        passed = now.ahead > self._passed or (self._left is not None and (tick - self._left) * self._dt >= MIN_GAP)
+        self.over = self.over or passed
+        return owes or hit, hit
 
-    def _brakes_hard(self) -> bool:
-        """Return whether the other one brakes harder than it does by itself."""
-        steps = len(self._speeds) - 1
-        return steps > 0 and self._speeds[0] - self._speeds[-1] > self._hard * steps * self._dt
+    def _look_at_braking(self, now: Meeting) -> None:
+        """Note whether the other vehicle, before the stretch, brakes or slows down without a reason of its own."""
+        if not now.unhindered:
+            self._pace = min(self._pace, now.speed)
+        elif now.ahead < self.common.yours.start:
+            slowed = self._straight and now.speed < min(self._pace - LOSS, self._pace * (1 - SHARE))
+            self._braked |= slowed or brakes_hard(self._speeds, self._dt, straight=self._straight)
 
-    def _impeded(self, tick: int, rear: float, ahead: float) -> bool:
-        """Return whether the other one meets the agent, which was first on the shared stretch, or has braked in order not to."""
-        if self._taken is None or self._entered is None or self.over:
+    def _obstructed(self, tick: int, now: Meeting) -> bool:
+        mine, yours = self.common.mine, self.common.yours
+        there = now.ahead >= yours.start
+        if now.touching and there and now.front >= mine.start and self._left is None:
+            return True
+        if not self._taken or self._since is None:
             return False
-        if ahead >= self._arrives:
-            return self._left is None or (tick - self._left) * self._dt < MIN_GAP
-        place, speed = self._start
-        # Where it would be a little later, had it gone on as it came.
-        unhindered = place + speed * ((tick - self._entered) * self._dt + MIN_GAP)
-        return self._braked and unhindered > (rear if self.common.merges else self._arrives if self._left is None else math.inf)
+        if there:
+            if self._left is not None:
+                return (tick - self._left) * self._dt < MIN_GAP and not self.common.merges
+            if not self.common.merges:
+                return True
+            apart = (now.rear - self._lengths[0]) - (now.ahead - self._lengths[1])
+            return apart < MIN_GAP * now.speed
+        # The other vehicle would be there by the time the agent has been clear for a while, had it gone on as it came.
+        unhindered = self._place + self._speed * ((tick - self._since) * self._dt + MIN_GAP)
+        return self._started or (self._braked and self._left is None and unhindered > yours.start)
 
-    def _passed(self, tick: int, there: bool, ahead: float) -> bool:
-        if self._taken is not None:
-            return ahead >= self._arrives or (tick - self._taken) * self._dt > DUE
-        return there and not self.owed
+
+def brakes_hard(speeds: deque[float], dt: float, *, straight: bool) -> bool:
+    """Return whether a vehicle brakes harder than it does by itself, given its last speeds [m/s], `dt` apart [s]."""
+    steps = len(speeds) - 1
+    return steps > 0 and speeds[0] - speeds[-1] > (HARD_BRAKING if straight else BEND_BRAKING) * steps * dt

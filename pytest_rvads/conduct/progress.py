@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.rights import PACE
 from pytest_rvads.conduct.stretches import before_exit, position
-from pytest_rvads.conduct.waiting import PACE, at_line, circles, reasons
+from pytest_rvads.conduct.waiting import at_line, circles, reasons
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone

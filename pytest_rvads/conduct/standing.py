@@ -1,4 +1,4 @@
-"""What road users are held to beyond the paper's predicates: stopping before the line, the limit of speed.
+"""What road users are held to beyond the paper's predicates: stopping before the line, arriving at it, the limit of speed.
 
 Every function takes a run and the column of an agent and returns one value per state, shape ``(steps,)``. What a run
 does not record makes them raise, so that nothing is guessed. The numbers are parameters of the road rulebook.
@@ -6,27 +6,35 @@ does not record makes them raise, so that nothing is guessed. The numbers are pa
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.memo import once
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.errors import RunError
-from pytest_rvads.maps.control import Sign
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 
 __all__ = [
     "LINE_TOLERANCE",
-    "SIGN_ZONE",
     "SPEED_TOLERANCE",
     "STANDSTILL",
+    "STOP_PLACE",
     "TIE",
+    "arrivals",
+    "arrived",
     "drives",
     "leads",
     "speeding",
     "standing_time",
+    "stands",
+    "stop_place",
     "stopped",
     "stops",
+    "waited",
 ]
 
 TIE = 0.5
@@ -35,16 +43,31 @@ STANDSTILL = 0.1
 """A vehicle at most this fast, forwards or backwards, stands still [m/s]; wheel-speed sensors resolve about as much."""
 LINE_TOLERANCE = 0.1
 """How far over the stopping line a bumper may stand and still have stopped before it [m]."""
-SIGN_ZONE = 5.0
-"""A full stop counts from so far before a stop sign on [m]: about a car length; statutes ask for one before the line, the
-crosswalk or the junction, and give no distance."""
+STOP_PLACE = 5.0
+"""Length of the stop place before the stopping line, or before the stop sign where that stands farther upstream [m]: about a
+car length; statutes ask for a stop before the line, the crosswalk or the junction, and give no distance."""
 SPEED_TOLERANCE = 0.5
 """How much faster than the limit is still within what a speed control holds [m/s]."""
 
 
+def stop_place(junction: Junction, entrance: int) -> tuple[float, float]:
+    """Return the stations between which the front of a vehicle stands when it has stopped at an entrance [m].
+
+    The stop place begins `STOP_PLACE` before the stopping line, or before the stop sign where that stands farther upstream. It
+    ends at the stopping line, or at the entrance vertex where no line is marked, plus `LINE_TOLERANCE`.
+    """
+    place = junction.entrances[entrance]
+    return -max(place.setback, place.sign_setback or 0.0) - STOP_PLACE, LINE_TOLERANCE - place.setback
+
+
 def stopped(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent is where a full stop counts, see `stops`, and has stood still there in the present approach."""
-    here, still = stops(run, agent, np.logical_or.accumulate(run.here[:, agent] & ~_stands(run, agent)))
+    """The agent has stopped in the stop place, and since then has neither entered the junction nor backed out of that place.
+
+    A full stop is something that a vehicle does: standing before the entrance zone counts once the vehicle has driven.
+    """
+    here, still = stops(run, agent)
+    driven = np.logical_or.accumulate(run.here[:, agent] & ~stands(run)[:, agent])
+    still = still & (driven | (run.zone[:, agent] == Zone.ENTRANCE))
     tick = np.arange(run.steps)
     last_still = np.maximum.accumulate(np.where(still, tick, -1))
     last_away = np.maximum.accumulate(np.where(here, -1, tick))
@@ -52,26 +75,65 @@ def stopped(run: Run, agent: int) -> NDArray[np.bool_]:
     return found
 
 
-def stops(run: Run, agent: int, driven: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return where the agent is before the junction and a full stop counts, and where it makes one, each of shape ``(steps,)``.
+def stops(run: Run, agent: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return where the agent is between the beginning of its stop place and the junction, and where it stops there.
 
-    At a stop sign that is from `SIGN_ZONE` before the sign on, elsewhere from the entrance zone on, up to the entrance vertex. It
-    stops where it stands still with its front not beyond the stopping line, and first in its lane: who queues stops again. Who
-    begins the run at rest before the entrance zone has not stopped there.
-
-    Args:
-        run: the run.
-        agent: its column.
-        driven: whether it has driven by then, likewise.
+    A vehicle stops where it stands in the stop place and leads: a vehicle that queued stops again. Both arrays have the shape
+    ``(steps,)``.
     """
-    entrance = run.junction.entrances[run.agents[agent].entrance]
+    begin, line = stop_place(run.junction, run.agents[agent].entrance)
     station, zone = run.need("station")[:, agent], run.zone[:, agent]
-    here = zone == Zone.ENTRANCE
-    if entrance.sign is Sign.STOP:
-        sign = max(entrance.setback, entrance.sign_setback or 0.0)
-        here = (zone <= Zone.ENTRANCE) & (station >= -sign - SIGN_ZONE)
-    still: NDArray[np.bool_] = here & _stands(run, agent) & (driven | (zone == Zone.ENTRANCE))
-    return here, still & (station <= LINE_TOLERANCE - entrance.setback) & leads(run, agent)
+    here: NDArray[np.bool_] = (zone == Zone.ENTRANCE) | ((zone == Zone.APPROACH) & (station >= begin))
+    still = here & stands(run)[:, agent] & (station <= line)
+    return here, still & leads(run, agent) if still.any() else still
+
+
+class Arrivals(NamedTuple):
+    """When the vehicles of a run arrived at the junction."""
+
+    arrived: NDArray[np.bool_]
+    """Which vehicle has arrived and has not entered since, shape ``(steps, agents)``."""
+    tick: NDArray[np.int64]
+    """Tick of the latest arrival of every vehicle so far, -1 before its first one, shape ``(steps, agents)``."""
+
+
+def arrivals(run: Run) -> Arrivals:
+    """Return when the vehicles of a run arrived.
+
+    A vehicle arrives when it stops in the stop place or its front enters the entrance zone, whichever is earlier. The arrival
+    lasts until the vehicle enters the junction or backs out of the stop place; a second stop does not restart it. A run without
+    positions or speeds knows only the entrance zone.
+    """
+    return once(run, _find_arrivals)
+
+
+def _find_arrivals(run: Run) -> Arrivals:
+    at_line = run.zone == Zone.ENTRANCE
+    here, event = at_line, at_line
+    if len(run.agents) and run.station is not None and run.speed is not None:
+        columns = [stops(run, agent) for agent in range(len(run.agents))]
+        here = np.stack([there for there, _ in columns], axis=1)
+        event = at_line | np.stack([still for _, still in columns], axis=1)
+    tick = np.arange(run.steps)[:, None]
+    away = np.maximum.accumulate(np.where(here, -1, tick), axis=0)
+    before = np.maximum.accumulate(np.where(event, tick, -1), axis=0)
+    first = event.copy()
+    first[1:] &= before[:-1] <= away[1:]
+    latest = np.maximum.accumulate(np.where(first, tick, -1), axis=0)
+    return Arrivals(here & (latest > away), latest)
+
+
+def arrived(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The agent has arrived at its line, see `arrivals`, and has not entered the junction."""
+    return arrivals(run).arrived[:, agent]
+
+
+def waited(run: Run, agent: int) -> NDArray[np.int64]:
+    """Return for how many ticks the agent has been waiting since it arrived, 0 where it has not arrived, shape ``(steps,)``."""
+    if run.station is None or run.speed is None:
+        return run.wt[:, agent].astype(np.int64)
+    found = arrivals(run)
+    return np.where(found.arrived[:, agent], np.arange(run.steps) - found.tick[:, agent], 0)
 
 
 def leads(run: Run, agent: int) -> NDArray[np.bool_]:
@@ -91,7 +153,7 @@ def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
     This is the waiting time as the text of the paper has it, "since its speed became zero"; it restarts when the vehicle moves.
     """
     tick = np.arange(run.steps, dtype=np.int32)
-    still = (run.zone[:, agent] == Zone.ENTRANCE) & _stands(run, agent)
+    still = (run.zone[:, agent] == Zone.ENTRANCE) & stands(run)[:, agent]
     found: NDArray[np.int32] = tick - np.maximum.accumulate(np.where(still, 0, tick))
     return found
 
@@ -113,6 +175,15 @@ def speeding(run: Run, agent: int) -> NDArray[np.bool_]:
     return found
 
 
-def _stands(run: Run, agent: int) -> NDArray[np.bool_]:
-    found: NDArray[np.bool_] = np.abs(run.need("speed")[:, agent]) <= STANDSTILL
+def stands(run: Run) -> NDArray[np.bool_]:
+    """Return which vehicle stands still, shape ``(steps, agents)``.
+
+    Raises:
+        RunError: the run does not record speeds.
+    """
+    return once(run, _find_standing)
+
+
+def _find_standing(run: Run) -> NDArray[np.bool_]:
+    found: NDArray[np.bool_] = np.abs(run.need("speed")) <= STANDSTILL
     return found

@@ -15,9 +15,10 @@ from pytest_rvads.conduct.presence import window
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import CONFLICT_WIDTH, Key, Shared, Stretch
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run
 
-__all__ = ["ALWAYS", "before_exit", "meet", "on_stretch", "parting", "position", "shared"]
+__all__ = ["ALWAYS", "before_exit", "contested", "meet", "on_stretch", "parting", "position", "shared"]
 
 ALWAYS = slice(None)
 """In all states of a run."""
@@ -35,6 +36,22 @@ def shared(run: Run, one: int, two: int) -> Shared | None:
     if found is None:
         raise RunError("the run holds no geometry of its junction")
     return found.get((run.agents[one].route.key, run.agents[two].route.key))
+
+
+def contested(run: Run, one: int, two: int) -> Shared | None:
+    """Return what two agents share, up to `LEAVE` down the exit road where both lead into the same exit; None as in `shared`.
+
+    On the beginning of a common exit road the vehicle that merged is still gathering speed: there the other vehicle runs into it.
+
+    Raises:
+        RunError: the run holds no geometry of its junction.
+    """
+    common = shared(run, one, two)
+    if common is None or not common.merges:
+        return common
+    ends = (run.agents[k].route.length + LEAVE for k in (one, two))
+    mine, yours = (Stretch(part.start, end) for part, end in zip((common.mine, common.yours), ends, strict=True))
+    return Shared(mine, yours, merges=True)
 
 
 @lru_cache(maxsize=4096)

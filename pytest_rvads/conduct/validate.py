@@ -16,13 +16,19 @@ from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "damage", "validate"]
+__all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "damage", "impossible", "validate"]
 
 PROGRESS_TOLERANCE = (0.005, 0.3)
 """Progress of a step may differ from speed times time by this much [m] and this share: the bumper swings in bends, where
 its projection on the centre line is a quarter slower or faster than the car."""
 OFFSET_LIMIT = 2.0
 """A reference point further from the centre line of its itinerary is off it [m]; half a lane and a bit."""
+_PACE = (0.3, 0.2)
+"""The speed of a simulated vehicle may differ from how fast its body moves by this much [m/s] and this share."""
+_LONG = 10
+"""States in which it may differ by more, since bodies that touch are thrown aside."""
+_SHORT = 0.5
+"""A vehicle may pass a part of its way that is shorter than this in one step [m]; maps have exit roads of a few centimetres."""
 _EVERY = 10
 """Offsets are looked at in every tenth state."""
 _ORDER = {Colour.GREEN: Colour.YELLOW, Colour.YELLOW: Colour.RED, Colour.RED: Colour.GREEN}
@@ -33,7 +39,7 @@ class Finding:
     """Something about a run that can't be."""
 
     kind: str
-    """jump, progress, missing ticks, sampling, zone, itinerary, colour, collision, values."""
+    """jump, progress, missing ticks, sampling, speed, zone, itinerary, colour, collision, values."""
     time: float
     """Of the first occurrence, on the clock of the recording [s]."""
     message: str
@@ -61,6 +67,18 @@ def validate(run: Run) -> tuple[Finding, ...]:
     found += _colours(run)
     found += _bodies(run)
     return tuple(sorted(found, key=lambda f: f.time))
+
+
+def impossible(run: Run) -> Iterator[Finding]:
+    """Yield what no simulator may answer: what makes a run unfit to be judged, zones out of order, wrong speeds.
+
+    It is looked at in every simulated run, so it takes well below a hundredth of the time of one; `validate` looks at more.
+    """
+    broken = once(run, damage)
+    yield from broken
+    for column, agent in enumerate(() if broken else run.agents):
+        yield from _zones(run, column, agent)
+        yield from _pace(run, column, agent)
 
 
 def damage(run: Run) -> tuple[Finding, ...]:
@@ -104,9 +122,11 @@ def _agents(run: Run) -> Iterator[Finding]:
     names = [agent.name for agent in run.agents]
     if len(set(names)) < len(names):
         yield Finding("values", 0.0, f"every vehicle must have a name of its own, got {', '.join(names)}")
-    for named in (run.facts.subject, *run.facts.strayed):
+    collided = [name for collision in run.collisions or () for name in collision.agents]
+    for named in dict.fromkeys((run.facts.subject, *run.facts.strayed, *collided)):
         if named not in (None, *names):
-            yield Finding("values", 0.0, f"the facts name {named!r}, which is none of the vehicles {', '.join(names)}")
+            what = "facts" if named not in collided else "collisions"
+            yield Finding("values", 0.0, f"the {what} name {named!r}, which is none of the vehicles {', '.join(names)}")
     for agent in run.agents:
         way = run.junction.movements.get((agent.entrance, agent.exit))
         where = f"{agent.name} goes from entrance {agent.entrance} to exit {agent.exit}"
@@ -122,7 +142,10 @@ def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     """The zones of an itinerary follow each other: none is skipped, and nobody drives backwards through them."""
     zone = run.zone[:, column].astype(np.int64)
     known = (zone != Zone.ABSENT)[1:] & (zone != Zone.ABSENT)[:-1]
-    jumps = np.flatnonzero(~np.isin(np.diff(zone), (0, 1)) & known) + 1
+    road, step = run.junction.exits[agent.exit].road, np.diff(zone)
+    lengths = {Zone.JUNCTION: agent.route.length, Zone.EXIT: np.inf if road is None else road.length}
+    passed = (step == 2) & np.isin(zone[:-1] + 1, [part for part, length in lengths.items() if length < _SHORT])
+    jumps = np.flatnonzero(((step < 0) | (step > 1)) & ~passed & known) + 1
     if len(jumps):
         tick = int(jumps[0])
         before, after = (Zone(int(zone[t])).name.lower() for t in (tick - 1, tick))
@@ -172,6 +195,22 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         yield Finding("missing ticks", time, f"{text}: {round(ratio) - 1} states seem to be missing")
     else:
         yield Finding("progress", time, text)
+
+
+def _pace(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
+    """The speed of a vehicle is how fast its body moves ahead; its station says less, where the lanes of a map fit badly."""
+    if run.pose is None or run.speed is None or run.steps < 2:
+        return
+    step, heading = np.diff(run.pose[:, column, :2], axis=0) / run.dt, run.pose[:-1, column, 2]
+    ahead = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
+    speed, (absolute, relative) = run.speed[1:, column], _PACE
+    here = run.here[1:, column] & run.here[:-1, column]
+    wrong = np.flatnonzero(here & (np.abs(ahead - speed) > absolute + relative * np.abs(speed)))
+    if len(wrong) > _LONG:
+        time, moves, said = _clock(run, int(wrong[0]) + 1), ahead[wrong[0]], speed[wrong[0]]
+        yield Finding(
+            "speed", time, f"{agent.name} moves ahead at {moves:.1f} m/s at {time:.2f} s, its speed is given as {said:.1f} m/s"
+        )
 
 
 def _sampling(run: Run) -> Iterator[Finding]:

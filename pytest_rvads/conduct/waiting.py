@@ -13,26 +13,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.grounds import in_turn, may_owe
-from pytest_rvads.conduct.predicates import ticks
+from pytest_rvads.conduct.grounds import may_owe
 from pytest_rvads.conduct.presence import near, window
-from pytest_rvads.conduct.priority import due, yields
-from pytest_rvads.conduct.standing import TIE
-from pytest_rvads.conduct.stretches import ALWAYS, before_exit, on_stretch, parting, position, shared
+from pytest_rvads.conduct.rights import GAP, PACE, close_behind, comes_first, due, yields
+from pytest_rvads.conduct.stretches import ALWAYS, on_stretch, position, shared
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 
-__all__ = ["PACE", "Reason", "at_line", "circles", "comes_first", "reasons"]
+__all__ = ["Reason", "at_line", "circles", "reasons"]
 
-PACE = 1.4
-"""Walking pace [m/s]: who could go and is slower loses time."""
-GAP = 6.0
-"""Behind a body that is this near ahead a vehicle need not go [m]."""
-ROOM = 2.5
-"""Room that a vehicle wants on its exit road behind who stands there, beside its own length [m]."""
 AT_LINE = 5.0
 """Nearer to the stopping line than this, a vehicle that stands waits for the light or for its turn [m]."""
 MOST = 200_000_000
@@ -71,7 +63,7 @@ def reasons(run: Run) -> Iterator[Reason]:
                 f"{count} vehicles in {run.steps:,} states are too many to tell who waits for whom: cut the run in parts"
             )
         common = shared(run, agent, other)
-        queued = _behind(run, agent, other, common, when)
+        queued = close_behind(run, agent, other, common, when)
         yielding = _lets_pass(run, agent, other, common, when) | queued & _cut_off(run, agent, other, when)
         if queued.any() or yielding.any():
             yield Reason(agent, other, when.start, queued, yielding)
@@ -166,27 +158,6 @@ def at_line(run: Run, agent: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
     return found
 
 
-def _behind(run: Run, agent: int, other: int, common: Shared | None, when: slice) -> NDArray[np.bool_]:
-    """Whether the other one is slow and near ahead in the agent's lane, or leaves it no room on its exit road."""
-    me, you = run.agents[agent], run.agents[other]
-    slow = (run.need("speed")[when, other] < PACE) & run.here[when, other]
-    found = np.zeros_like(slow)
-    if not slow.any():
-        return found
-    zone = run.zone[when, agent]
-    if me.entrance == you.entrance:
-        (front, _), (ahead, behind) = position(run, agent, when), position(run, other, when)
-        same = behind < parting(run.junction, me.route.key, you.route.key)
-        found |= same & (ahead > front) & (behind - front < GAP)
-    if me.exit == you.exit:
-        (front, _), (ahead, behind) = before_exit(run, agent, when), before_exit(run, other, when)
-        merged = ahead >= (common.yours.start - you.route.length if common else 0.0)
-        found |= (zone >= Zone.JUNCTION) & merged & (ahead > front) & (behind - front < GAP)
-        found |= (zone == Zone.ENTRANCE) & (run.zone[when, other] == Zone.EXIT) & (behind < run.size(agent)[0] + ROOM)
-    found &= slow
-    return found
-
-
 def _cut_off(run: Run, agent: int, other: int, when: slice) -> NDArray[np.bool_]:
     """Whether the agent was in the junction before the other one, which then is ahead because it pushed in."""
     found: NDArray[np.bool_] = (run.zone[when, agent] >= Zone.JUNCTION) & (run.entered[other] > run.entered[agent])
@@ -209,22 +180,9 @@ def _lets_pass(run: Run, agent: int, other: int, common: Shared | None, when: sl
     found |= there & (ahead | on_stretch(run, agent, common.mine, when))
     gives = yields(run, other, agent, when) if may_owe(run, other, agent) else np.zeros_like(found)
     found |= ahead & (theirs == Zone.JUNCTION) & (position(run, other, when)[0] < common.yours.start) & ~gives
-    comes = due(run, other, common.yours, when)
+    comes = due(run, other, common.yours, when, waiving=True)
     found |= before & comes & (run.need("speed")[when, other] > PACE)
     if may_owe(run, agent, other):
         found |= ahead & yields(run, agent, other, when) & comes
     found &= before | (zone == Zone.JUNCTION)
-    return found
-
-
-def comes_first(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """Both are at entrances and take turns, and the other one goes first: clearly earlier there, or at once from the right."""
-    zone, theirs = run.zone[when, agent], run.zone[when, other]
-    both = (zone == Zone.ENTRANCE) & (theirs == Zone.ENTRANCE)
-    if not (both.any() and in_turn(run.junction, run.agents[agent].route.key, run.agents[other].route.key)):
-        return np.zeros(len(zone), dtype=np.bool_)
-    later = run.wt[when, other] - run.wt[when, agent]
-    tie = ticks(run, TIE)
-    right = (run.agents[other].entrance, run.agents[agent].entrance) in run.junction.right_of
-    found: NDArray[np.bool_] = both & ((later > tie) | (right & (later >= -tie)))
     return found

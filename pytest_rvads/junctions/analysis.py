@@ -207,7 +207,7 @@ def analyse(
             radius, way = tight[0]
             message = (
                 f"the movement from entrance {way.entrance} to exit {way.exit} of junction {id!r} bends with a radius of "
-                f"{radius:.1f} m, a car needs {LEAST_RADIUS} m and can't keep to its centre line"
+                f"{radius:.1f} m, a car needs {LEAST_RADIUS:.1f} m and can't keep to its centre line"
             )
             rest = f"; nor on {len(tight) - 1} more that bend too tightly" if len(tight) > 1 else ""
             warnings.append(MapWarning(Doubt.BEND, message + rest, None, id))

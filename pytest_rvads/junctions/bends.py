@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pytest_rvads.junctions.graph import MetricGraph
-from pytest_rvads.junctions.ways import Way
+from pytest_rvads.maps.segment import Turn
 
-__all__ = ["LEAST_RADIUS", "tight_bends"]
+if TYPE_CHECKING:  # the graph takes networkx, which runs that are read from files do not need
+    from pytest_rvads.junctions.graph import MetricGraph
+    from pytest_rvads.junctions.ways import Way
 
-LEAST_RADIUS = 3.9
+__all__ = ["LEAST_RADIUS", "least_radius", "tight_bends"]
+
+LEAST_RADIUS = 2.7 / math.tan(0.61)
 """Of the circle on which the rear axle of a car drives with its wheels turned as far as they go [m]: a wheelbase of 2.7 m over
-the tangent of 0.61 rad."""
+the tangent of 0.61 rad, which is 3.9 m."""
 _CHORD = 4.0
 """Bends are measured over so much of the centre line [m], about the turned part of a right turn: single vertices are no bends."""
 
 
 def tight_bends(graph: MetricGraph, ways: Sequence[Way]) -> list[tuple[float, Way]]:
     """Return the ways that turn through a bend which the rear axle of a car can't follow, with its radius [m], tightest first."""
-    # Who turns by less in all has no such bend, but for jags that a car drives straight through.
-    found = [(_radius(graph, way), way) for way in ways if abs(way.turning) > _CHORD / LEAST_RADIUS]
+    # A straight movement has no such bend, but for jags that a car drives straight through.
+    turning = [way for way in ways if way.turn is not Turn.STRAIGHT]
+    found = [(least_radius(np.vstack([graph.edges[edge].points for edge in way.path.edges])), way) for way in turning]
     return sorted((item for item in found if item[0] < LEAST_RADIUS), key=lambda item: item[0])
 
 
-def _radius(graph: MetricGraph, way: Way) -> float:
-    """Return the least radius of a way over `_CHORD` of it, or over all of it where it is shorter [m]."""
-    steps = np.diff(np.vstack([graph.edges[edge].points for edge in way.path.edges]), axis=0)
+def least_radius(points: NDArray[np.float64]) -> float:
+    """Return the least radius of a line of points, ``(points, 2)``, over `_CHORD` or all of it, where it is shorter [m]."""
+    steps = np.diff(points, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     steps, lengths = steps[lengths > 0.0], lengths[lengths > 0.0]
     headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))

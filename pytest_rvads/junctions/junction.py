@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 from pytest_rvads.displayed import shown
 from pytest_rvads.errors import MapError, ScenarioError
+from pytest_rvads.junctions.bends import LEAST_RADIUS, least_radius
 from pytest_rvads.junctions.conflicts import Key, Shared, stretches
 from pytest_rvads.junctions.yielding import Precedence, Reason
 from pytest_rvads.maps.control import JunctionControl, Sign, control_of
@@ -203,6 +204,13 @@ class Junction:
     def conflicts(self) -> frozenset[tuple[Key, Key]] | None:
         """Pairs of movements, in both orders, that two vehicles can't make at the same time; None without centre lines."""
         return None if self.stretches is None else frozenset(self.stretches)
+
+    @cached_property
+    def tight(self) -> Mapping[Key, float]:
+        """Turning movements that bend with a smaller radius [m] than a car can steer, of those with a known centre line."""
+        turning = [(m.key, m.path) for m in self.movements.values() if m.turn is not Turn.STRAIGHT]
+        found = {key: least_radius(path.points) for key, path in turning if path is not None}
+        return MappingProxyType({key: radius for key, radius in found.items() if radius < LEAST_RADIUS})
 
     @cached_property
     def yields(self) -> Mapping[tuple[Key, Key], Reason] | None:

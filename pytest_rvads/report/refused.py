@@ -12,14 +12,17 @@ _NAMED = 5
 
 
 def refused(report: Report, most: int | None = None) -> list[str]:
-    """Return a line per reason why junctions are left out, the most frequent first, and one per test that ran a sample.
+    """Return a line per reason why junctions or movements are left out, the most frequent first, and one per drawn sample.
 
     Args:
         report: of a session, or merged.
         most: reasons told; the junctions of the others are counted.
     """
     reasons = sorted(report.refused.items(), key=lambda entry: -len(entry[1]))
-    lines = [f"{plural(len(names), 'junction')} left out: {reason}: {first(names, _NAMED)}" for reason, names in reasons[:most]]
+    lines = []
+    for reason, names in reasons[:most]:
+        what = plural(len(names), "movement" if " from entrance " in names[0] else "junction")
+        lines.append(f"{what} left out: {reason}: {first(names, _NAMED)}")
     others = {name for _, names in reasons[len(lines) :] for name in names}
     if others:
         lines.append(f"{plural(len(others), 'junction')} left out for other reasons: reports in files say which")

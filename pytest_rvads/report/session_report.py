@@ -159,7 +159,7 @@ class Report:
     again: str = "pytest"
     """The command that runs an item once more, when its id follows in quotes."""
     refused: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """Why junctions that tests asked for among others are left out, to their names."""
+    """Why junctions that tests asked for among others, or movements there, are left out, to their names."""
     drawn: tuple[Drawn, ...] = ()
     """Where tests ran only some of what they ask for; the rest is not planned."""
     began: str = field(default="", compare=False)

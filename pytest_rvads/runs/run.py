@@ -90,6 +90,9 @@ class Facts:
     """[m/s]."""
     strayed: tuple[str, ...] = ()
     """Names of the vehicles that left their routes, which ended the run."""
+    turning: tuple[tuple[str, Positive], ...] = ()
+    """Names of vehicles that steer otherwise than a usual car of their length, each with the radius of the smallest circle that
+    its rear axle drives [m]."""
 
     def __post_init__(self) -> None:
         for name, kind in _FACTS.items():
@@ -246,7 +249,9 @@ class Run:
         """SHA-256 over states, collisions, fault, agents, facts and junction: equal hashes mean runs that are judged alike."""
         found = hashlib.sha256()
         agents = [[a.name, a.route.key, a.kind, a.size] for a in self.agents]
-        head = [self.label, self.dt, agents, astuple(self.facts), self.junction.digest]
+        # Hashes of usual cars stay what they were before facts told how vehicles steer.
+        facts = astuple(self.facts) if self.facts.turning else astuple(self.facts)[:-1]
+        head = [self.label, self.dt, agents, facts, self.junction.digest]
         tail = None if self.collisions is None else [[c.time, *c.agents, c.speed] for c in self.collisions]
         fault = self.fault and [self.fault.time, self.fault.agent, self.fault.reason]
         found.update(json.dumps([head, tail, fault]).encode())

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from pytest_rvads.errors import ScenarioError, require
 from pytest_rvads.runs.states import Kind
 
-__all__ = ["GRAVITY", "Vehicle"]
+__all__ = ["GRAVITY", "Vehicle", "usual_radius"]
 
 GRAVITY = 9.81
 """[m/s^2]."""
@@ -82,6 +82,11 @@ class Vehicle:
         return self.front_axle + self.rear_axle
 
     @property
+    def turning_radius(self) -> float:
+        """Radius of the circle on which the rear axle drives with the wheels turned as far as they go [m]."""
+        return self.wheelbase / math.tan(min(self.steering_limit, 1.5))  # beyond, it turns on the spot
+
+    @property
     def rear_axle_offset(self) -> float:
         """Reference point (front bumper) to rear axle [m]; the axles are centred in the body."""
         return (self.length + self.wheelbase) / 2
@@ -90,3 +95,8 @@ class Vehicle:
     def gravity_offset(self) -> float:
         """Reference point (front bumper) to centre of gravity [m]."""
         return self.rear_axle_offset - self.rear_axle
+
+
+def usual_radius(length: float) -> float:
+    """Return the turning radius of a usual car of this length [m], where its axles and steering are not known."""
+    return Vehicle().turning_radius / Vehicle().length * length

@@ -46,6 +46,8 @@ def pairs_in(place: Junction, code: Directions) -> Iterator[Pair]:
 def covering(place: Junction, orbits: Orbits, seat: int | None = None, *, conflicting: bool = False) -> tuple[Directions, ...]:
     """Return scenarios that have every pair of movements that some scenario has.
 
+    Movements that bend more tightly than a car can steer (`Junction.tight`) are left out; a slot with no others is empty.
+
     Args:
         place: the junction.
         orbits: its scenarios.
@@ -56,12 +58,13 @@ def covering(place: Junction, orbits: Orbits, seat: int | None = None, *, confli
         ScenarioError: no such pair is possible; or conflicts are asked for and not known.
     """
     wanted = frozenset(pairs_at(place, conflicting=conflicting))
-    slots = _placed(orbits, seat)
+    slots = _placed(place, orbits, seat)
     moves = [[_movement(place, first, letter) for letter in letters] for first, letters in slots]
     missing = dict.fromkeys(pair for pair in _choices(moves) if _between(moves, *pair) in wanted)
     if not missing:
         what = "conflicting movements" if conflicting else "movements"
-        raise ScenarioError(f"no two {what} of junction {place.name!r} happen in one scenario: choose another cover")
+        but = f" without the {len(place.tight)} that bend more tightly than a car can steer" if place.tight else ""
+        raise ScenarioError(f"no two {what} of junction {place.name!r} happen in one scenario{but}: choose another cover")
     found = []
     while missing:
         row = _row(list(map(len, moves)), missing)
@@ -72,17 +75,20 @@ def covering(place: Junction, orbits: Orbits, seat: int | None = None, *, confli
     return tuple(found)
 
 
-def _placed(orbits: Orbits, seat: int | None) -> list[tuple[int, Sequence[Directions]]]:
-    """Return per slot its first entrance and its letters, at the seat those with somebody there."""
+def _placed(place: Junction, orbits: Orbits, seat: int | None) -> list[tuple[int, Sequence[Directions]]]:
+    """Return per slot its first entrance and its letters that a car can follow, at the seat those with somebody there."""
     found: list[tuple[int, Sequence[Directions]]] = []
     first = 0
-    for letters in orbits.slots:
+    for every in orbits.slots:
+        # Where no movement is left, nobody stands.
+        letters = [c for c in every if _movement(place, first, c) not in place.tight] or [(0,) * len(every[0])]
         here = None if seat is None else seat - first
         inside = here is not None and 0 <= here < len(letters[0])
-        kept = [letter for letter in letters if letter[here or 0]] if inside else list(letters)
+        kept = [letter for letter in letters if letter[here or 0]] if inside else letters
         if not kept:
             raise ScenarioError(
-                f"no movement leads from entrance {seat}, so no vehicle under test can stand there: choose another one"
+                f"no movement that a car can follow leads from entrance {seat}, so no vehicle under test can stand there: "
+                "choose another one"
             )
         found.append((first, kept))
         first += len(letters[0])

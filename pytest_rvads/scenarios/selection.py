@@ -9,6 +9,7 @@ from itertools import product
 from zlib import crc32
 
 from pytest_rvads.errors import ScenarioError
+from pytest_rvads.junctions.bends import LEAST_RADIUS
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.forks import forks
@@ -17,11 +18,13 @@ from pytest_rvads.scenarios.pairs import PAIRED, covering
 from pytest_rvads.scenarios.scenario import Scenario, started
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
-__all__ = ["CHOOSING", "COVERS", "Selection"]
+__all__ = ["CHOOSING", "COVERS", "TOO_TIGHT", "Selection", "alone"]
 
 CHOOSING = ("partial", *PAIRED)
 """One row per class of scenarios that may leave entrances empty; enough scenarios for every pair of movements, or of those that
 conflict."""
+TOO_TIGHT = f"no car can follow a bend of less than {LEAST_RADIUS:.1f} m (cover 'class' takes them all the same)"
+"""Why movements are left out by `PAIRED` covers."""
 COVERS = ("class", "scenario", "rotation", *CHOOSING)
 """One row per class; every distinct member; all rows, as in the paper's tables; and those that choose scenarios themselves."""
 
@@ -79,6 +82,12 @@ class Selection:
     def points(self) -> int:
         """Number of runs per abstract scenario."""
         return 1 if self.alternating else len(self.configurations) * len(self.followers) * len(self.senses)
+
+    @property
+    def too_tight(self) -> tuple[str, ...]:
+        """The movements that the cover leaves out because no car can follow them, each by its junction and lanes."""
+        keys = sorted(self.place.tight) if self.cover in PAIRED else ()
+        return tuple(f"{self.place.name} from entrance {entrance} to exit {exit}" for entrance, exit in keys)
 
     @cached_property
     def orbits(self) -> Orbits:
@@ -188,3 +197,14 @@ class Selection:
         if self.cover == "rotation":
             return rows
         return rows[: len(self.orbits.members(first))] if self.cover == "scenario" else rows[:1]
+
+
+def alone(place: Junction) -> tuple[Directions, ...]:
+    """Return the scenarios of one vehicle each, one per movement of a junction that a car can follow."""
+    entrances = range(len(place.entrances))
+    return tuple(
+        tuple(direction if entrance == occupied else 0 for entrance in entrances)
+        for occupied in entrances
+        for direction in place.directions(occupied)
+        if place.leads(occupied, direction).key not in place.tight
+    )

@@ -2,7 +2,7 @@
 
 A configuration is a place for every vehicle and a phase of the lights; all configurations of a model are rows of one run,
 so that the predicates of the rules are evaluated on them as on any other run. Time is left out but for the order of
-arrival: waiting times are compared by it. What a configuration does not tell is left open.
+arrival: waiting times are compared by it, and no right is waived. What a configuration does not tell is left open.
 """
 
 from __future__ import annotations
@@ -114,16 +114,16 @@ class Abstracted(Values):
 
     def __init__(self, model: Model, tie: float) -> None:
         super().__init__(model.run, tie)
-        self._readers["wt"] = lambda _, agent: self._wt(agent)
+        self._readers["wt"] = self._readers["waited"] = lambda _, agent: self._wt(agent)
         self._arrivals = model.arrivals
         self._window = tie
 
     def open(self, atom: f.Atom) -> NDArray[np.bool_] | bool:
         """Return where the configuration does not determine `atom`: everywhere (True), nowhere, or shape ``(size,)``."""
         match atom.name, atom.terms:
-            case "@", _:
+            case (("@" | "arrived" | "gives_up"), _):
                 return False
-            case _, (f.Attr(f.Element(_, one), "wt"), f.Attr(f.Element(_, two), "wt")):
+            case _, (f.Attr(f.Element(_, one), "wt" | "waited"), f.Attr(f.Element(_, two), "wt" | "waited")):
                 if not self._window:
                     return False
                 # Shortly after an arrival the difference to who is not there, and waits for 0 s, is within the window.

@@ -17,6 +17,7 @@ from pytest_rvads.physics.world import World, WorldMaker
 from pytest_rvads.runs.lights import STEADY
 from pytest_rvads.runs.run import DT, LATE, Collision, Facts, Fault, Halt, Run
 from pytest_rvads.runs.states import GONE, Colour
+from pytest_rvads.runs.vehicle import usual_radius
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 from pytest_rvads.simulators.patience import TooLate, watch
@@ -138,7 +139,9 @@ class Loop:
             provenance["late"] = halt.reason
         else:
             provenance |= {"timing": timed} if timed else {}
-        facts = Facts(case.scenario.under_test, SPEED_LIMIT, self.strayed)
+        bodies = zip((agent.name for agent in self._agents), self._vehicles, strict=True)
+        radii = ((name, v.turning_radius) for name, v in bodies if not math.isclose(v.turning_radius, usual_radius(v.length)))
+        facts = Facts(case.scenario.under_test, SPEED_LIMIT, self.strayed, tuple(radii))
         return self.recorder.run(case.scenario.name, self.junction, tuple(self.collisions), self.fault, facts, provenance)
 
     def _halted(self, halt: Halt) -> None:

@@ -11,17 +11,18 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from pytest_rvads.conduct.validate import impossible
 from pytest_rvads.drivers.naming import at
 from pytest_rvads.errors import RunError, ScenarioError, needs, require, suggest
-from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Agent
+from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.choice import choice
 from pytest_rvads.simulators.patience import TooLate, Watch
 from pytest_rvads.simulators.planar import usual
 
-__all__ = ["SIMULATORS", "Simulator", "meant", "named", "simulate", "usable", "vmax"]
+__all__ = ["SIMULATORS", "Simulator", "answered", "made_by", "meant", "named", "simulate", "usable", "vmax"]
 
 
 class Simulator(Protocol):
@@ -142,7 +143,20 @@ def simulate(case: Case, simulator: Simulator | None = None) -> Run:
     Raises:
         MapError: it is not known where the lanes of the junction lie.
         ScenarioError: a vehicle does not fit on its approach, two start inside each other, or `simulator` is none.
-        RunError: what the simulator returned is not the run of this case; or it took too long outside of all drivers.
+        RunError: what the simulator returned is not the run of this case, can't be, or was cut short without a reason; or it took
+            too long outside of all drivers.
+    """
+    run = answered(case, simulator)
+    wrong = next((str(finding) for finding in impossible(run)), "") or _cut(run, case)
+    if wrong:
+        raise RunError(f"the simulator {meant(simulator).name!r} gives a run that can't be, {run.label}: {wrong}")
+    return run
+
+
+def answered(case: Case, simulator: Simulator | None = None) -> Run:
+    """Return what a simulator answers a case with, looked at no further than that it is the run of this case.
+
+    Raises and takes what `simulate` does.
     """
     require(case, Case, "simulate takes a case: write simulate(rvads.Case(scenario, driver))", ScenarioError)
     maker = meant(simulator)
@@ -161,6 +175,15 @@ def simulate(case: Case, simulator: Simulator | None = None) -> Run:
                 f"expected {expected!s:.200}"
             )
     return run
+
+
+def made_by(simulator: Simulator, run: Run) -> str:
+    """Return the name of what made a run: of a shipped simulator that another one asked for it, else of `simulator` itself.
+
+    ``sumo`` leaves cases in which SUMO is to drive nobody to the usual simulator.
+    """
+    told = str(run.provenance.get("simulator"))
+    return told if {simulator.name, told} <= SIMULATORS.keys() else simulator.name
 
 
 def vmax(
@@ -194,6 +217,22 @@ def vmax(
             f"{distance!r} m"
         )
     return number
+
+
+def _cut(run: Run, case: Case) -> str:
+    """Return what is wrong with the clock of a run or with its end, or nothing."""
+    if run.dt != DT:
+        return f"its states are {run.dt:g} s apart, expected {DT:g} s"
+    more = run.steps - 1 - round(case.scenario.duration / DT)
+    if more > 0:
+        return f"it goes on for {more} states after the scenario's {case.scenario.duration:g} s"
+    if more == 0 or run.fault or run.collisions or run.facts.strayed:
+        return ""
+    ways = case.scenario.itineraries()
+    gone = run.zone[-1] >= Zone.EXIT if run.station is None else run.station[-1] >= [way.leave for way in ways]
+    here = [agent.name for agent, left in zip(run.agents, gone, strict=True) if not left]
+    told = "nobody collided, left its route or failed: simulate it to its end, or tell what ended it as Run.fault"
+    return f"it ends at {run.duration:.2f} s without a reason: {' and '.join(here)} had not left yet, {told}" if here else ""
 
 
 def _made(maker: Simulator, case: Case) -> Run:

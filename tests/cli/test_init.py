@@ -9,6 +9,7 @@ import pytest
 from pytest_rvads.cli import main
 from pytest_rvads.cli.init_command import WORKFLOW
 from pytest_rvads.junctions.builtin import path_of
+from pytest_rvads.opendrive.writer import Layout, opendrive
 
 ROOT = Path(__file__).parents[2]
 DRIVES = ROOT / "examples" / "drives"
@@ -28,14 +29,15 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 
 @pytest.mark.extended
-def test_the_first_session_fails_by_one_rule_which_is_mended_in_the_file(
+def test_the_first_session_fails_by_two_rules_the_first_of_which_is_mended_in_the_file(
     pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = told(capsys)
     assert lines[:3] == ["wrote conftest.py", "wrote test_rules.py", "next: pytest"]
     result = pytester.runpytest()
-    assert result.parseoutcomes() == {"passed": 8, "failed": 1, "skipped": 1}
+    assert result.parseoutcomes() == {"passed": 20, "failed": 4, "skipped": 6}
     result.stdout.fnmatch_lines(["E *full_stop at t=* s: a0 entered the junction before it had stopped at the line"])
+    result.stdout.fnmatch_lines(["E *first_come at t=* s: a0 entered the junction before *"])
     result.stdout.fnmatch_lines(["driven by conftest.MyController*"])
 
     conftest = pytester.path / "conftest.py"
@@ -53,7 +55,7 @@ def test_the_first_session_fails_by_one_rule_which_is_mended_in_the_file(
     )
     conftest.write_text(better, "utf-8")
     result = pytester.runpytest("-k", "full_stop")
-    assert result.parseoutcomes() == {"passed": 1, "deselected": 9}
+    assert result.parseoutcomes() == {"passed": 3, "deselected": 27}
 
 
 def test_files_go_into_a_folder_that_is_made(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
@@ -82,7 +84,7 @@ def test_a_stack_drives_from_the_folder_of_the_tests(pytester: pytest.Pytester, 
     lines = told(capsys, "rules", "--stack", f"{sys.executable} example.py --fast")
     assert not any("There is no program" in line for line in lines)
     result = pytester.runpytest("rules")  # from another folder than that of the program
-    assert result.parseoutcomes() == {"passed": 9, "skipped": 1}
+    assert result.parseoutcomes() == {"passed": 23, "skipped": 7}
     result.stdout.fnmatch_lines(["driven by stack *example.py --fast*"])
 
 
@@ -100,16 +102,17 @@ def test_a_stack_that_lies_here_is_found(pytester: pytest.Pytester, capsys: pyte
 
 
 @pytest.mark.extended
-@pytest.mark.parametrize(("name", "grid"), [("light3", "H"), ("stop3", "C")])
+@pytest.mark.parametrize(("name", "grid", "first"), [("light3", "('S42', 'S53')", "H"), ("stop3", "('S21', 'S46')", "C")])
 def test_a_map_is_driven_at_its_first_junction(
-    pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str], name: str, grid: str
+    pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str], name: str, grid: str, first: str
 ) -> None:
     """Found from the tests, wherever pytest is started; lights are red for somebody."""
     shutil.copy(path_of(name), "mine.xodr")
     told(capsys, "rules", "--map", "mine.xodr")
-    assert f"map='../mine.xodr', subject=\"all\", cover=\"conflicts\", grid='{grid}'" in Path("rules/test_rules.py").read_text(
-        "utf-8"
-    )
+    text = Path("rules/test_rules.py").read_text("utf-8")
+    assert "\"map\": '../mine.xodr', \"subject\": \"all\"" in text
+    assert f'cover="conflicts", grid={grid}' in text
+    assert f"scenarios=('100', '200', '010', '020', '001', '002'), grid='{first}'" in text
     result = pytester.runpytest("rules", "-k", "as122")
     outcomes = result.parseoutcomes()
     assert outcomes["passed"] > outcomes["failed"] > 0
@@ -121,6 +124,21 @@ def test_a_junction_of_a_map_may_be_named(pytester: pytest.Pytester, capsys: pyt
     told(capsys, "--map", "mine.xodr", "--junction", "1")
     assert "@rvads.scenario('1', " in Path("test_rules.py").read_text("utf-8")
     assert "has no junction '7'" in refused(capsys, "other", "--map", "mine.xodr", "--junction", "7")
+
+
+@pytest.mark.extended
+def test_movements_that_no_car_can_follow_are_left_out_and_counted(
+    pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Right turns have a radius of 3.25 m there."""
+    Path("mine.xodr").write_text(opendrive(Layout(stop=5.0)), encoding="utf-8")
+    told(capsys, "--map", "mine.xodr")
+    result = pytester.runpytest("-k", "keep_lane", "--collect-only", "-q")
+    codes = {line.partition("-as")[2][:4] for line in result.outlines if "-as" in line}
+    assert codes
+    assert not any("1" in code for code in codes)
+    result = pytester.runpytest("-k", "keep_lane", "--rvads-sample=1")
+    result.stdout.fnmatch_lines(["4 movements left out: no car can follow a bend of less than 3.9 m *"])
 
 
 def test_recordings_are_judged_and_nothing_drives(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,7 @@ ERROR NOT JUDGED NOT RUN are outcomes. What is not mentioned is PASS or NA.
 
 from dataclasses import dataclass
 
-__all__ = ["CHEATS", "INNOCENTS", "Entry"]
+__all__ = ["CHEATS", "INNOCENTS", "UNWATCHED", "Entry"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -888,5 +888,22 @@ INNOCENTS = (
     Entry("queue_behind_another", RECORDINGS, "stands at green behind who does not go", "`progress` PROVOKED"),
     Entry(
         "no_time_to_react", RECORDINGS, "enters less than a second after who runs the sign", "p1 PROVOKED, `full_stop` PROVOKED"
+    ),
+)
+
+UNWATCHED = (
+    Entry(
+        "yellow_that_it_could_have_stopped_for",
+        DRIVING,
+        "enters on yellow, which it could have stopped for",
+        "`red` NA: only who enters on red is asked",
+    ),
+    Entry("slow_driving", DRIVING, "drives at 2 m/s where 11 m/s are allowed", "`progress` PASS: walking pace is progress"),
+    Entry("tailgating", CONFLICTS, "follows another at 10 m/s and a distance of 1 m", "`no_collision` PASS: nobody was touched"),
+    Entry(
+        "brake_test",
+        CONFLICTS,
+        "brakes hard on the road for no reason, so that the vehicle behind has to",
+        "`no_collision` PASS: nobody was touched",
     ),
 )

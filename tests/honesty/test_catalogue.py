@@ -9,11 +9,11 @@ import pytest
 
 from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD
 
-from .catalogue import CHEATS, INNOCENTS
+from .catalogue import CHEATS, INNOCENTS, UNWATCHED
 from .shown import SHOWN
 
 ROOT = Path(__file__).parents[2]
-EVERY = (*CHEATS, *INNOCENTS)
+EVERY = (*CHEATS, *INNOCENTS, *UNWATCHED)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -31,6 +31,9 @@ def test_every_entry_is_shown_by_one_test() -> None:
 def test_an_entry_is_where_it_belongs() -> None:
     innocent = {name for name, tests in SHOWN.items() if all(".test_innocent_" in test for test in tests)}
     assert innocent == {entry.name for entry in INNOCENTS}
+    assert {name for name, tests in SHOWN.items() if all(".test_unwatched." in test for test in tests)} == {
+        entry.name for entry in UNWATCHED
+    }
 
 
 @pytest.mark.extended

@@ -59,7 +59,7 @@ def traffic(drive: Make) -> dict[str, Run]:
 @pytest.fixture(scope="module")
 def waiting(drive: Make) -> list[Run]:
     """Runs in which somebody waits in vain: for nobody, and after its light has turned green; and one in which nobody does."""
-    vain = {0: (2, -0.5, [(0, 0.0), (1300, 8.0)]), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (400, 8.0)])}
+    vain = {0: (2, -0.5, [(0, 0.0), (1300, 8.0)]), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (250, 8.0)])}
     late, comes = {0: (2, -0.5, [(0, 0.0)])}, {0: (2, -90.0, [(0, 8.0)])}
     lights = {0: [(0, RED), (200, GREEN)]}
     return [drive("stop4", vain, 1400), drive("light4", late, 1300, lights), drive("light4", comes, 1100, lights)]
@@ -142,7 +142,7 @@ def test_wrong_use_is_told(make: Make) -> None:
     for zone in ([0], [0, float("nan")], [[0, 0]]):
         with pytest.raises(RunError, match="zone of a state must be 2 finite numbers, got"):
             monitor.step(zone)
-    with pytest.raises(RunError, match="the run holds no speeds"):
+    with pytest.raises(RunError, match="the run holds no positions"):
         monitor.step([1, 0])
     with pytest.raises(RunError, match="the run holds no speed limit"):
         RuleMonitor("speed_limit", run.junction, run.agents).step([0, 0], speed=[1.0, 1.0])

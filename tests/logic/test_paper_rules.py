@@ -237,7 +237,7 @@ def test_comparisons_of_waiting_times_up_to_a_tie(make: Make, sign: str, inside:
 
 def test_a_tie_window_can_be_unsatisfiable_in_a_triple(make: Make) -> None:
     # 0 and 1 tie, 1 and 2 tie, but 2 came clearly after 0: 0 yields to 1, 1 yields to 2, 2 yields to 0.
-    run = make("stop4", {0: (2, 10, 500, 600), 1: (2, 50, 200, 300), 2: (2, 90, 350, 400)}, 800)
+    run = make("stop4", {0: (2, 10, 500, 600), 1: (2, 50, 200, 300), 2: (3, 90, 350, 400)}, 800)
     verdict = check(run, "right_first")
     assert verdict.status is Status.FAIL
     assert verdict.notes[0].startswith("the order of the arrivals is a cycle (a0 -> a1 -> a2 -> a0)")

@@ -32,7 +32,7 @@ def wait(direction: int, go: int) -> Any:
 Broken = tuple[str, dict[int, Any], list[Any]]
 BREAKS: dict[str, Broken] = {
     "full_stop": ("stop4", {0: (2, -10.0, [(0, 5.0)])}, []),
-    "first_come": ("stop4", {0: wait(2, 800), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (400, 8.0)])}, []),
+    "first_come": ("stop4", {0: wait(2, 800), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (250, 8.0)])}, []),
     "right_first": ("stop4", {0: wait(2, 100), 1: wait(2, 900)}, []),
     "red": ("light4", {1: wait(2, 100)}, []),
     "right_on_red": ("light4", {1: (1, -10.0, [(0, 5.0)])}, []),
@@ -91,11 +91,11 @@ def test_right_on_red_yields_to_who_comes_from_the_left_on_green(drive: Make) ->
     after = drive("light4", {1: wait(1, 500), 0: wait(2, 100)}, 1500, CROSS)
     verdict = check(before, "right_on_red")
     assert (verdict.status, verdict.responsible) == ("FAIL", ("a1",))
-    # a0 sets off at 1.2 s; a1 has left the place where it comes onto their common way less than a second before.
-    common = shared(before, 1, 0)
+    # a0 has had green for 1 s when a1 sets off: a1 takes the shared stretch from a vehicle that is about to go.
+    common = shared(before, 0, 1)
     assert common is not None
-    arrives = 1.2 + (common.mine.start + 0.5) / 8.0
-    assert verdict.time == pytest.approx(arrives, abs=0.011)
+    takes = 1.0 + (common.mine.start + 0.5) / 8.0
+    assert verdict.time == pytest.approx(takes, abs=0.011)
     assert verdict.message == f"right_on_red at t={verdict.time:.2f} s: a1 gets in the way of a0"
     assert check(after, "right_on_red").status == "PASS"
 

@@ -7,7 +7,7 @@ import pytest
 
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.road_map import RoadMap
-from pytest_rvads.maps.control import JunctionControl, ObjectKind
+from pytest_rvads.maps.control import JunctionControl, MapObject, ObjectKind, sign_setback_of
 from pytest_rvads.opendrive.records import Signal
 from pytest_rvads.opendrive.signals import kind_of
 
@@ -178,6 +178,13 @@ def test_the_stopping_line(read: Read, tree: Tree, line: str | None, sign_at: st
     report = read(root).report("1")
     assert report.setbacks == pytest.approx((setback,) * 4, abs=1e-6)
     assert report.sign_setbacks == (pytest.approx((posted,) * 4, abs=1e-6) if posted is not None else (None,) * 4)
+
+
+def test_of_two_stop_signs_the_nearer_counts() -> None:
+    signs = [MapObject(f"s{back:g}", ObjectKind.STOP, "1", "e", 50.0 - back, back) for back in (8.0, 2.0)]
+    assert sign_setback_of(signs) == 2.0
+    line = MapObject("line", ObjectKind.LINE, "1", "e", 42.0, 8.0)
+    assert sign_setback_of([*signs, line]) == 2.0, "though the farther one stands at the line"
 
 
 def test_lights_set_no_stopping_line_and_lines_set_no_control(read: Read, tree: Tree) -> None:

@@ -66,9 +66,21 @@ def p3(traffic: Traffic) -> Found:
 
 
 def first_come(traffic: Traffic) -> Found:
-    """The same where it has waited clearly shorter, and comes from another arm."""
-    arms = {vehicle.name: vehicle.origin for vehicle in traffic.vehicles}
-    return {found for found in in_order(traffic, TIE) if arms[found[0]] != arms[found[1]]}
+    """The same where it has waited clearly shorter, comes from another arm, and their ways cross or join."""
+    ways = {vehicle.name: (vehicle.origin, vehicle.goal) for vehicle in traffic.vehicles}
+    return {found for found in in_order(traffic, TIE) if meet(*(ways[name] for name in found))}
+
+
+def meet(one: tuple[str, str], two: tuple[str, str]) -> bool:
+    """Return whether the ways from arm to arm of two vehicles from different arms cross or join.
+
+    Counter-clockwise around the junction each arm has its exit, then its entrance: ways cross where these points alternate.
+    """
+    if one[0] == two[0] or one[1] == two[1]:
+        return one[0] != two[0]
+    (a, b), (c, d) = ((2 * "NWSE".index(origin) + 1, 2 * "NWSE".index(goal)) for origin, goal in (one, two))
+    low, high = sorted((a, b))
+    return (low < c < high) != (low < d < high)
 
 
 def in_order(traffic: Traffic, tie: int) -> Found:

@@ -122,8 +122,8 @@ def test_all_scenarios_and_orders_of_an_x() -> None:
 def test_a_whole_rulebook_is_decided() -> None:
     """Many of its conditions are unknown to the abstraction; those that suit every rule in one way need not be tried."""
     road = rules_for("road", rvads.find("stop4").control)
-    assert not decide(model("stop4", (1, 1, 3, 3), (0, 0, 0, 0)), road).possible
-    assert decide(model("stop4", (1, 1, 3, 3), (0, 0, 0, 60)), road).possible
+    assert not decide(model("stop4", (2, 2, 2, 2), (0, 0, 0, 0)), road).possible
+    assert decide(model("stop4", (2, 2, 2, 2), (0, 0, 0, 60)), road).possible
 
 
 def test_what_suits_every_rule_in_one_way_changes_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,10 +16,15 @@ from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.physics.body import Body
+from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.runs.states import Zone
-from pytest_rvads.scenarios.case import Case
+from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 
@@ -98,6 +104,43 @@ def test_a_good_driver_keeps_its_lane(code: str) -> None:
         assert check(run, rule).status == "PASS"
 
 
+@pytest.fixture(scope="module")
+def tight(tmp_path_factory: pytest.TempPathFactory) -> Junction:
+    """Right turns from a stopping line 5 m before the centre to another one: their radius is 5 m less half a lane, 3.25 m."""
+    path = tmp_path_factory.mktemp("map") / "tight.xodr"
+    path.write_text(opendrive(Layout(stop=5.0)), encoding="utf-8")
+    return find("1", path)
+
+
+def test_a_bend_below_the_turning_radius_makes_keep_lane_unavoidable(tight: Junction) -> None:
+    """A car of 2.7 m wheelbase and 0.61 rad needs 2.7 / tan(0.61) = 3.9 m; a shorter one of 2 m needs 2.9 m."""
+    run = simulate(Case(Scenario(tight, "1000", distance=20, subject=0), Reference, traffic=Reference))
+    verdict = check(run, "keep_lane")
+    assert (verdict.status, verdict.unavoidable) == ("FAIL", True)
+    assert "the bend is too tight for the vehicle" in verdict.message
+    assert "bends with a radius of 3.2 m, and a0 can't steer below 3.9 m" in verdict.explanation
+    short = replace(run, facts=replace(run.facts, turning=(("a0", 2.9),)))
+    assert not check(short, "keep_lane").unavoidable, "a vehicle that can follow the bend has to"
+
+
+def test_on_the_roads_around_a_tight_bend_the_lane_is_kept(tight: Junction, drive: Make) -> None:
+    for station in (-20.0, 12.0):  # before it, and with the rear 2 m behind it
+        run = drive(tight, {0: (1, station, [(0, 1.0)], 2.0)}, 100)
+        assert off_lane(run, 0).all()
+        assert not check(run, "keep_lane").unavoidable
+    inside = drive(tight, {0: (1, 3.0, [(0, 1.0)], 2.1)}, 100)
+    assert check(inside, "keep_lane").unavoidable
+
+
+def test_a_run_tells_who_steers_otherwise_than_a_usual_car_of_its_length(tight: Junction, tmp_path: Path) -> None:
+    fleet = Fleet(Vehicle(), {"a1": Vehicle(steering_limit=0.4), "a2": Vehicle(length=9.2, front_axle=2.4, rear_axle=3.0)})
+    run = simulate(Case(Scenario(tight, "2222", distance=5, duration=0.1), Reference, fleet=fleet))
+    assert run.facts.turning == (("a1", pytest.approx(2.7 / np.tan(0.4))),), "twice as long, a usual car has twice the wheelbase"
+    save_run(run, tmp_path / "run.npz")
+    assert load_run(tmp_path / "run.npz") == run
+    assert replace(run, facts=replace(run.facts, turning=())) != run
+
+
 @pytest.mark.parametrize("side", [1, -1])
 def test_leaving_the_route_is_the_driver_s_violation(side: int) -> None:
     class Lost(Follower):
@@ -126,6 +169,21 @@ def test_a_front_that_swings_out_is_on_the_route_while_the_rear_axle_is() -> Non
     # 3.68 m behind the front, the axle is 1.5 m to the side when the body is turned by 0.46 rad.
     assert not beside(way, 30.0, 3.1, 0.48, -20.0, 4.6)
     assert beside(way, 30.0, 3.1, 0.40, -20.0, 4.6)
+
+
+@pytest.mark.parametrize(("turned", "strayed"), [(0.48, False), (0.40, True)])
+def test_a_run_and_its_simulation_ask_for_the_rear_axle_as_well(drive: Make, turned: float, strayed: bool) -> None:
+    """The front is 3.1 m beside its way; the axle is 3.68 m times the sine of the turn nearer to it: 1.4 or 1.67 m beside."""
+    run = drive("stop4", {0: (2, -30.0, [(0, 0.0)], 3.1)}, 2)
+    pose = run.need("pose").copy()
+    pose[:, 0, 2] += turned
+    assert off_route(replace(run, pose=pose), 0).all() == strayed
+    x, y, heading = pose[0, 0]
+    car, way = Vehicle(), Itinerary.through(run.junction, 0, 2)
+    body = Body(run.agents[0], way, -30.0, car, 1)
+    ahead = car.gravity_offset
+    body.sample(Motion(x - ahead * np.cos(heading), y - ahead * np.sin(heading), heading, 1.0, 0.0, 0.0))
+    assert body.strayed == strayed
 
 
 def test_without_a_map_nothing_is_said(drive: Make, topology: Callable[[Junction], Junction]) -> None:

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.priority import BEND_BRAKING, DUE, HARD_BRAKING, MIN_GAP, due, obstructs, owes
+from pytest_rvads.conduct.priority import BEND_BRAKING, HARD_BRAKING, MIN_GAP, obstructs, owes
+from pytest_rvads.conduct.rights import DUE, due
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.junctions.finder import find
@@ -54,8 +55,9 @@ def test_who_stands_first_at_its_green_light_is_due_and_at_red_is_not(drive: Mak
     stretch = common().yours
     stands = meeting(drive, at(-50.0, (0, 0.0)), at(-0.5, (0, 0.0)), 20, {**CROSS, 2: [(0, R), (10, G), (15, Y)]})
     assert due(stands, 1, stretch).tolist() == [False] * 10 + [True] * 5 + [False] * 5
-    far = meeting(drive, at(-50.0, (0, 0.0)), at(-1.5, (0, 0.0)), 1)
-    assert not due(far, 1, stretch)[0], "not at its line"
+    near, far = (meeting(drive, at(-50.0, (0, 0.0)), at(station, (0, 0.0)), 1) for station in (-4.9, -5.1))
+    assert due(near, 1, stretch)[0]
+    assert not due(far, 1, stretch)[0], "not in its stop place"
 
 
 def test_who_has_passed_is_not_due_any_more(drive: Make) -> None:
@@ -80,9 +82,10 @@ def test_a_left_turn_owes_the_way_to_oncoming_traffic_with_the_right_to_go(drive
     assert not owed({**CROSS, 0: [(0, R)]}), "at red it has to wait for green, not for anybody"
 
 
-def test_it_owes_it_at_its_entrance_and_inside_up_to_the_shared_stretch(drive: Make) -> None:
+def test_the_way_is_owed_from_the_entrance_zone_until_the_rear_has_left_the_stretch(drive: Make) -> None:
     stretch = common().mine
-    for station, owed in ((-1.1, False), (-0.9, True), (stretch.start - 0.1, True), (stretch.start + 0.1, False)):
+    clear = stretch.end + 4.6
+    for station, owed in ((-1.1, False), (-0.9, True), (stretch.start + 0.1, True), (clear - 0.1, True)):
         run = meeting(drive, at(station, (0, 0.0)), at(-10.0, (0, 8.0)), 1)
         assert owes(run, 0, 1)[0] == owed, station
 
@@ -127,7 +130,7 @@ def test_under_a_second_behind_is_too_near(drive: Make, gap: float, taken: bool)
     assert bool(len(hits)) == taken
     if taken:
         arrives = np.flatnonzero(run.need("station")[:, 1] >= common().yours.start)[0]
-        assert hits.tolist() == [arrives], "when the other one comes to the place"
+        assert hits[0] == arrives, "when the other one comes to the place"
         takes = np.flatnonzero(run.need("station")[:, 0] >= common().mine.start)[0]
         assert owes(run, 0, 1)[takes : hits[0] + 1].all(), "from where the ways meet until the other one is there"
 
@@ -204,7 +207,11 @@ def test_touching_counts_whatever_the_times_say(drive: Make) -> None:
     taking = np.flatnonzero((station[:, 0] > mine.start) & (station[:, 1] < yours.start))
     pose = run.need("pose").copy()
     pose[taking[5], 1] = pose[taking[5], 0]
-    touching = replace(run, pose=pose, collisions=None)
+    apart = replace(run, pose=pose, collisions=None)
+    assert not obstructs(apart, 0, 1).any(), "the other vehicle has not come to the shared stretch"
+    station = station.copy()
+    station[taking[5], 1] = yours.start
+    touching = replace(apart, station=station)
     assert np.flatnonzero(obstructs(touching, 0, 1)).tolist() == [taking[5]]
 
 

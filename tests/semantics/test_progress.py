@@ -18,7 +18,7 @@ from pytest_rvads.conduct.progress import (
     lost_time,
     may_go,
 )
-from pytest_rvads.conduct.waiting import PACE, comes_first
+from pytest_rvads.conduct.rights import PACE, comes_first
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check

@@ -5,15 +5,18 @@ import json
 import sys
 import textwrap
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
 from pytest_rvads.errors import ScenarioError
+from pytest_rvads.runs.run import Collision
 from pytest_rvads.search.falsify import look_for
 from pytest_rvads.search.relations import RELATIONS
 from pytest_rvads.simulators.choice import Choice, choice, choosing
@@ -305,6 +308,79 @@ def test_whoever_asks_for_a_run_is_told_of_an_answer_that_is_another_one(answer:
     ):
         with pytest.raises(rvads.RunError, match=wrong):
             ask()
+
+
+def part(run: rvads.Run, states: Any) -> rvads.Run:
+    """Some of the states of a run, as if they were all."""
+    arrays = {name: getattr(run, name)[states] for name in ("zone", "lights", "station", "speed", "pose", "controls")}
+    return replace(run, **arrays)
+
+
+def over_the_entrance(run: rvads.Run) -> rvads.Run:
+    return replace(run, zone=np.where(run.zone == rvads.Zone.ENTRANCE, np.int8(rvads.Zone.APPROACH), run.zone))
+
+
+def standing_until_26_s(run: rvads.Run) -> rvads.Run:
+    longer = part(run, np.minimum(np.arange(2601), run.steps - 1))
+    return replace(longer, speed=np.where(np.arange(2601)[:, None] < run.steps, longer.need("speed"), 0.0))
+
+
+def backwards_for_a_second(run: rvads.Run) -> rvads.Run:
+    speed = run.need("speed").copy()
+    speed[100:200] *= -1.0
+    return replace(run, speed=speed)
+
+
+IMPOSSIBLE: dict[str, tuple[Callable[[rvads.Run], rvads.Run], str]] = {
+    "cut": (lambda run: part(run, slice(301)), "it ends at 3.00 s without a reason: a0 and a1 had not left yet"),
+    "too long": (standing_until_26_s, "it goes on for 100 states after the scenario's 25 s"),
+    "zone skipped": (over_the_entrance, "a0 jumps on the graph at .* s: from approach to junction in one step"),
+    "double step": (lambda run: replace(part(run, slice(0, None, 2)), dt=0.02), "its states are 0.02 s apart, expected 0.01 s"),
+    "every other state": (lambda run: part(run, slice(0, None, 2)), "a0 moves ahead at .* m/s at .* s, its speed is given as"),
+    "negative speeds": (lambda run: replace(run, speed=-run.speed), "a0 moves ahead at .* its speed is given as -"),
+    "some negative speeds": (backwards_for_a_second, "a0 moves ahead at .* its speed is given as -"),
+    "km/h": (lambda run: replace(run, speed=3.6 * run.speed), "a0 moves ahead at .* its speed is given as"),
+    "strangers collide": (
+        lambda run: replace(run, collisions=(Collision(1.0, ("a0", "b7"), 3.0),)),
+        "the collisions name 'b7', which is none of the vehicles a0, a1",
+    ),
+    "NaN": (lambda run: replace(run, station=run.station * np.nan), "station of a0 at 0.00 s is not a finite number"),
+}
+
+
+@pytest.mark.parametrize(("change", "wrong"), IMPOSSIBLE.values(), ids=IMPOSSIBLE)
+def test_a_run_that_cannot_be_is_refused(change: Callable[[rvads.Run], rvads.Run], wrong: str) -> None:
+    class Wrong(Counting):
+        def __call__(self, case: rvads.Case) -> rvads.Run:
+            return change(usual()(case))
+
+    with pytest.raises(rvads.RunError, match=rf"^the simulator 'counting' gives a run that can't be, stop4-.*: {wrong}"):
+        rvads.simulate(case("stop4", "2200"), Wrong())
+
+
+def test_a_cut_run_with_a_reason_is_judged() -> None:
+    class Failing(Counting):
+        def __call__(self, case: rvads.Case) -> rvads.Run:
+            return replace(part(usual()(case), slice(301)), fault=rvads.Fault(3.0, "a0", "the plant failed"))
+
+    assert rvads.simulate(case("stop4", "2200"), Failing()).duration == 3.0
+
+
+def test_a_run_that_is_cut_without_a_reason_is_an_error_of_its_items(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(own=OWN.replace("return usual()(case)", "return replace(usual()(case.but(duration=3.0)), label=LABEL)"))
+    own = pytester.path / "own.py"
+    label = "stop4-class01-as1111-cfgC"
+    own.write_text(f"from dataclasses import replace\nLABEL = {label!r}\n{own.read_text(encoding='utf-8')}", encoding="utf-8")
+    pytester.makepyfile("""
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", classes=1, grid="C", rules=("p1", "full_stop"))
+        def test_it(rule, monitor):
+            monitor.check(rule)
+    """)
+    result = pytester.runpytest("--rvads-autopilot=reference", "--rvads-simulator=own:counting", "-p", "no:cacheprovider")
+    result.assert_outcomes(errors=2)
+    result.stdout.fnmatch_lines(["*it ends at 3.00 s without a reason: a0 and a1 and a2 and a3 had not left yet*"])
 
 
 @pytest.mark.extended

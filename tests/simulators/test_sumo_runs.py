@@ -187,7 +187,7 @@ def test_where_sumo_drives_nobody_it_is_not_needed() -> None:
     case = rvads.Case(scenario, rvads.Reference)
     ours, other = rvads.simulate(case, rvads.sumo), rvads.simulate(case)
     assert ours.hash == other.hash
-    assert ours.provenance["simulator"] == "sumo"
+    assert ours.provenance["simulator"] == usual().name
 
 
 def test_senses_that_are_not_ideal_are_refused_for_sumos_driver_only() -> None:

@@ -1,10 +1,13 @@
 """Sessions of pytest in which SUMO simulates."""
 
+import json
 from pathlib import Path
 
 import pytest
 
 from pytest_rvads.simulators import simulator as choosing
+from pytest_rvads.simulators.planar import usual
+from pytest_rvads.simulators.sumo import sumo_simulator
 
 from .with_sumo import needs_sumo
 
@@ -47,6 +50,30 @@ def test_sumo_is_the_traffic_around_a_driver_of_ours_and_ids_name_it(pytester: p
     result = pytester.runpytest(SUMO, "--rvads-autopilot=reference", "-v")
     result.assert_outcomes(passed=4)
     result.stdout.fnmatch_lines(["*test_among?stop4-class00-as2200-s0-cfgC-sumo-full_stop? PASSED*"])
+
+
+def test_a_session_says_of_each_run_what_simulated_it(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(AMONG)
+    result = pytester.runpytest(SUMO, "--rvads-autopilot=reference", "--rvads-report=report.json")
+    result.stdout.fnmatch_lines([f"simulated by {usual().name} (*): 1 run", "simulated by sumo (libsumo *): 1 run"])
+    records = json.loads((pytester.path / "report.json").read_text(encoding="utf-8"))["records"]
+    assert {(r["traffic"], r["simulator"]) for r in records} == {("reference", usual().name), ("sumo", "sumo")}
+
+
+def test_where_no_run_was_made_nothing_simulated(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytester.makeconftest("""
+        import pytest
+        import pytest_rvads as rvads
+
+        @pytest.fixture(scope="session")
+        def rvads_simulator():
+            return rvads.sumo
+    """)
+    pytester.makepyfile(AMONG)
+    monkeypatch.setattr(sumo_simulator, "find_spec", lambda _name: None)
+    result = pytester.runpytest("--rvads-autopilot=reference")
+    assert result.parseoutcomes() == {"errors": 4}
+    result.stdout.no_fnmatch_line("*simulated by*")
 
 
 def test_sumos_driver_in_another_simulator_is_an_error_that_says_what_to_add(pytester: pytest.Pytester) -> None:

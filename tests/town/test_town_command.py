@@ -11,6 +11,7 @@ import pytest
 from pytest_rvads.campaigns import answering, replays
 from pytest_rvads.cli import main
 from pytest_rvads.junctions.builtin import path_of
+from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.report.files import load
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.session_report import Report
@@ -279,3 +280,13 @@ def test_where_no_folder_can_be_is_told_in_a_sentence_before_anything_runs(
     assert status == 2
     assert f"-o must name a folder to write to, got {where!r}, which can't be made (" in err
     assert "runs\n" not in err.partition("rvads: ")[2]
+
+
+def test_movements_that_no_car_can_follow_are_left_out_and_counted(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    (folder / "tight.xodr").write_text(opendrive(Layout(stop=5.0)), encoding="utf-8")
+    told = "4 movements left out: no car can follow a bend of less than 3.9 m (cover 'class' takes them all the same)"
+    status, out, err = ran(capsys, "tight.xodr", "--autopilot", "reference", *SHORT, "--rules", "keep_lane", "-o", "town")
+    assert status == 0, "the reference keeps its lane elsewhere"
+    assert f"{told}: tight.1 from entrance 0 to exit 1" in err
+    assert "4 movements left out" in " ".join(out.split())
+    assert any(note.startswith(told) for note in load(folder / "town" / "town.json").notes)

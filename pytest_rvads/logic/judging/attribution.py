@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 from pytest_rvads.conduct.blame import cut_short_by
 from pytest_rvads.conduct.predicates import extract
+from pytest_rvads.conduct.rights import held
 from pytest_rvads.conduct.standing import drives
+from pytest_rvads.errors import RunError
 from pytest_rvads.logic.judging.cycle import unavoidable
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Judgement, asked, judge
@@ -102,8 +104,18 @@ def _excused(found: Sequence[Judgement], rule: Rule, values: Values, book: RuleB
     return bool(others) or any(waits(j, subject) for j in found) or _held(rule, run, subject, book)
 
 
+def _owes_the_way(run: Run, subject: str) -> bool:
+    """Return whether the subject owes the way to a vehicle that comes or stands at its line as the run ends."""
+    try:
+        return any(held(run)[-1, column] for column, agent in enumerate(run.agents) if agent.name == subject)
+    except RunError:
+        return False
+
+
 def _held(rule: Rule, run: Run, subject: str, book: RuleBook) -> bool:
     """Return whether another rule of its rulebook still makes the subject wait: then it keeps others waiting with good reason."""
+    if _owes_the_way(run, subject):
+        return True
     static = extract(run)
     shelf = (rules_for(name, run.junction) for name in ("paper", "road"))
     rules = {*(book[name] for name in rule.companions), *(r for rules in shelf if rule in rules for r in rules)}

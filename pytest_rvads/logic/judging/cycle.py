@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.lane import off_lane, too_tight
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Judgement, columns
@@ -16,6 +17,7 @@ from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl.boolean import evaluate
 from pytest_rvads.logic.ltl.finite import settle
 from pytest_rvads.logic.rules.shape import Kind, agents_of
+from pytest_rvads.runs.run import Run
 
 __all__ = ["Cycle", "find_cycle", "unavoidable"]
 
@@ -48,10 +50,10 @@ def find_cycle(templates: Iterable[Template], values: Values) -> Cycle | None:
 
 
 def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], values: Values) -> bool:
-    """Return whether nobody could have kept a rule that is violated: all that was broken were cycles, by one vehicle each.
+    """Return whether nobody could have kept a rule that is violated: all that was broken were cycles, or tight bends.
 
     Whoever is in a cycle has to break it, or all wait for ever; but one is enough. What was broken when no cycle was left, or
-    by several at once, could have been kept.
+    by several at once, could have been kept. No vehicle keeps to a movement that bends more tightly than it can steer.
 
     Args:
         found: what the instances of the rule say.
@@ -62,6 +64,9 @@ def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], value
     broken = [j for j in found if j.status is Status.FAIL]
     breakers: dict[int, set[str]] = {}
     for j in broken:
+        lanes = [e.index for atom, _ in j.broken if atom.name == "off_lane" for e in agents_of(atom)]
+        if lanes and len(lanes) == len(j.broken) and all(_beyond_steering(values.run, agent) for agent in lanes):
+            continue
         ends = _ends(j.template)
         if ends is None or not j.failed:
             return False
@@ -71,6 +76,18 @@ def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], value
             return False
         breakers.setdefault(j.failed, set()).add(one)
     return bool(broken) and all(len(agents) == 1 for agents in breakers.values())
+
+
+def _beyond_steering(run: Run, agent: int) -> bool:
+    """Return whether the agent was outside its lane only on a movement that bends more tightly than the vehicle can steer.
+
+    A vehicle is on its movement from its entry into the junction until its rear has left the junction.
+    """
+    if too_tight(run, agent) is None:
+        return False
+    station, length = run.need("station")[:, agent], run.agents[agent].route.length
+    turning = (station > 0.0) & (station - run.size(agent)[0] < length)
+    return not (off_lane(run, agent) & ~turning).any()
 
 
 _Owed = tuple[str, str, NDArray[np.bool_]]

@@ -33,17 +33,23 @@ MOST = 1024
 """Choices of moments that are looked at for one instance, before only the first and the last ones are."""
 
 
-def about_order(template: Template) -> bool:
-    """Return whether an instance speaks of nothing but zones, compared waiting times and colours."""
-    return all(_ordered(atom) for atom in template.atoms)
+def about_order(template: Template, run: Run) -> bool:
+    """Return whether an instance speaks of nothing but zones, compared waiting times and colours.
+
+    Arrivals are known from zones alone where a run holds no positions or no speeds.
+    """
+    by_zone = run.station is None or run.speed is None
+    return all(_ordered(atom, by_zone) for atom in template.atoms)
 
 
-def _ordered(atom: f.Atom) -> bool:
+def _ordered(atom: f.Atom, by_zone: bool) -> bool:
     match atom.name, atom.terms:
         case "@", _:
             return True
+        case (("arrived" | "gives_up"), _):
+            return by_zone
         case _, (f.Attr(_, one), f.Attr(_, two)) if one == two and ATTRIBUTES[one].waited:
-            return True
+            return by_zone or one == "wt"
         case (("=" | "!="), (f.Attr(_, asked), _)) if ATTRIBUTES[asked].codes:
             return True
     return False

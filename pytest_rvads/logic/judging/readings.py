@@ -14,17 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.predicates import once
-from pytest_rvads.conduct.standing import stops
+from pytest_rvads.conduct.priority import owes
+from pytest_rvads.conduct.standing import STANDSTILL, stands, stops
 from pytest_rvads.logic.judging.crossings import certain, crossings
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Hinge, Judgement, judge, unsure
 from pytest_rvads.logic.judging.orders import about_order, plain, reordered
 from pytest_rvads.logic.judging.prepare import Template
+from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.shape import agents_of
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
 
 __all__ = ["SURE", "Reading", "doubted"]
 
@@ -33,6 +36,7 @@ SURE = 3.0
 _SIZES, _SIDES, _PACE, _ALONG = "how near bodies came", "how far beside its way it was", "how fast it was", "how far it had come"
 _ALONE = "how far it had come on its way"
 _BEFORE = "what it did before it was seen"
+_AFTER = "what happened after a vehicle had left the recording before it was clear"
 _ASKS: dict[str, tuple[str, ...]] = {
     "collide": (_SIZES, _ALONG),
     "meet": (_ALONG,),
@@ -42,6 +46,8 @@ _ASKS: dict[str, tuple[str, ...]] = {
     "lane_allows": (_SIDES,),
     "speeding": (_PACE,),
     "stopped": (_PACE, _ALONG, _BEFORE),
+    "arrived": (_PACE, _ALONG, _BEFORE),
+    "gives_up": (_PACE, _ALONG, _BEFORE),
     "blocks": (_PACE, _ALONG),
     "idles": (_PACE, _ALONG),
     "may_go": (_PACE, _ALONG),
@@ -81,13 +87,14 @@ def doubted(found: Sequence[Judgement], values: Values, sampled: Run, *, standin
         sampled: the run as it was recorded, which tells between which samples events lie.
         standing: waiting times count from standstill, so speeds decide orders, too.
     """
-    run, result = values.run, list(found)
+    run = values.run
     if certain(sampled):
-        return result
+        return list(found)
+    result = [unsure(j, Hinge(reading=_AFTER)) if _left_early(run, j) else j for j in found]
     known = crossings(sampled)
     if not known.exact:
-        result = [reordered(j, known, values) if about_order(j.template) and not standing else j for j in result]
-    rest = {k: j for k, j in enumerate(found) if standing or not about_order(j.template)}
+        result = [reordered(j, known, values) if about_order(j.template, run) and not standing else j for j in result]
+    rest = {k: j for k, j in enumerate(found) if standing or not about_order(j.template, run)}
     asked = {ask for j in rest.values() for ask in _asks(j.template)}
     for ask in (a for a in _ORDER if a in asked):
         for reading in _readings(run, ask):
@@ -98,6 +105,14 @@ def doubted(found: Sequence[Judgement], values: Values, sampled: Run, *, standin
                 if plain(other.status) is not plain(j.status):
                     result[k] = unsure(j, Hinge(reading=reading.words))
     return result
+
+
+def _left_early(run: Run, j: Judgement) -> bool:
+    """Return whether a vehicle vanishes while it takes a way that it owes, so that nothing tells whether it obstructs."""
+    if j.status is not Status.PASS or j.ended is None:
+        return False
+    pairs = [[e.index for e in agents_of(atom)] for atom in j.template.atoms if atom.name == "obstructs"]
+    return any(run.zone[j.ended, me] >= Zone.JUNCTION and owes(run, me, you)[j.ended] for me, you in pairs)
 
 
 def _asks(template: Template) -> frozenset[str]:
@@ -186,15 +201,20 @@ def _of_one(run: Run) -> tuple[Reading, ...]:
 
 
 def _of_the_past(run: Run) -> tuple[Reading, ...]:
-    """Return a reading in which who appears where a full stop counts stops there at once, as it may have done before."""
+    """Return readings of what vehicles did before they appear in their stop place.
+
+    In the first reading they stop there as they appear. In the second one they roll until they first move.
+    """
     if run.excerpt is None or run.speed is None or run.station is None:
         return ()
-    speed, driven = run.speed.copy(), np.ones(run.steps, dtype=np.bool_)
-    late = [a for a, (begin, end) in enumerate(run.spans) if end - begin > 1 and stops(run, a, driven)[0][begin]]
+    stopping, rolling = run.speed.copy(), run.speed.copy()
+    late = [a for a, (begin, end) in enumerate(run.spans) if end > begin + 1 and stops(run, a)[0][begin]]
     for agent in late:
-        begin = int(run.spans[agent][0])
-        speed[begin : begin + 2, agent] = 1.0, 0.0
-    return (Reading(_BEFORE, 0.0, replace(run, speed=speed)),) if late else ()
+        begin, end = run.spans[agent]
+        still = stands(run)[begin:end, agent]
+        stopping[begin : begin + 2, agent] = 1.0, 0.0
+        rolling[begin : begin + (len(still) if still.all() else still.argmin()), agent] = 2 * STANDSTILL
+    return tuple(Reading(_BEFORE, 0.0, replace(run, speed=speed)) for speed in (stopping, rolling) if late)
 
 
 def _all_moved(run: Run, asks: str, patterns: Iterable[NDArray[np.float64]]) -> tuple[Reading, ...]:

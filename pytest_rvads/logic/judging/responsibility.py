@@ -5,7 +5,7 @@ from __future__ import annotations
 from pytest_rvads.conduct.blame import Cause, blame, cause_of, stuck, surprised
 from pytest_rvads.conduct.bodies import contacts
 from pytest_rvads.conduct.grounds import may_owe
-from pytest_rvads.conduct.progress import lost_time, part
+from pytest_rvads.conduct.rights import WAIVER, waives
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.judging.judge import Judgement
 from pytest_rvads.logic.judging.verdicts import Status
@@ -13,10 +13,7 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.shape import Kind, agents_of
 from pytest_rvads.runs.run import Run
 
-__all__ = ["SET_OFF", "cause_between", "is_about", "responsible", "waits"]
-
-SET_OFF = 5.0
-"""Whoever is waited for has this long to go before it is to blame [s]."""
+__all__ = ["cause_between", "is_about", "responsible", "waits"]
 
 
 def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
@@ -37,7 +34,7 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
     """Return whether `subject` is to blame for what is violated or open.
 
     It is not where it met somebody in the junction who had to wait and left it no time to react, nor where it went before
-    somebody who could have gone for `SET_OFF` and did not. An obligation that is still
+    a vehicle that waived its right. An obligation that is still
     open is kept by whoever waits; what keeps it open is the vehicle that is waited for, if any, or one that stands in
     everybody's way.
     """
@@ -51,26 +48,21 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
         return False
     if awaited := _awaited(j):
         owed = (run.steps - 1 if j.ended is None else j.ended) - (j.trigger or 0)
-        return me in awaited and owed * run.dt >= SET_OFF
+        return me in awaited and owed * run.dt >= WAIVER
     return any(e.index == me for e in _waiting(j)) and not any(stuck(run, k) for k in range(len(run.agents)) if k != me)
 
 
 def _forfeited(j: Judgement, run: Run) -> bool:
-    """Return whether who was to go first had not for so long that nobody has to wait any more; or it waited for such a one."""
+    """Return whether the vehicle that was to go first waived its right meanwhile; or whether it waited for such a vehicle."""
     awaited, waiting = _awaited(j), {e.index for e in _waiting(j)}
-    others = (k for k in range(len(run.agents)) if k not in waiting)
+    others = [k for k in range(len(run.agents)) if k not in waiting]
+    if not awaited or not j.failed:
+        return False
     try:
-        late = {k for k in others if _lost(run, k, j.failed) >= SET_OFF}
-        return bool(awaited) and all(k in late or any(may_owe(run, k, other) for other in late) for k in awaited)
+        waiving = {k for k in others if waives(run)[j.trigger : j.failed, k].any()}
+        return all(k in waiving or any(may_owe(run, k, other) for other in waiving) for k in awaited)
     except RunError:
         return False
-
-
-def _lost(run: Run, agent: int, tick: int | None) -> float:
-    """Return how long the agent could have got on, in its present part of the way, and did not [s]."""
-    until = run.steps - 1 if tick is None else tick
-    here = part(run, agent)[: until + 1]
-    return float(lost_time(run)[: until + 1, agent][here == here[-1]].sum())
 
 
 def waits(j: Judgement, subject: str) -> bool:

@@ -124,8 +124,9 @@ class Board:
         for mover in changed:
             for fact, zones in self._places.get(mover, ()):
                 fact.tell(mover.zone in zones)
+        turned = now.turned.union(changed)
         for mover, waits in self._waits.items():
-            if mover.wt in crossings or mover in changed:
+            if mover in turned or mover.wt in crossings or now.waited(mover) in crossings:
                 for fact, test in waits:
                     fact.tell(test())
         if now.lights != self._lights:
@@ -181,7 +182,13 @@ class Board:
                 fact = Fact(agents[0].zone in zones)
                 return self._keep(fact, self._places.setdefault(agents[0], []), (fact, zones))
             case (("<" | "<=" | "=" | "!=" | ">" | ">="), (f.Attr(_, "wt"), f.Attr(_, "wt"))):
-                return self._wait(atom.name, agents[0], agents[1], tie)
+                return self._wait(atom.name, agents, tie, lambda mover: mover.wt)
+            case (("<" | "<=" | "=" | "!=" | ">" | ">="), (f.Attr(_, "waited"), f.Attr(_, "waited"))):
+                return self._wait(atom.name, agents, tie, now.waited)
+            case "arrived", _:
+                who = agents[0]
+                fact = Fact(who.arrived)
+                return self._keep(fact, self._waits.setdefault(who, []), (fact, lambda: who.arrived))
             case (("=" | "!="), (f.Attr(f.Element(Sort.LIGHT, number), "cl"), f.Value(name))):
                 return self._colour(number, name, equal=atom.name == "=")
             case (("owes" | "obstructs"), _):
@@ -202,8 +209,6 @@ class Board:
             return None
         fact = Fact(test())
         match name:
-            case "stopped":  # remembers, so it goes on for whoever asks later
-                return self._keep(fact, self._polled, (fact, test), agents[0])
             case "idles" | "blocks":
                 return self._keep(fact, self._lost, (fact, test))
             case "collide":
@@ -217,7 +222,9 @@ class Board:
         now = self.now
         match name, agents:
             case "stopped", [who]:
-                return lambda: now.stopped(who)
+                return lambda: who.stood
+            case "gives_up", [who]:
+                return lambda: now.waives(who) or not who.arrived
             case "inside", [who]:
                 return lambda: now.inside(who)
             case "speeding", [who]:
@@ -254,16 +261,16 @@ class Board:
         approach = place.sort == Sort.ROAD and place.index < len(self.now.junction.entrances)
         return frozenset((int(APPROACH), int(ENTRANCE)) if approach else (int(EXIT),))
 
-    def _wait(self, sign: str, one: Mover, two: Mover, tie: float) -> Fact:
-        compare, window = OPERATORS[sign], round(tie / self.now.dt)
+    def _wait(self, sign: str, pair: Sequence[Mover], tie: float, waited: Callable[[Mover], int]) -> Fact:
+        compare, window, (one, two) = OPERATORS[sign], round(tie / self.now.dt), pair
 
         def test() -> bool:
-            longer = one.wt - two.wt
+            longer = waited(one) - waited(two)
             return bool(compare(0 if -window <= longer <= window else longer, 0))
 
         fact = Fact(test())
         self._crossings.add(window + 1)
-        for mover in (one, two):
+        for mover in pair:
             self._keep(fact, self._waits.setdefault(mover, []), (fact, test))
         return fact
 
@@ -321,7 +328,7 @@ class Board:
         return fact
 
 
-_PRESENT = ("@", "inside", "meet", "collide", "stopped")
+_PRESENT = ("@", "inside", "meet", "collide", "stopped", "arrived")
 """Words that hold of nobody who is absent."""
 _PLACE, _MOTION = ("station",), ("station", "speed")
 _NEEDS: Mapping[str, tuple[str, ...]] = {

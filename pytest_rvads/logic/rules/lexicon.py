@@ -14,7 +14,8 @@ from pytest_rvads.conduct.lane import lane_allows, off_lane, off_route
 from pytest_rvads.conduct.predicates import Static
 from pytest_rvads.conduct.priority import obstructs, owes
 from pytest_rvads.conduct.progress import blocks, idles, inside, may_go
-from pytest_rvads.conduct.standing import speeding, stopped
+from pytest_rvads.conduct.rights import waives
+from pytest_rvads.conduct.standing import arrived, speeding, stopped, waited
 from pytest_rvads.conduct.stretches import meet
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.ltl import formula as f
@@ -91,6 +92,20 @@ def _between(one: f.Element, two: f.Element, pairs: frozenset[tuple[int, int]]) 
     return one.sort == two.sort == Sort.ENTRANCE and (one.index, two.index) in pairs
 
 
+def _from_right(static: Static, one: f.Element, two: f.Element) -> bool:
+    """Whether an entrance, or the one that a vehicle comes to, is to the right of the other."""
+    if one.sort == two.sort == Sort.AGENT:
+        return (static.agents[one.index].entrance, static.agents[two.index].entrance) in static.right_of
+    return _between(one, two, static.right_of)
+
+
+def _gives_up(run: Run, agent: int) -> NDArray[np.bool_]:
+    """The agent waives its right, or has not arrived; without positions nothing tells which vehicle waives its right."""
+    located = run.station is not None and run.speed is not None and run.junction.stretches is not None
+    gone = ~arrived(run, agent)
+    return gone | waives(run)[:, agent] if located else gone
+
+
 _word = partial(Word, place=PACKAGE)
 _ONE, _TWO, _ENTRANCES = ("agent",), ("agent", "agent"), ("entrance or vertex", "entrance or vertex")
 
@@ -160,6 +175,8 @@ BUILT_IN = Vocabulary.of(
         )
     ),
     _word("stopped", _ONE, stopped, "{0} has stopped at the line", "{0} has not stopped at the line"),
+    _word("arrived", _ONE, arrived, "{0} has arrived at its line", "{0} has not arrived at its line"),
+    _word("gives_up", _ONE, _gives_up, "{0} has given up its turn", "{0} has not given up its turn"),
     _word("inside", _ONE, inside, "{0} is partly in the junction", "{0} is out of the junction"),
     _word("blocks", _ONE, blocks, "{0} blocks the junction", "{0} does not block the junction"),
     _word("may_go", _ONE, may_go, "{0} could go", "{0} could not go"),
@@ -175,7 +192,7 @@ BUILT_IN = Vocabulary.of(
     ),
     _word("off_route", _ONE, off_route, "{0} is off its route", "{0} is on its route"),
     _word("speeding", _ONE, speeding, "{0} is over the speed limit", "{0} is within the speed limit"),
-    _word("right-of", _ENTRANCES, decide=lambda s, one, two: _between(one, two, s.right_of), static=_ENTRANCES[0]),
+    _word("right-of", ("agent or entrance or vertex",) * 2, decide=_from_right, static="agent or entrance or vertex"),
     _word("opposite", _ENTRANCES, decide=lambda s, one, two: _between(one, two, s.opposite), static=_ENTRANCES[0]),
     _word(
         "beside",
@@ -205,6 +222,17 @@ ATTRIBUTES = {
             Sort.AGENT,
             "number",
             lambda run, agent: run.wt[:, agent],
+            waited=True,
+            says=(
+                ("=", _SAME, "{0} and {1} did not arrive at the same time"),
+                ("<", _AFTER, "{0} did not arrive after {1}"),
+            ),
+        ),
+        Attribute(
+            "waited",
+            Sort.AGENT,
+            "number",
+            waited,
             waited=True,
             says=(
                 ("=", _SAME, "{0} and {1} did not arrive at the same time"),

@@ -116,10 +116,11 @@ ROAD = (
     ),
     _rule(
         "first_come",
-        "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & takes_turns(a, a') & a.wt < a'.wt -> (N a@j.en) U a'@j)",
+        "forall a, a'. G(arrived(a) & arrived(a') & takes_turns(a, a') & a.waited < a'.waited"
+        " -> (N !a@j) U (a'@j | gives_up(a')))",
         "first come, first served",
-        "At an all-way stop, of two vehicles at the entrances the one that arrived clearly earlier enters first; where arms have"
-        " several lanes, of two whose ways meet.",
+        "At an all-way stop, of two vehicles whose ways meet the vehicle that arrived clearly earlier enters first,"
+        " unless it waives its right.",
         source=f"{_CVC} 21800(a); California Driver's Handbook on four-way stops",
         responsible="the vehicle that arrived later",
         bound=("a",),
@@ -129,11 +130,11 @@ ROAD = (
     ),
     _rule(
         "right_first",
-        "forall j.en, j.en', a, a'. G(a@j.en & a'@j.en' & takes_turns(a, a') & a.wt = a'.wt & j.en right-of j.en'"
-        " -> (N a'@j.en') U a@j)",
+        "forall a, a'. G(arrived(a) & arrived(a') & takes_turns(a, a') & a.waited = a'.waited & a right-of a'"
+        " -> (N !a'@j) U (a@j | gives_up(a)))",
         "right before left",
-        "At an all-way stop, of two vehicles that arrive at about the same time the one on the near side enters first; where arms"
-        " have several lanes, of two whose ways meet.",
+        "At an all-way stop, of two vehicles whose ways meet and that arrive at about the same time the vehicle on the near side"
+        " enters first, unless it waives its right.",
         source=f"{_CVC} 21800(c); {_UVC} 11-401; {_VIENNA}, Art. 18(4)",
         responsible="the vehicle on the far side: on the left, where traffic keeps to the right",
         bound=("a'",),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
+from pytest_rvads.conduct.lane import too_tight
 from pytest_rvads.conduct.presence import last_seen
 from pytest_rvads.logic.judging.judge import Judgement, columns
 from pytest_rvads.logic.judging.responsibility import cause_between, responsible
@@ -37,6 +39,7 @@ def tell(story: Story) -> Verdict:
     cause = worst and cause_between(worst, run)
     if cause:
         story.notes.append(f"who is to blame: {' and '.join(cause.agents)} {cause.reason}")
+    story.notes += _bends(worst, run)
     if story.provoked:
         story.notes.append(f"provoked by traffic: {story.subject}, the subject, is not to blame")
     near = story.near
@@ -76,6 +79,18 @@ def tell(story: Story) -> Verdict:
     )
 
 
+def _bends(worst: Judgement | None, run: Run) -> Iterator[str]:
+    """Yield a sentence for each vehicle to blame that left its lane, or hit somebody, in a bend that it can't follow."""
+    if worst is None or {"off_lane", "off_route", "collide"}.isdisjoint(atom.name for atom, _ in worst.broken):
+        return
+    for name, bend in ((e.name, too_tight(run, e.index)) for e in responsible(worst, run)):
+        if bend is not None:
+            yield (
+                f"the movement of {name} bends with a radius of {bend[0]:.1f} m, and {name} can't steer below {bend[1]:.1f} m: "
+                "no driver could keep it in its lane there, but before and behind the bend"
+            )
+
+
 def _cyclic(story: Story) -> str:
     what = "right-of relation" if story.cycle and story.cycle.alone else "order"
     return f"the {what} of the arrivals is a cycle"
@@ -111,6 +126,7 @@ def _message(story: Story, worst: Judgement | None) -> str:
     fails = sum(j.status is status for j in story.found)
     more = f" (the first of {fails} instances)" if fails > 1 else ""
     hint = f"; {_cyclic(story)}, no continuation could pass" if story.cycle else ""
+    hint += "; the bend is too tight for the vehicle" if story.unavoidable and not story.cycle else ""
     hint += "; provoked by traffic" if story.provoked else ""
     if status is Status.FAIL:
         return f"{name} at t={clock(run, worst.failed or 0)} s: {happened(worst)}{more}{hint}"

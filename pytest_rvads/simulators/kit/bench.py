@@ -20,7 +20,7 @@ from pytest_rvads.scenarios.orbits import Orbits
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.choice import limits
 from pytest_rvads.simulators.kit.probes import Brakes, Cruises
-from pytest_rvads.simulators.simulator import Simulator, simulate
+from pytest_rvads.simulators.simulator import Simulator, answered
 
 __all__ = ["Bench", "Broken", "Look", "NotTried", "among", "crowd", "meeting", "own_row", "set_back", "straight"]
 
@@ -64,11 +64,11 @@ class Bench:
             decision: real time that one call into a driver may take [s]; as much as a run by default.
 
         Raises:
-            RvadsError: as for `simulate`.
+            RvadsError: as for `answered`.
             Broken: the run lacks something, or is damaged.
         """
         with limits(decision=self.longest if decision is None else decision, run=self.longest):
-            run = simulate(case, self.simulator)
+            run = answered(case, self.simulator)
         for name in ("station", "speed", "pose"):
             if getattr(run, name) is None:
                 raise Broken(f"{run.label}: its {name} is None, expected an array of floats: who simulates knows it")

@@ -15,7 +15,7 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.choice import limits
 from pytest_rvads.simulators.kit.bench import Bench, crowd
 from pytest_rvads.simulators.kit.probes import Brakes
-from pytest_rvads.simulators.simulator import SIMULATORS, Simulator, named, simulate
+from pytest_rvads.simulators.simulator import SIMULATORS, Simulator, made_by, named, simulate
 from pytest_rvads.wording import one_line
 
 __all__ = ["another_process", "answer", "provenance", "repeatable"]
@@ -122,7 +122,7 @@ def provenance(bench: Bench) -> Iterator[str]:
         json.dumps(said, allow_nan=False)
     except (TypeError, ValueError) as error:
         yield f"{run.label}: its provenance can't be written as JSON, {error}: take numbers, texts, lists and mappings"
-    wanted = {"simulator": bench.simulator.name, "scenario": case.scenario.record()}
+    wanted = {"simulator": made_by(bench.simulator, run), "scenario": case.scenario.record()}
     for name, value in wanted.items():
         if said.get(name) != value:
             yield (

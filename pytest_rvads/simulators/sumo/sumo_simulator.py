@@ -23,6 +23,7 @@ from pytest_rvads.scenarios.forks import forks
 from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 from pytest_rvads.scenarios.senses import Senses
 from pytest_rvads.simulators.loop import Loop
+from pytest_rvads.simulators.planar import usual
 from pytest_rvads.simulators.sumo.departures import lone_departure
 from pytest_rvads.simulators.sumo.road_network import straight
 from pytest_rvads.simulators.sumo.sumo_process import acquire, release
@@ -75,15 +76,18 @@ class Sumo:
     def __call__(self, case: Case) -> Run:
         """Simulate a case, see `pytest_rvads.simulators.simulator.simulate`.
 
+        A case in which SUMO is to drive nobody is simulated by the usual simulator, and its run says so.
+
         Raises:
             ScenarioError: SUMO has no such junction, its driver is to have senses that are not ideal, or lanes are one upstream.
             RunError: SUMO or netconvert is not installed or failed.
         """
         _installed()
         driven, seed = _driven(case), (SEED + case.scenario.senses.seed) % _SEEDS
-        engine = engines.usual()
-        make = partial(SumoWorld, case, driven, seed, self.attributes) if driven else engine.world
-        loop = Loop(case, self.name, make, versions(*_LIBRARIES, engine.library), driven)
+        if not driven:
+            return usual()(case)
+        make = partial(SumoWorld, case, driven, seed, self.attributes)
+        loop = Loop(case, self.name, make, versions(*_LIBRARIES, engines.usual().library), driven)
         run = loop.drive()
         return replace(run, provenance={**run.provenance, "sumo": {"seed": seed, "attributes": dict(self.attributes)}})
 
