@@ -18,13 +18,15 @@ from pytest_rvads.scenarios.pairs import PAIRED, covering
 from pytest_rvads.scenarios.scenario import Scenario, started
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
-__all__ = ["CHOOSING", "COVERS", "TOO_TIGHT", "Selection", "alone"]
+__all__ = ["CHOOSING", "COVERS", "TOO_SHORT", "TOO_TIGHT", "Selection", "alone"]
 
 CHOOSING = ("partial", *PAIRED)
 """One row per class of scenarios that may leave entrances empty; enough scenarios for every pair of movements, or of those that
 conflict."""
 TOO_TIGHT = f"no car can follow a bend of less than {LEAST_RADIUS:.1f} m (cover 'class' takes them all the same)"
 """Why movements are left out by `PAIRED` covers."""
+TOO_SHORT = "with an approach too short for a staggered start, where vehicles start as far out as they can"
+"""What is told of junctions of which `Selection.too_short` holds."""
 COVERS = ("class", "scenario", "rotation", *CHOOSING)
 """One row per class; every distinct member; all rows, as in the paper's tables; and those that choose scenarios themselves."""
 
@@ -89,6 +91,17 @@ class Selection:
         keys = sorted(self.place.tight) if self.cover in PAIRED else ()
         return tuple(f"{self.place.name} from entrance {entrance} to exit {exit}" for entrance, exit in keys)
 
+    @property
+    def too_short(self) -> bool:
+        """Whether an approach is shorter than a staggered configuration asks for, so that a vehicle starts nearer to its line."""
+        asked = [max(*point.distances, point.subject) for point in self.configurations if point.subject is not None]
+        return max(asked, default=0.0) > self._reach
+
+    @property
+    def _reach(self) -> float:
+        """Length of the shortest approach [m]."""
+        return min(map(self.place.approach, range(self.entrances)))
+
     @cached_property
     def orbits(self) -> Orbits:
         """The scenarios to choose from, and their classes."""
@@ -134,10 +147,8 @@ class Selection:
     @cached_property
     def roomy(self) -> bool:
         """Whether every vehicle has room where it would start, for certain, so that no scenario has to be looked at."""
-        place = self.place
         longest = max(configuration.room for configuration in self.configurations)
-        reach = min(map(place.approach, range(len(place.entrances))))
-        return not any(self.followers) and longest <= reach and not forks(place)
+        return not any(self.followers) and longest <= self._reach and not forks(self.place)
 
     def fitting(self, unfit: Callable[[ScenarioError], object]) -> Iterator[Scenario]:
         """Yield the scenarios in which every vehicle has room where it would start.

@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from pytest_rvads.opendrive.writer import Layout, opendrive
+
 from .conftest import Lines
 
 
@@ -221,3 +223,20 @@ def test_senses_that_mean_nothing_are_refused(pytester: pytest.Pytester, senses:
         f"import pytest_rvads as rvads\n\n@rvads.scenario('stop4', subject=0, senses={senses})\ndef test_it(run): ...\n"
     )
     pytester.runpytest("--continue-on-collection-errors").stdout.fnmatch_lines([says])
+
+
+def test_staggered_starts_on_short_approaches_are_told(pytester: pytest.Pytester, reference: None) -> None:
+    approaches = opendrive(Layout(approach=40.0, stop=20.0))
+    (pytester.path / "short.xodr").write_text(approaches, encoding="utf-8")
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("1", map="short.xodr", subject=0, scenarios="2200", grid=("S31", "S56"), duration=0.1)
+        def test_it(run):
+            assert run.provenance["scenario"]["distances"][1] in (31.0, 40.0)
+        """
+    )
+    result = pytester.runpytest()
+    result.assert_outcomes(passed=2)
+    result.stdout.fnmatch_lines(["1 junction with an approach too short for a staggered start, where vehicles start *: short.1"])

@@ -6,9 +6,11 @@ from typing import Any
 
 import pytest
 
+from pytest_rvads.campaigns.town import Town
 from pytest_rvads.campaigns.town_plan import Asked, Plan
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import Policy
+from pytest_rvads.junctions.choosing import Choice
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
 
@@ -112,3 +114,13 @@ def test_traffic_is_named_in_ids_but_for_the_usual_one() -> None:
     for policy, ending in (("reference", "-s0-cfgA"), ("hesitant", "-s0-cfgA-hesitant")):
         asked = replace(ASKED, subject=0, traffic=Policy.of(policy), grid=("A",))
         assert all(planned.name.endswith(ending) for planned in Plan([find("stop3")], asked))
+
+
+def test_junctions_with_approaches_too_short_for_a_staggered_start_are_told() -> None:
+    short, place = shortened(find("light3"), 0, 30.0), find("stop3")
+    town = Town((), Choice((short, place), (), 0), Plan([short, place], replace(ASKED, subject="all")))
+    assert [note for note in town.notes() if "staggered" in note] == [
+        "1 junction with an approach too short for a staggered start, where vehicles start as far out as they can: light3_short"
+    ]
+    far = [p.case.scenario for p in town.plan if p.case.scenario.configuration == "S42" and p.case.scenario.subject]
+    assert {scenario.start(0) for scenario in far} == {(30.0, 8.0)}
