@@ -77,7 +77,7 @@ _DECLARED = {
         metavar="N",
     ),
     "seed": _Option("what --rvads-sample and limit= of marks draw by; other seeds draw others", "0", metavar="S"),
-    "rules": _Option("file with rules of your own, see `rvads rules --file`"),
+    "rules": _Option("file with rules of your own, see `rvads rules --rules`"),
     "keep": _Option("folder to keep every run in, as .npz for `rvads check`"),
     "export": _Option(
         "folder to write every run that failed to as OpenSCENARIO XML (.xosc), its map beside it; needs the extra openscenario"

@@ -81,7 +81,7 @@ def test_a_stack_drives_from_the_folder_of_the_tests(pytester: pytest.Pytester, 
     Path("rules").mkdir()
     for name in ("example.py", "rvads_client.py"):
         shutil.copy(ROOT / "clients" / "python" / name, "rules")
-    lines = told(capsys, "rules", "--stack", f"{sys.executable} example.py --fast")
+    lines = told(capsys, "rules", "--sut", f"{sys.executable} example.py --fast")
     assert not any("There is no program" in line for line in lines)
     result = pytester.runpytest("rules")  # from another folder than that of the program
     assert result.parseoutcomes() == {"passed": 23, "skipped": 7}
@@ -89,16 +89,14 @@ def test_a_stack_drives_from_the_folder_of_the_tests(pytester: pytest.Pytester, 
 
 
 def test_a_stack_that_is_not_there_yet_is_told(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = told(capsys, "rules", "--stack", "./stack")
+    lines = told(capsys, "rules", "--sut", "./stack")
     assert "There is no program at rules/stack yet: put it there first." in lines
-    assert "There is no program on the PATH yet: put it there first." in told(
-        capsys, "more", "--stack", "no-such-program-here -x"
-    )
+    assert "There is no program on the PATH yet: put it there first." in told(capsys, "more", "--sut", "no-such-program-here -x")
 
 
 def test_a_stack_that_lies_here_is_found(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copy(sys.executable, "stack")
-    assert not any("There is no program" in line for line in told(capsys, "--stack", "./stack"))
+    assert not any("There is no program" in line for line in told(capsys, "--sut", "./stack"))
 
 
 @pytest.mark.extended
@@ -110,7 +108,7 @@ def test_a_map_is_driven_at_its_first_junction(
     shutil.copy(path_of(name), "mine.xodr")
     told(capsys, "rules", "--map", "mine.xodr")
     text = Path("rules/test_rules.py").read_text("utf-8")
-    assert "\"map\": '../mine.xodr', \"subject\": \"all\"" in text
+    assert '"map": \'../mine.xodr\', "subject": "all"' in text
     assert f'cover="conflicts", grid={grid}' in text
     assert f"scenarios=('100', '200', '010', '020', '001', '002'), grid='{first}'" in text
     result = pytester.runpytest("rules", "-k", "as122")
@@ -167,8 +165,8 @@ def test_paths_stand_in_the_tests_as_python_writes_them(pytester: pytest.Pyteste
         (["--junction", "7"], "--junction names a junction of --map"),
         (["--recordings", "x.npz", "--map", "x.xodr"], "leave out --map or --recordings"),
         (["--ci", "github", "--map", "x.xodr"], "leave out --map or --ci"),
-        (["--stack", " "], "--stack is the command of your program"),
-        (["--stack", "'"], "--stack can't be read as a command"),
+        (["--sut", " "], "--sut is the command of your program"),
+        (["--sut", "'"], "--sut can't be read as a command"),
         (["tracks.csv"], "tracks.csv"),
     ],
 )
