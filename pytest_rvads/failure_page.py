@@ -142,10 +142,7 @@ def _judged(run: Run, name: str, rule: str | Rule) -> tuple[str, str, str]:
         verdict = check(run, rule)
     except RvadsError as error:
         return name, Outcome.ERROR.value, one_line(str(error))
-    found = (
-        Outcome.UNAVOIDABLE if verdict.unavoidable else Outcome.PROVOKED if verdict.provoked else Outcome(verdict.status.value)
-    )
-    return name, found.value, verdict.message
+    return name, verdict.outcome.value, verdict.message
 
 
 def _troubled(verdict: Verdict) -> list[tuple[float, InstanceVerdict]]:

@@ -20,7 +20,6 @@ from pytest_rvads.errors import RunError, RvadsError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Verdict
 from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.runs.run import ARRAYS, Run
 from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.runs.vehicle import Vehicle
@@ -222,8 +221,7 @@ def _passage(run: Run, column: int) -> list[str]:
 
 
 def _verdict(verdict: Verdict) -> str:
-    outcome = Outcome(verdict.status)
-    outcome = Outcome.UNAVOIDABLE if verdict.unavoidable else Outcome.PROVOKED if verdict.provoked else outcome
+    outcome = verdict.outcome
     sign, colour = _MARKS[outcome.mark]
     badge = f'<b style="background:{colour};color:#fff;padding:1px 7px;border-radius:4px">{sign} {outcome.value}</b> '
     head = ("about", "verdict", "since", "broken", "margin", "because")

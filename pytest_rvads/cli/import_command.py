@@ -69,6 +69,10 @@ def _import(options: argparse.Namespace) -> int:
         _check_junction(options)
     columns = parse_columns(options.columns) if options.columns else None
     log, usual = read_log(options.tracks, format=options.format, columns=columns, strict=options.strict, watch=_watch())
+    for sentence in log.again[:_SHOWN]:
+        warn(f"warning: {sentence}")
+    if len(log.again) > _SHOWN:
+        warn(f"warning: {len(log.again)} ids are used again by other vehicles, the first {_SHOWN} are told above")
     junctions = junctions_of(log, options.junction, options.map)
     intake = intake_of(options, usual)
     shown = light_log(log, options.lights)
@@ -77,10 +81,12 @@ def _import(options: argparse.Namespace) -> int:
     if not several:
         check_one(log, recordings)
     found = [(Path(options.output, f"{r.junction.name}.npz") if several else Path(options.output), r) for r in recordings]
+    if shown and not any(recording.lights for recording in recordings):
+        if options.lights:
+            raise RunError(unlit(shown, recordings[0].junction))
+        warn(f"warning: {unlit(shown, recordings[0].junction)}")
     for path, recording in found:
         save_recording(recording, path)
-    if shown and not any(recording.lights for _, recording in found):
-        warn(f"warning: {unlit(shown, found[0][1].junction)}")
     told = [_told(path, recording, stated=options.position_accuracy is not None) for path, recording in found]
     if options.json:
         print(json.dumps(told if several else told[0]))
@@ -162,6 +168,8 @@ def _lines(told: dict[str, Any], *, verbose: bool) -> list[str]:
         f"beside their ways by {offset['mean']:.2f} m on average, at most {offset['worst']:.2f} m ({offset['vehicle']})",
         f"positions are {'exact' if not accuracy['position'] else format(accuracy['position'], '.3f') + ' m accurate'} ({known})",
     ]
+    if accuracy["speed"]:
+        lines.append(f"speeds are {accuracy['speed']:.2f} m/s accurate")
     if told["lights"]:
         lines.append(f"lights at entrances {', '.join(told['lights'])}")
     reasons = Counter(out.values()).most_common()

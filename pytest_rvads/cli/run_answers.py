@@ -18,7 +18,6 @@ from pytest_rvads.failure_page import failure_pages, when
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.storage import slug, write_file
@@ -216,12 +215,8 @@ class Judge:
 
 def _summed(verdicts: Iterable[Verdict]) -> _Summed:
     """Return rule, status and message of verdicts, the worst first."""
-    found = []
-    for verdict in verdicts:
-        status = Outcome(verdict.status.value)
-        status = Outcome.UNAVOIDABLE if verdict.unavoidable else Outcome.PROVOKED if verdict.provoked else status
-        found.append((status.severity, (verdict.rule, status.value, verdict.message)))
-    return tuple(told for _, told in sorted(found, key=lambda one: one[0]))
+    ordered = sorted(verdicts, key=lambda verdict: verdict.outcome.severity)
+    return tuple((verdict.rule, verdict.outcome.value, verdict.message) for verdict in ordered)
 
 
 def _record(verdict: Verdict, instance: InstanceVerdict) -> dict[str, Any]:

@@ -6,17 +6,20 @@ as that is less than anybody's patience, nothing has happened yet, and the insta
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.instant import Instant
 from pytest_rvads.conduct.mover import Mover
-from pytest_rvads.conduct.progress import BLOCKING_TIME, PATIENCE, blocking_time, lost_time, may_go
-from pytest_rvads.conduct.rights import DUE, GAP, PACE
-from pytest_rvads.conduct.waiting import AT_LINE
+from pytest_rvads.conduct.progress import BLOCKING_TIME, CRAWL, NOTHING, PATIENCE, STUCK_TIME, Lost, losses, may_go
+from pytest_rvads.conduct.rights import DUE, GAP, PACE, find_waiving
+from pytest_rvads.conduct.standing import Arrivals, find_arrivals
+from pytest_rvads.conduct.waiting import QUEUE_GAP, leave_no_room, no_room
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import ABSENT, APPROACH, ENTRANCE, EXIT, Colour
+from pytest_rvads.runs.states import ABSENT, APPROACH, ENTRANCE, JUNCTION, Colour
 
 __all__ = ["Backlog"]
 
@@ -24,19 +27,23 @@ _MOST = 2000
 """Instants that are kept."""
 _ROUNDING = 1e-8
 """Sums of times in another order differ by less [s]."""
-_IDLE, _BLOCKED = PATIENCE - _ROUNDING, BLOCKING_TIME - _ROUNDING
+_IDLE, _BLOCKED, _STUCK = PATIENCE - _ROUNDING, BLOCKING_TIME - _ROUNDING, STUCK_TIME - _ROUNDING
 _RED = (int(Colour.YELLOW), int(Colour.RED))
 
 
+@dataclass(slots=True)
 class _Loss:
-    """What a vehicle has lost [s]."""
+    """What a vehicle has lost, and what it may have lost at most by now [s]."""
 
-    __slots__ = ("blocked", "idle", "may_block", "may_idle", "part", "settled_part")
-
-    def __init__(self) -> None:
-        self.idle = self.blocked = 0.0
-        self.may_idle = self.may_block = 0.0
-        self.part = self.settled_part = -1
+    settled: Lost = NOTHING
+    """What it had lost before the instants that are kept."""
+    may_idle: float = 0.0
+    may_block: float = 0.0
+    may_be_stuck: float = 0.0
+    no_room: frozenset[Mover] | None = None
+    """Which vehicles left it no room when it entered; None before."""
+    free: bool = False
+    """See `progress.may_go`."""
 
 
 class Backlog:
@@ -52,16 +59,13 @@ class Backlog:
         self._columns: list[Mover] = []
         self._rows: list[tuple[list[float], ...]] = []
         self._lights: list[list[int]] = []
-        self._free: NDArray[np.bool_] | None = None
 
     def add(self) -> bool:
         """Read an instant, and return whether somebody may have lost too much by now."""
-        now, losses = self._now, self._losses
-        slots = now.slots
+        now, slots = self._now, self._now.slots
         if len(self._rows) >= _MOST or any(mover is not slot for mover, slot in zip(self._columns, slots, strict=False)):
             self.settle()
         self._columns = list(slots)
-        self._free = None
         self._lights.append(now.lights)
         self._rows.append(
             (
@@ -71,22 +75,26 @@ class Backlog:
                 [m.wt for m in slots],
                 [m.facing for m in slots],
                 [m.advance for m in slots],
+                [m.arrived for m in slots],
+                [m.arrived_at - now.tick for m in slots],
+                [now.waives(m) for m in slots],
             )
         )
         much = False
         for mover in now.movers:
-            loss = losses.get(mover)
+            loss = self._losses.get(mover)
             if loss is None:
-                loss = losses[mover] = _Loss()
-            zone = mover.zone
-            part = ENTRANCE if zone < ENTRANCE else EXIT if zone > EXIT else zone
-            if part != loss.part:
-                loss.part, loss.idle, loss.may_idle = part, 0.0, 0.0
+                loss = self._losses[mover] = _Loss()
+            if loss.no_room is None and mover.zone >= JUNCTION:
+                loss.no_room = frozenset(slots[column] for column in leave_no_room(now.run, mover.slot, 0))
             if mover.advance < PACE and mover.here and not self._excused(mover):
                 loss.may_idle += (1.0 - max(mover.advance, 0.0) / PACE) * now.dt
-            if abs(mover.speed) < PACE and now.inside(mover):
+            if abs(mover.speed) <= CRAWL and now.inside(mover):
                 loss.may_block += (1.0 - abs(mover.speed) / PACE) * now.dt
-            if loss.may_idle > _IDLE or loss.may_block > _BLOCKED:
+                loss.may_be_stuck += now.dt
+            else:
+                loss.may_be_stuck = 0.0
+            if loss.may_idle > _IDLE or loss.may_block > _BLOCKED or loss.may_be_stuck > _STUCK:
                 much = True
         return much
 
@@ -94,7 +102,7 @@ class Backlog:
         """Return whether a vehicle surely may not go, or has arrived."""
         if mover.zone > ENTRANCE:
             return mover.station - mover.agent.route.length >= LEAVE
-        if mover.facing in _RED and mover.station > mover.line - AT_LINE:
+        if mover.facing in _RED and mover.station > mover.line - QUEUE_GAP:
             return True
         return mover.zone == APPROACH and self._queues(mover)
 
@@ -125,25 +133,25 @@ class Backlog:
         loss = self._losses.get(mover)
         if loss is None or mover.zone == ABSENT:
             return False
-        if loss.idle <= PATIENCE < loss.may_idle + _ROUNDING:
+        if loss.may_idle > _IDLE:
             self.settle()
-        return loss.idle > PATIENCE
+        return bool(max(loss.settled.idle, loss.settled.circle) > PATIENCE)
 
     def blocks(self, mover: Mover) -> bool:
         """`progress.blocks`."""
         loss = self._losses.get(mover)
         if loss is None:
             return False
-        if loss.blocked <= BLOCKING_TIME < loss.may_block + _ROUNDING:
+        if loss.settled.blocked <= BLOCKING_TIME and (loss.may_block > _BLOCKED or loss.may_be_stuck > _STUCK):
             self.settle()
-        return loss.blocked > BLOCKING_TIME
+        stuck = loss.may_be_stuck > _STUCK and loss.settled.stuck > STUCK_TIME
+        return bool(loss.settled.blocked > BLOCKING_TIME or stuck)
 
     def may_go(self, mover: Mover) -> bool:
         """`progress.may_go`."""
-        if self._free is None:
-            run = self._now.run
-            self._free = np.array([may_go(run, slot)[0] for slot in range(len(run.agents))])
-        return bool(self._free[mover.slot])
+        self.settle()
+        loss = self._losses.get(mover)
+        return loss is not None and mover.zone != ABSENT and loss.free
 
     def settle(self) -> None:
         """Work out what the instants so far have cost everybody."""
@@ -152,18 +160,13 @@ class Backlog:
         zones = self._table(0, ABSENT)
         there = np.flatnonzero((zones != ABSENT).any(axis=0)).tolist()
         run = self._as_run(zones, there)
-        lost = lost_time(run)
         for column, slot in enumerate(there):
             loss = self._losses.get(self._columns[slot])
             if loss is None:
                 continue
-            parts = np.clip(run.zone[:, column], ENTRANCE, EXIT)
-            changes = np.flatnonzero(np.diff(parts)) + 1
-            begin = int(changes[-1]) if len(changes) else 0
-            kept = loss.idle if not begin and int(parts[0]) == loss.settled_part else 0.0
-            loss.idle = loss.may_idle = _total(kept, lost[begin:, column])
-            loss.settled_part = int(parts[-1])
-            loss.blocked = loss.may_block = _total(loss.blocked, blocking_time(run, column))
+            settled = loss.settled = Lost(*(times[-1].item() for times in losses(run, column, loss.settled)))
+            loss.may_idle, loss.may_block, loss.may_be_stuck = max(settled.idle, settled.circle), settled.blocked, settled.stuck
+            loss.free = bool(may_go(run, column)[-1])
         self._rows.clear()
         self._lights.clear()
 
@@ -176,19 +179,22 @@ class Backlog:
         """Return the instants as a run of the vehicles in some columns."""
         now, movers = self._now, [self._columns[slot] for slot in slots]
         zone, lights = zones[:, slots].astype(np.int8), np.array(self._lights, dtype=np.int8)
-        station, speed, wt, facing, advance = (self._table(k, fill)[:, slots] for k, fill in _ABSENT)
+        station, speed, wt, facing, advance, arrived, since, waives = (self._table(k, fill)[:, slots] for k, fill in _ABSENT)
         agents = tuple(mover.agent for mover in movers)
         run = Run("live", now.junction, agents, zone, lights, now.dt, station=station, speed=speed)
         known = run.__dict__
         known["wt"], known["facing"], known["advance"] = wt.astype(np.int32), facing.astype(np.int8), advance
         known["entered"] = np.array([mover.entered for mover in movers], dtype=np.int64)
+        column = {mover: number for number, mover in enumerate(movers)}
+        those = [self._losses.get(mover) or _Loss() for mover in movers]
+        left = (loss.no_room or () for loss in those)
+        known["found"] = {
+            no_room: tuple(frozenset(column[other] for other in others if other in column) for others in left),
+            find_arrivals: Arrivals(arrived.astype(np.bool_), np.arange(len(since))[:, None] + since.astype(np.int64)),
+            find_waiving: waives.astype(np.bool_),
+        }
         return run
 
 
-_ABSENT = ((1, np.nan), (2, np.nan), (3, 0), (4, 0), (5, np.nan))
+_ABSENT = ((1, np.nan), (2, np.nan), (3, 0), (4, 0), (5, np.nan), (6, 0), (7, 0), (8, 0))
 """Which numbers of a vehicle are kept beside its zone, and what they are as long as it is absent."""
-
-
-def _total(before: float, losses: NDArray[np.float64]) -> float:
-    """Return a sum, added up in the order of time."""
-    return float(np.cumsum(np.concatenate(([before], losses)))[-1])

@@ -326,9 +326,9 @@ class Instant:
         mine, yours = me.agent.route.length, you.agent.route.length
         front, ahead, behind = me.station - mine, ahead - yours, behind - yours
         merged = ahead >= (common.yours.start - yours if common else 0.0)
-        if me.zone >= JUNCTION and merged and ahead > front and behind - front < GAP:
-            return True
-        return me.arrived and you.zone == EXIT and behind < me.length + ROOM
+        if not (merged and ahead > front):
+            return False
+        return behind - front < GAP or (me.arrived and you.zone == EXIT and behind < me.length + ROOM)
 
 
 def _coming(mover: Mover, stretch: Stretch) -> bool:

@@ -3,8 +3,8 @@
 Instances of rules are about vehicles that are `together`: both near the junction at some time, or so close to each other
 somewhere that they might touch. No shipped rule is violated by others:
 
-- p1, p2, p3, p5, p6, p6g, first_come, right_first speak of two at entrances or in the junction at the same time, and near is
-  whoever is there. What one of them owes to the other since then ends while both are there, see `window`.
+- p1, p2, p3, p5, p6, p6g, first_come, right_first speak of two in their stop places or in the junction at the same time, and a
+  vehicle there is near. What one of them owes to the other since then ends while both are there, see `window`.
 - no_conflict: who meets is on a stretch of its movement, so that part of its body is in the junction.
 - left_yields, yield_sign, priority, right_before_left, right_on_red: a way is owed by who is at its entrance or inside to who is
   there, too, or would reach a stretch after the entrance within `priority.DUE`, 4 s: nearer than `NEAR_TIME`.

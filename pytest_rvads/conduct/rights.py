@@ -15,7 +15,7 @@ from pytest_rvads.conduct.memo import once
 from pytest_rvads.conduct.predicates import ticks
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.conduct.standing import TIE, arrivals, leads, stands, waited
-from pytest_rvads.conduct.stretches import ALWAYS, before_exit, contested, on_stretch, parting, position
+from pytest_rvads.conduct.stretches import ALWAYS, ahead_by, before_exit, contested, on_stretch, position
 from pytest_rvads.junctions.conflicts import Shared, Stretch
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Run
@@ -30,6 +30,9 @@ __all__ = [
     "close_behind",
     "comes_first",
     "due",
+    "find_waiving",
+    "first_at_line",
+    "has_way",
     "held",
     "kept_by",
     "starting",
@@ -79,19 +82,12 @@ def yields(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np
     return found
 
 
-def due(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS, *, waiving: bool = False) -> NDArray[np.bool_]:
+def due(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDArray[np.bool_]:
     """The agent is on a stretch of its way, reaches it within `DUE` at its present speed, or is first at its line and may go.
 
-    Args:
-        run: the run.
-        agent: its column.
-        stretch: part of its movement.
-        when: part of the run.
-        waiving: whether a vehicle that waives its right is due by standing at its line: nobody has to pass in front of it.
+    A vehicle that waives its right is not due by standing at its line.
     """
-    next_to_go = _may_go_first(run)[when, agent]
-    if not waiving:
-        next_to_go = next_to_go & ~waives(run)[when, agent]
+    next_to_go = (_may_go_first(run) & ~waives(run))[when, agent]
     found: NDArray[np.bool_] = (_coming(run, agent, stretch, when) | next_to_go) & run.here[when, agent]
     return found
 
@@ -104,7 +100,7 @@ def _coming(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDA
     return found
 
 
-def _first_at_line(run: Run) -> NDArray[np.bool_]:
+def first_at_line(run: Run) -> NDArray[np.bool_]:
     """Return which vehicle has arrived and leads, shape ``(steps, agents)``."""
     return once(run, _find_first)
 
@@ -126,7 +122,7 @@ def held(run: Run) -> NDArray[np.bool_]:
 
 
 def _find_held(run: Run) -> NDArray[np.bool_]:
-    first = _first_at_line(run)
+    first = first_at_line(run)
     found = np.zeros_like(first)
     by_arrival = run.junction.control is JunctionControl.STOP
     for agent in range(len(run.agents)):
@@ -162,7 +158,7 @@ def _may_go_first(run: Run) -> NDArray[np.bool_]:
 
 
 def _find_next(run: Run) -> NDArray[np.bool_]:
-    found = _first_at_line(run) & ~held(run)
+    found = first_at_line(run) & ~held(run)
     for agent, who in enumerate(run.agents):
         if lit(run.junction, who.entrance):
             found[:, agent] &= run.facing[:, agent] == Colour.GREEN
@@ -188,10 +184,11 @@ def _find_starting(run: Run) -> NDArray[np.bool_]:
 
 def waives(run: Run) -> NDArray[np.bool_]:
     """Return which vehicle has stood first at its line, free to go, for `WAIVER` without a break, shape ``(steps, agents)``."""
-    return once(run, _find_waiving)
+    return once(run, find_waiving)
 
 
-def _find_waiving(run: Run) -> NDArray[np.bool_]:
+def find_waiving(run: Run) -> NDArray[np.bool_]:
+    """Work out what `waives` returns."""
     free = _may_go_first(run) & stands(run)
     most = ticks(run, WAIVER)
     for agent in np.flatnonzero((_lasting(free) > most).any(axis=0)).tolist():
@@ -228,24 +225,14 @@ def _keeps(run: Run, agent: int, other: int, when: slice) -> NDArray[np.bool_]:
 
 
 def close_behind(run: Run, agent: int, other: int, common: Shared | None, when: slice) -> NDArray[np.bool_]:
-    """Whether the other one is slow and near ahead in the agent's lane, or leaves it no room on its exit road."""
-    me, you = run.agents[agent], run.agents[other]
-    slow = (run.need("speed")[when, other] < PACE) & run.here[when, other]
-    found = np.zeros_like(slow)
-    if not slow.any():
-        return found
-    zone = run.zone[when, agent]
-    if me.entrance == you.entrance:
-        (front, _), (ahead, behind) = position(run, agent, when), position(run, other, when)
-        same = behind < parting(run.junction, me.route.key, you.route.key)
-        found |= same & (ahead > front) & (behind - front < GAP)
-    if me.exit == you.exit:
-        (front, _), (ahead, behind) = before_exit(run, agent, when), before_exit(run, other, when)
-        merged = ahead >= (common.yours.start - you.route.length if common else 0.0)
-        found |= (zone >= Zone.JUNCTION) & merged & (ahead > front) & (behind - front < GAP)
-        at_line = arrivals(run).arrived[when, agent]
-        found |= at_line & (run.zone[when, other] == Zone.EXIT) & (behind < run.size(agent)[0] + ROOM)
-    found &= slow
+    """Whether the other one is slow and near ahead on the agent's way, or leaves it no room on its exit road."""
+    rear = ahead_by(run, agent, other, common, when)
+    near = rear < GAP
+    if run.agents[agent].exit == run.agents[other].exit:
+        room = before_exit(run, agent, when)[0] + rear
+        at_line = arrivals(run).arrived[when, agent] & (run.zone[when, other] == Zone.EXIT)
+        near |= at_line & (room < run.size(agent)[0] + ROOM)
+    found: NDArray[np.bool_] = near & (run.need("speed")[when, other] < PACE)
     return found
 
 

@@ -27,6 +27,7 @@ __all__ = [
     "arrivals",
     "arrived",
     "drives",
+    "find_arrivals",
     "leads",
     "speeding",
     "standing_time",
@@ -104,10 +105,11 @@ def arrivals(run: Run) -> Arrivals:
     lasts until the vehicle enters the junction or backs out of the stop place; a second stop does not restart it. A run without
     positions or speeds knows only the entrance zone.
     """
-    return once(run, _find_arrivals)
+    return once(run, find_arrivals)
 
 
-def _find_arrivals(run: Run) -> Arrivals:
+def find_arrivals(run: Run) -> Arrivals:
+    """Work out what `arrivals` returns."""
     at_line = run.zone == Zone.ENTRANCE
     here, event = at_line, at_line
     if len(run.agents) and run.station is not None and run.speed is not None:

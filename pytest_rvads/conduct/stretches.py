@@ -18,7 +18,18 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run
 
-__all__ = ["ALWAYS", "before_exit", "contested", "meet", "on_stretch", "parting", "position", "shared"]
+__all__ = [
+    "ALWAYS",
+    "ahead_by",
+    "before_exit",
+    "contested",
+    "first_stretch",
+    "meet",
+    "on_stretch",
+    "parting",
+    "position",
+    "shared",
+]
 
 ALWAYS = slice(None)
 """In all states of a run."""
@@ -74,6 +85,12 @@ def parting(junction: Junction, one: Key, two: Key) -> float:
     return float(along[together[-1]]) if len(together) else 0.0
 
 
+@lru_cache(maxsize=4096)
+def first_stretch(junction: Junction, way: Key) -> float:
+    """Return the station at which a movement first shares a stretch with a movement from another entrance [m], else infinity."""
+    return min((common.mine.start for (one, _), common in (junction.stretches or {}).items() if one == way), default=math.inf)
+
+
 def position(run: Run, agent: int, when: slice = ALWAYS) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the stations of front and rear of an agent, each of shape ``(steps,)`` [m].
 
@@ -109,6 +126,20 @@ def meet(run: Run, one: int, two: int) -> NDArray[np.bool_]:
         (front, rear), (ahead, behind) = before_exit(run, one, when), before_exit(run, two, when)
         both &= (front > behind) & (ahead > rear)
     return np.concatenate((np.zeros(begin, dtype=np.bool_), both, np.zeros(run.steps - end, dtype=np.bool_)))
+
+
+def ahead_by(run: Run, agent: int, other: int, common: Shared | None, when: slice) -> NDArray[np.float64]:
+    """Return how far ahead of the agent, in its lane or on its exit road, the rear of the other one is [m], else infinity."""
+    me, you = run.agents[agent], run.agents[other]
+    (front, _), (ahead, behind) = position(run, agent, when), position(run, other, when)
+    if me.entrance == you.entrance:
+        way = behind < parting(run.junction, me.route.key, you.route.key)
+    elif me.exit == you.exit:
+        way = ahead >= (common.yours.start if common else you.route.length)
+        front = front + (you.route.length - me.route.length)
+    else:
+        return np.full(len(front), np.inf)
+    return np.where(way & (ahead > front) & run.here[when, other], behind - front, np.inf)
 
 
 def before_exit(run: Run, agent: int, when: slice = ALWAYS) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from pytest_rvads.drivers.crossing import conflicts, exit_blocked, runs_through
+from pytest_rvads.conduct.standing import stop_place
+from pytest_rvads.drivers.crossing import conflicts, exit_blocked, not_queued, runs_through
 from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.spacing import can_stop, time_to
+from pytest_rvads.drivers.stop_sign import WAIVER
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, VehicleState
@@ -20,8 +22,6 @@ SET_OFF = 0.35
 """Time that setting off takes, until the drive answers [s]."""
 EAGER = 3.0
 """Acceleration that others are believed capable of [m/s^2]."""
-PARKED = 8.0
-"""Who stands at green for so long is not going to go [s]."""
 MARGIN = 1.0
 """Time kept between leaving a place and the arrival there of one who has priority [s]."""
 _GREEN, _YELLOW, _RED = Colour.GREEN, Colour.YELLOW, Colour.RED
@@ -30,9 +30,15 @@ _STRAIGHT, _RIGHT = Turn.STRAIGHT, Turn.RIGHT
 
 
 class Light:
-    """Stops on yellow and red, turns right on red after a stop, and yields when turning."""
+    """Stops on yellow and red, turns right on red after a stop, and yields when turning.
 
-    def __init__(self) -> None:
+    Args:
+        paper: whether to wait as the paper's rules demand: once a vehicle was to be let in, until it is in the junction, whatever
+            the lights show. Else the right of way ends with the green light, and after `WAIVER` at green without moving.
+    """
+
+    def __init__(self, *, paper: bool = True) -> None:
+        self._paper = paper
         self._stood = False
         self._owed: set[str] = set()
         self._idle: dict[str, float] = {}
@@ -46,10 +52,8 @@ class Light:
         colour = seen.lights[me.entrance]
         if me.zone is ENTRANCE and me.speed < STANDING:
             self._stood = True
-        prior = []
-        if me.turn is not _STRAIGHT:
-            prior = [other for other in seen.others if self._has_priority(seen, other, colour)]
-        self._remember(seen, prior)
+        self._watch(seen)
+        prior = self._prior(seen, colour) if me.turn is not _STRAIGHT else []
         if colour is _YELLOW:
             return not can_stop(seen, YELLOW)
         if colour is _RED and not (self._stood and me.turn is _RIGHT and not seen.junction.left_hand):
@@ -64,6 +68,20 @@ class Light:
                 return False
         return not exit_blocked(seen)
 
+    def owes(self, seen: Observation) -> bool:
+        """Return whether by the paper's rules it still waits for a vehicle to be let in; to be called in every step."""
+        self._watch(seen)
+        self._prior(seen, seen.lights[seen.me.entrance])
+        return bool(self._owed)
+
+    def _prior(self, seen: Observation, colour: Colour) -> list[VehicleState]:
+        """Return the vehicles on their way to the junction that go first."""
+        prior = [other for other in seen.others if self._has_priority(seen, other, colour)]
+        if self._paper:
+            self._remember(seen, prior)
+            return prior
+        return [other for _, other in not_queued(seen) if other in prior and other.name not in self._parked]
+
     def _has_priority(self, seen: Observation, other: VehicleState, colour: Colour) -> bool:
         """Return whether `other`, on its way to the junction, goes first if it comes to it."""
         if other.zone is not APPROACH and other.zone is not ENTRANCE:
@@ -72,7 +90,10 @@ class Light:
         far = junction.far
         if me.turn is far and other.turn is not far and (me.entrance, other.entrance) in junction.opposite:
             return True
-        return colour is _RED and me.turn is _RIGHT and (me.entrance, other.entrance) in junction.right_of
+        if colour is not _RED or me.turn is not _RIGHT:
+            return False
+        goes = seen.lights[other.entrance] is not _RED and bool(conflicts(seen, other))
+        return goes or (self._paper and (me.entrance, other.entrance) in junction.right_of)
 
     def _remember(self, seen: Observation, prior: list[VehicleState]) -> None:
         """Keep whom to let in first: once both were at their entrances, it stays so whatever the lights show."""
@@ -80,7 +101,6 @@ class Light:
             self._owed |= {other.name for other in prior if other.zone is ENTRANCE}
         if self._owed:
             self._owed &= {other.name for other in seen.others if other.zone is ENTRANCE}
-        self._watch(seen)
         if self._owed and seen.lights[seen.me.entrance] is _GREEN:
             # Who turned right on red waited for them; on green they have no priority, and would be waited for in vain.
             self._owed -= self._parked - {other.name for other in prior}
@@ -92,7 +112,7 @@ class Light:
             if parked and not stands:
                 parked.discard(other.name)
             if stands and seen.lights[other.entrance] is _GREEN:
-                if seen.time - idle.setdefault(other.name, seen.time) >= PARKED:
+                if seen.time - idle.setdefault(other.name, seen.time) >= WAIVER:
                     parked.add(other.name)
             elif idle:
                 idle.pop(other.name, None)
@@ -100,18 +120,19 @@ class Light:
 
 def _leaves_time(seen: Observation, other: VehicleState) -> bool:
     """Return whether one can pass before `other`, who has priority, needs the place."""
-    if other.zone is ENTRANCE:
+    if other.station >= stop_place(seen.junction, other.entrance)[0]:
         return False
+    line = -seen.junction.setbacks[other.entrance] - other.station
     me = seen.me
     delay = SET_OFF if me.speed < 1.0 else 0.0
     cruise = min(seen.speed_limit, 5.0)
+    speed = min(me.speed, cruise)
     # It must not come to its entrance while the own vehicle is still at the own one.
-    entrance = -seen.junction.setbacks[other.entrance] - ENTRANCE_ZONE - other.station
-    enter = delay + time_to(-me.station, me.speed, DRIVE, cruise)
-    if time_to(entrance, other.speed, EAGER, seen.speed_limit) < enter + MARGIN / 2:
+    enter = delay + time_to(-me.station, speed, DRIVE, cruise)
+    if time_to(line - ENTRANCE_ZONE, other.speed, EAGER, seen.speed_limit) < enter + MARGIN / 2:
         return False
     for found in conflicts(seen, other):
-        leave = delay + time_to(found.mine.end + me.length - me.station, me.speed, DRIVE, cruise)
+        leave = delay + time_to(found.mine.end + me.length - me.station, speed, DRIVE, cruise)
         if time_to(found.yours.start - other.station, other.speed, EAGER, seen.speed_limit) < leave + MARGIN:
             return False
     return True

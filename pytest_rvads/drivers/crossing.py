@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -9,11 +10,26 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.way_ahead import track
 from pytest_rvads.junctions.conflicts import Key, Shared
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION, VehicleState
 
-__all__ = ["Meeting", "Meetings", "ahead_in_lane", "conflicts", "exit_blocked", "in_the_way", "runs_through"]
+__all__ = [
+    "ROLLING",
+    "Meeting",
+    "Meetings",
+    "ahead_in_lane",
+    "conflicts",
+    "exit_blocked",
+    "in_the_way",
+    "may_meet",
+    "may_yield",
+    "not_queued",
+    "runs_through",
+]
 
+ROLLING = 3.0
+"""A vehicle before the junction that goes first and is this fast goes on, as the next one behind it may [m/s]."""
 RUNNER = 4.5
 """Who would have to brake harder than this to stop before the junction is not going to [m/s^2]."""
 SOON = 1.5
@@ -85,6 +101,34 @@ def conflicts(seen: Observation, other: VehicleState) -> list[Shared]:
     junction, mine = seen.junction, (seen.itinerary.entrance, seen.itinerary.exit)
     known = junction.stretches or {}
     return [found for way in junction.by_turn[other.entrance, other.turn] if (found := known.get((mine, way.key)))]
+
+
+@lru_cache(maxsize=4096)
+def may_meet(junction: Junction, one: tuple[int, Turn], other: tuple[int, Turn]) -> bool:
+    """Return whether two vehicles of different arms, each given by its entrance and its indicator, may share a stretch.
+
+    They may where it is not known where the lanes lie.
+    """
+    if junction.entrances[one[0]].arm == junction.entrances[other[0]].arm:
+        return False
+    known, ways = junction.conflicts, junction.by_turn
+    return known is None or any((mine.key, yours.key) in known for mine in ways[one] for yours in ways[other])
+
+
+@lru_cache(maxsize=4096)
+def may_yield(junction: Junction, one: tuple[int, Turn], other: tuple[int, Turn]) -> bool:
+    """Return whether the first of two vehicles, as for `may_meet`, may have to give way to the second."""
+    known, ways = junction.yields or {}, junction.by_turn
+    return any((mine.key, yours.key) in known for mine in ways[one] for yours in ways[other])
+
+
+def not_queued(seen: Observation) -> list[tuple[int, VehicleState]]:
+    """Return the others with their numbers, but those that queue behind a slow one before the junction."""
+    slow: dict[int, float] = {}
+    for other in seen.others:
+        if other.speed < ROLLING and other.zone < JUNCTION:
+            slow[other.entrance] = max(slow.get(other.entrance, -math.inf), other.station)
+    return [(k, other) for k, other in enumerate(seen.others) if other.station >= slow.get(other.entrance, -math.inf)]
 
 
 def in_the_way(seen: Observation, other: VehicleState) -> bool:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 
-from pytest_rvads.drivers.at_light import EAGER, SET_OFF, YELLOW
-from pytest_rvads.drivers.crossing import Meeting, Meetings, exit_blocked, runs_through
+from pytest_rvads.drivers.at_light import EAGER, SET_OFF, YELLOW, Light
+from pytest_rvads.drivers.crossing import ROLLING, Meeting, Meetings, exit_blocked, may_meet, may_yield, not_queued, runs_through
 from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
 from pytest_rvads.drivers.spacing import BEFORE, LEEWAY, can_stop, stop_before, time_to
-from pytest_rvads.drivers.stop_sign import HOLD, PATIENCE
+from pytest_rvads.drivers.stop_sign import HOLD, WAIVER
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, VehicleState
@@ -29,10 +29,9 @@ MARGIN = 1.6
 """Time kept between leaving a place and the arrival there of one who goes first [s]: more than that of a near miss, 1 s."""
 MOVING = 0.15
 """Who is faster than this moves [m/s]."""
-ROLLING = 3.0
-"""Who goes first and is this fast will have passed when one comes later [m/s]."""
 PATIENCE_STEP = 0.5
-"""How much longer each next one waits where all wait for one another [s]: as long as it takes to see that one has set off."""
+"""How long the first one waits where all wait for one another, and how much longer each next one [s]: as long as it takes to see
+that one has set off."""
 EARLY = 6.0
 """How long before braking would begin a decision is not needed yet [m]."""
 _GENTLE = 1.5
@@ -57,6 +56,8 @@ class GiveWay:
         entrance = junction.entrances[itinerary.entrance]
         self._meetings = Meetings(junction, itinerary)
         self._queue = Queue(tie)
+        self._paper = Light() if junction.control is JunctionControl.LIGHTS and not tie else None
+        """What the paper's rules ask for beyond giving way."""
         self._all_stop = junction.control is JunctionControl.STOP
         self._must_stop = stops and entrance.sign is Sign.STOP
         self._on_red = itinerary.turn is junction.near and entrance.lane == 0 and not junction.left_hand
@@ -76,13 +77,15 @@ class GiveWay:
         self._queue.watch(seen)
         if me.zone is ENTRANCE and speed < STANDING and self._stood_since is None:
             self._stood_since = seen.time
-        if not self._permitted(seen):
+        if not self._permitted(seen) or (self._paper is not None and self._paper.owes(seen)):
             self._released, self._quiet_since = False, None
             return False
-        waits_for = [other for k, other in self._relevant(seen) if self._blocked(seen, other, k < seen.created)]
+        meets = self._meetings.of
+        waits_for = [other for k, other in not_queued(seen) if meets(other) and self._blocked(seen, other, k < seen.created)]
         if self._all_stop:
             waits_for += self._came_first(seen, me)
-        if any(other.speed > MOVING or other.zone is not ENTRANCE for other in waits_for) or exit_blocked(seen) or _stuck(seen):
+        moves = any(other.speed > MOVING or not self._queue.arrived(other) for other in waits_for)
+        if moves or exit_blocked(seen) or _stuck(seen):
             self._released, self._quiet_since = False, None
             return False
         return not waits_for or self._patience_ends(seen, waits_for)
@@ -97,38 +100,21 @@ class GiveWay:
             return not can_stop(seen, YELLOW)
         return colour is not _RED or (self._on_red and self._stood_since is not None)
 
-    def _relevant(self, seen: Observation) -> list[tuple[int, VehicleState]]:
-        """Return the others that one meets, with their numbers: of those that queue before the junction the first ones."""
-        found, heads = [], dict[int, tuple[int, VehicleState]]()
-        of = self._meetings.of
-        for k, other in enumerate(seen.others):
-            if not of(other):
-                continue
-            if other.zone >= JUNCTION:
-                found.append((k, other))
-            elif other.entrance not in heads or heads[other.entrance][1].station < other.station:
-                heads[other.entrance] = k, other
-        return found + list(heads.values())
-
     def _came_first(self, seen: Observation, one: VehicleState) -> list[VehicleState]:
-        """Return who is at an entrance of another arm and enters before `one` at an all-way stop, whether or not they meet.
-
-        The order of arrival holds for all that stand there: nobody can tell from its line which ways will cross. Those in
-        the lanes beside the own one have the same line in front of them, and no place in that order.
-        """
-        entrances, right_of = seen.junction.entrances, seen.junction.right_of
-        arm, found = entrances[one.entrance].arm, []
+        """Return who has arrived at an all-way stop and enters before `one`, of those that `one` may meet."""
+        junction, found = seen.junction, []
         for other in seen.everybody():
-            if other.zone is ENTRANCE and entrances[other.entrance].arm != arm:
+            if self._queue.arrived(other) and may_meet(junction, (one.entrance, one.turn), (other.entrance, other.turn)):
                 before = self._queue.before(other, one)
-                if before or (before is None and (other.entrance, one.entrance) in right_of):
+                if before or (before is None and (other.entrance, one.entrance) in junction.right_of):
                     found.append(other)
         return found
 
     def _blocked(self, seen: Observation, other: VehicleState, earlier: bool) -> bool:
         """Return whether one has to wait for `other`, which may have been created `earlier`."""
         if other.zone >= JUNCTION:
-            return not all(self._fits(seen, other, meeting, 0.0) for meeting in self._meetings.of(other))
+            red = seen.lights[seen.me.entrance] is _RED
+            return not all(self._fits(seen, other, m, MARGIN if m.mine or red else 0.0) for m in self._meetings.of(other))
         colour = seen.lights[other.entrance]
         runs = runs_through(other)
         if not runs and (colour is _RED or (colour is _YELLOW and other.speed < MOVING)):
@@ -145,8 +131,8 @@ class GiveWay:
         """Return whether `other`, before the junction, goes first."""
         me = seen.me
         if self._all_stop:
-            if other.zone is not ENTRANCE or me.zone is not ENTRANCE:
-                return other.zone is ENTRANCE
+            if not self._queue.arrived(other) or not self._queue.arrived(me):
+                return self._queue.arrived(other)
             before = self._queue.before(other, me)
             if before is not None:
                 return before
@@ -167,8 +153,11 @@ class GiveWay:
         return self._queue.setting_off(other) and not self._queue.setting_off(seen.me) and self._queue.stood(seen.me)
 
     def _leaves_time(self, seen: Observation, other: VehicleState, meeting: Meeting) -> bool:
-        """Return whether one has passed before `other`, which goes first, needs the place; or it has when one comes."""
-        return self._before(seen, other, meeting, MARGIN) or (
+        """Return whether one has passed before `other`, which goes first, needs the place; or it has when one comes.
+
+        Nobody passes before who is first at its line: that one may set off.
+        """
+        return (not self._queue.arrived(other) and self._before(seen, other, meeting, MARGIN)) or (
             other.speed > ROLLING and not self._will_stop(other) and self._after(seen, other, meeting)
         )
 
@@ -219,33 +208,38 @@ class GiveWay:
     def _patience_ends(self, seen: Observation, waits_for: list[VehicleState]) -> bool:
         """Return whether to go although `waits_for`, who stand as well, go first: they wait for somebody, too, or do not go.
 
-        It ends while nobody moves whom they or one oneself would meet, and later the more that one meets were created before.
+        It ends while nobody moves whom they or one oneself would meet, and later the more that one meets have arrived before.
         """
         me = seen.me
-        if self._released:
+        if self._released and me.speed > MOVING:
             return True
-        moving = [other for other in seen.others if other.speed > MOVING and other.zone <= JUNCTION]
+        moving = [other for _, other in not_queued(seen) if other.speed > MOVING and other.zone <= JUNCTION]
         if me.zone is not ENTRANCE or me.speed > MOVING or any(self._concerns(seen, other, waits_for) for other in moving):
             self._quiet_since = None
             return False
         if self._quiet_since is None:
             self._quiet_since = seen.time
-        earlier = seen.others[: seen.created]
-        place = sum(other.zone is ENTRANCE and (self._all_stop or bool(self._meetings.of(other))) for other in earlier)
-        self._released = seen.time - self._quiet_since >= PATIENCE + PATIENCE_STEP * place
+        since, mine = self._queue.since, (self._queue.since(me), seen.created)
+        there = [(k, o) for k, o in enumerate(seen.others) if self._queue.arrived(o) and self._meetings.of(o)]
+        place = sum((since(other), k) < mine for k, other in there)
+        patience = PATIENCE_STEP if all(self._held(seen, other) for other in waits_for) else WAIVER
+        self._released = seen.time - self._quiet_since >= patience + PATIENCE_STEP * place
         return self._released
+
+    def _held(self, seen: Observation, other: VehicleState) -> bool:
+        """Return whether `other`, at its line, has to let somebody go first that has arrived as well."""
+        if self._all_stop:
+            return bool(self._came_first(seen, other))
+        junction, way, arrived = seen.junction, (other.entrance, other.turn), self._queue.arrived
+        unlit = seen.lights[other.entrance] is Colour.NONE
+        return unlit and any(arrived(one) and may_yield(junction, way, (one.entrance, one.turn)) for one in seen.everybody())
 
     def _concerns(self, seen: Observation, moving: VehicleState, waits_for: list[VehicleState]) -> bool:
         """Return whether one may be waiting because of `moving`: one meets it, or one of those does that one waits for."""
-        if self._meetings.of(moving):
+        if any(moving.station - moving.length < meeting.shared.yours.end for meeting in self._meetings.of(moving)):
             return True
-        conflicts, ways = seen.junction.conflicts or (), seen.junction.by_turn
-        return any(
-            (one.key, two.key) in conflicts
-            for other in waits_for
-            for one in ways[other.entrance, other.turn]
-            for two in ways[moving.entrance, moving.turn]
-        )
+        way = moving.entrance, moving.turn
+        return any(may_meet(seen.junction, (other.entrance, other.turn), way) for other in waits_for)
 
 
 def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from pytest_rvads.conduct.standing import STANDSTILL, stop_place
+from pytest_rvads.drivers.crossing import may_meet
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.states import ENTRANCE, VehicleState
+from pytest_rvads.runs.states import APPROACH, ENTRANCE, VehicleState
 
 __all__ = ["Queue"]
 
 _MOVING = 0.15
-"""A vehicle that stood at its entrance and is now faster than this has set off [m/s]."""
-_STANDING = 0.05
-"""Slower than this a vehicle stands [m/s]."""
+"""A vehicle that stood before its line and is now faster than this has set off [m/s]."""
 
 
 class Queue:
-    """What a driver remembers of the vehicles at the entrances: when each arrived, and who has set off again.
+    """What a driver remembers of the vehicles before the junction: when each arrived, and who has set off again.
+
+    A vehicle arrives when it stops in the stop place with nobody ahead in its lane, or enters the entrance zone, whichever is
+    earlier, and stays arrived until it enters the junction or backs out. Only vehicles whose ways meet take turns.
 
     Args:
-        tie: who arrived within this time of each other arrived together [s].
+        tie: who arrived within this time of each other arrived together [s]. With 0, arrivals and turns are those of the paper's
+            rules: a vehicle arrives when it enters the entrance zone, and takes turns with those of all other entrances.
     """
 
     def __init__(self, tie: float = 0.0) -> None:
@@ -32,52 +36,69 @@ class Queue:
         outside, stood = self._outside, self._stood
         for state in (seen.me, *seen.others):
             name = state.name
-            if state.zone is not ENTRANCE:
+            if not (state.zone is ENTRANCE or (state.zone is APPROACH and self._in_stop_place(seen, state))):
                 outside[name] = tick
                 if stood:
                     stood.discard(name)
             else:
                 if name not in outside:
-                    # At its entrance from the start: waiting times count from zero there.
+                    # Arrived from the start: waiting times count from zero there.
                     outside[name] = tick
-                if state.speed < _STANDING:
+                if state.speed <= STANDSTILL:
                     stood.add(name)
+
+    def _in_stop_place(self, seen: Observation, state: VehicleState) -> bool:
+        """Return whether `state`, on its approach, has stopped in the stop place, with nobody ahead, and not left it since."""
+        if not self._tie or state.station < stop_place(seen.junction, state.entrance)[0]:
+            return False
+        if state.name in self._stood or state.speed > STANDSTILL:
+            return state.name in self._stood
+        return not any(o.entrance == state.entrance and state.station < o.station <= 0.0 for o in (seen.me, *seen.others))
 
     def setting_off(self, other: VehicleState) -> bool:
         """Return whether `other` stood at its entrance and is on its way now."""
         return other.zone is ENTRANCE and other.speed > _MOVING and other.name in self._stood
 
     def stood(self, other: VehicleState) -> bool:
-        """Return whether `other` is at its entrance and has stood there."""
+        """Return whether `other` has arrived and has stood since."""
         return other.name in self._stood
 
+    def arrived(self, other: VehicleState) -> bool:
+        """Return whether `other` is at its entrance, or waits in the stop place before it."""
+        return other.zone is ENTRANCE or other.name in self._stood
+
+    def since(self, state: VehicleState) -> int:
+        """Return the tick since which `state` has been there; the present one, where it has not arrived."""
+        return self._outside[state.name]
+
     def before(self, one: VehicleState, other: VehicleState) -> bool | None:
-        """Return whether `one`, at its entrance as `other` is, came there earlier; None where both came together."""
+        """Return whether `one` arrived earlier than `other`, which has arrived as well; None where both came together."""
         later = self._outside[one.name] - self._outside[other.name]
         return None if abs(later) <= self._tie else later < 0
 
-    def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
-        """Return who goes next among the vehicles at the entrances, and whether right before left decides it.
+    def first(self, seen: Observation) -> tuple[list[VehicleState], int]:
+        """Return in which order the vehicles that have arrived may go, and how many of them have to wait for nobody.
 
         Returns:
-            Those that have to wait for nobody, and True; or, where everybody who came first has somebody to let go first,
-            all of them, and False. Who came earlier stands first, of those that came at once who was created earlier.
-            Of several behind each other at one entrance only the first counts. Nobody, and True, where nobody is there.
+            Those that have to wait for nobody, then, unless turns are the paper's, those that wait for no others than these; or
+            all, where everybody has somebody to let go first. Who came earlier stands first, of those that came at once who was
+            created earlier. Of several behind each other at one entrance only the first counts.
         """
-        since = self._outside
-        waiting = [s for s in seen.everybody() if s.zone is ENTRANCE]
+        since, junction = self._outside, seen.junction
+        waiting = [s for s in seen.everybody() if self.arrived(s)]
         if len({s.entrance for s in waiting}) < len(waiting):
             heads = {s.entrance: s.name for s in sorted(waiting, key=lambda s: s.station)}
             waiting = [s for s in waiting if heads[s.entrance] == s.name]
-        if not waiting:
-            return [], True
-        earliest = min(since[s.name] for s in waiting)
-        tied = [s for s in waiting if since[s.name] - earliest <= self._tie]
-        right_of = seen.junction.right_of
+        waiting.sort(key=lambda s: since[s.name])
 
         def waits_for(s: VehicleState, other: VehicleState) -> bool:
+            if self._tie and not may_meet(junction, (s.entrance, s.turn), (other.entrance, other.turn)):
+                return False
             later = since[s.name] - since[other.name]
-            return later > self._tie or (later >= -self._tie and (other.entrance, s.entrance) in right_of)
+            return later > self._tie or (later >= -self._tie and (other.entrance, s.entrance) in junction.right_of)
 
-        free = [s for s in tied if not any(waits_for(s, other) for other in waiting)]
-        return sorted(free or tied, key=lambda s: since[s.name]), bool(free)
+        free = [s for s in waiting if not any(waits_for(s, other) for other in waiting)]
+        if not free:
+            return waiting, 0
+        rest = [s for s in waiting if s not in free and all(o in free for o in waiting if waits_for(s, o))]
+        return free + rest if self._tie else free, len(free)

@@ -11,8 +11,8 @@ from pytest_rvads.runs.states import Zone
 
 __all__ = ["Hesitant", "LateYielder", "RedLightRunner", "Stopped"]
 
-HESITATION = 3.0
-"""How long the hesitant one waits when it could go [s]."""
+HESITATION = 2.0
+"""How long the hesitant one waits when it could go [s]; after 3 s it would have waived its right."""
 HESITANT_SPEED = 0.6
 """Share of the speed limit that the hesitant one dares to drive."""
 LATE = 0.85
@@ -20,7 +20,7 @@ LATE = 0.85
 
 
 class Hesitant(Reference):
-    """Obeys every rule, but waits for three seconds when it could go, and drives slowly."""
+    """Obeys every rule, but waits for two seconds when it could go, and drives slowly."""
 
     def make_gate(self, seen: Observation) -> Gate:
         """Return what decides when to enter."""

@@ -34,27 +34,29 @@ QUEUED = 2.0
 class Reference(Follower):
     """Drives as the paper's rules and the law demand.
 
-    At a stop sign it stops before the line, inside the entrance zone, and enters when nobody else is in the junction
-    and it is its turn: first come, first served; on ties whoever has nobody to the right. Where four arrive at once,
-    so that everybody has somebody to the right, patience decides; it differs from vehicle to vehicle, in the order of their
-    creation, so that one sets off alone. Who has the turn and does not make use of it is not waited for.
+    At a stop sign it stops before the line, inside the entrance zone, and enters when no other vehicle is in the junction
+    and it is its turn: first come, first served; on ties the vehicle that has none to its right. Vehicles whose ways do not meet
+    do not take turns. Where four arrive at once, so that every vehicle has one to its right, patience decides; it differs from
+    vehicle to vehicle, in the order of their creation, so that one sets off alone. A vehicle that has the turn, could go, and
+    stands for 3.5 s has waived its right and is not waited for.
 
-    At a light it stops on yellow where it can and on red always. On red it turns right after a full stop, when nobody
-    comes from the left. Turning left it yields to oncoming traffic. It never gets into the way of somebody who is
-    still in the junction.
+    At a light it stops on yellow where it can and on red always. On red it turns right after a full stop, when no vehicle with
+    green comes whose way meets its own. Turning left it yields to oncoming traffic, unless that stands at green for 3.5 s. It
+    never gets into the way of a vehicle that is still in the junction.
 
     Where there are other signs, signs at some entrances only, or none, and where arms have several lanes, it looks at those
-    whose way meets its own: it gives way as `Junction.yields` says, in time or not at all, after a stop where its sign demands
-    one and at green where it has a light; at an all-way stop to those that came first. Who has the way goes on, except into
-    somebody who is in it. Where all that stand there wait for one another, patience decides.
+    vehicles whose way meets its own: it gives way as `Junction.yields` says, in time or not at all, after a stop where its sign
+    demands one and at green where it has a light; at an all-way stop to those that came first. A vehicle with the better right
+    that stands at its line is passed only once it has waived its right. A vehicle that has the way goes on, except into a body
+    that is in it. Where all that stand there wait for one another, the vehicle that came first goes.
 
     Everywhere it keeps its distance from who drives ahead, queues behind it, and stops before a body in its way. It enters only
     what it can leave.
 
     Args:
         tie: at an all-way stop, who arrived within this time of each other arrived at once, and the right one goes first, at
-            most 0.5 [s]. The paper's rules know no such window, the road rulebook has one of 0.5 s:
-            ``functools.partial(Reference, tie=0.5)``.
+            most 0.5 [s]. The road rulebook has such a window of 0.5 s: ``functools.partial(Reference, tie=0.5)``. With 0 it keeps
+            the paper's rules, which know neither such a window nor waivers.
 
     Raises:
         AutopilotError: a `tie` out of range.
@@ -73,7 +75,7 @@ class Reference(Follower):
         """Return what decides when to enter; called once, with the first observation."""
         if not by_zones(seen.junction):
             return GiveWay(seen, self.track(seen), self._tie)
-        return Light() if seen.junction.control is JunctionControl.LIGHTS else StopSign(self._tie)
+        return Light(paper=not self._tie) if seen.junction.control is JunctionControl.LIGHTS else StopSign(self._tie)
 
     def control(self, seen: Observation) -> Control:
         """Return throttle, brake and steering."""

@@ -36,7 +36,7 @@ class RollingStop(Reference):
         """Return what decides when to enter."""
         if not by_zones(seen.junction):
             return _Rolling(seen, self.track(seen), stops=False)
-        return _RightOnRed() if seen.junction.control is JunctionControl.LIGHTS else _Yield()
+        return _RightOnRed(paper=False) if seen.junction.control is JunctionControl.LIGHTS else _Yield()
 
     def target_speed(self, seen: Observation) -> float:
         """Return the speed limit, less before a line that it rolls over [m/s]."""

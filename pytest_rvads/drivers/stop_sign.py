@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 from pytest_rvads.drivers.crossing import exit_blocked, runs_through
 from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
 from pytest_rvads.runs.states import ENTRANCE, JUNCTION, Colour
 
-__all__ = ["HOLD", "PATIENCE", "PATIENCE_STEP", "StopSign"]
+__all__ = ["HOLD", "PATIENCE", "PATIENCE_STEP", "WAIVER", "StopSign"]
 
 HOLD = 0.5
 """How long to stand at the sign, at least [s]."""
@@ -16,6 +18,8 @@ PATIENCE, PATIENCE_STEP = 1.0, 0.7
 """How long the first one waits where everybody has to wait for somebody, and how much longer each next one [s]; also how long
 the next one waits for the first to make use of its turn. Next is who was created next, so that rotating a scenario changes
 nothing."""
+WAIVER = 3.5
+"""How long one waits for a vehicle that is to go first, could go, and stands [s]: after 3 s it has waived its right."""
 
 
 class StopSign:
@@ -29,6 +33,7 @@ class StopSign:
         self._queue = Queue(tie)
         self._stood_since: float | None = None
         self._stuck_since: float | None = None
+        self._ahead: set[str] = set()
         self._released = False
 
     def allows(self, seen: Observation) -> bool:
@@ -41,9 +46,11 @@ class StopSign:
             self._stood_since = seen.time
         if self._stood_since is None or seen.time - self._stood_since < HOLD:
             return False
-        # Also when it is already on its way: whoever goes out of turn is let in, not met in the junction.
-        for other in seen.others:
-            if other.zone is JUNCTION or self._queue.setting_off(other):
+        # Also when it is already on its way: whoever goes out of turn is let in, not met in the junction; of two that set off at
+        # once the farther one goes on.
+        mine = (me.station, -seen.created) if self._queue.setting_off(me) else (-math.inf, 0)
+        for k, other in enumerate(seen.others):
+            if other.zone is JUNCTION or (self._queue.setting_off(other) and (other.station, -k) > mine):
                 self._released, self._stuck_since = False, None
                 return False
         self._released = self._released or self._my_turn(seen)
@@ -57,11 +64,13 @@ class StopSign:
         if any(runs_through(other) and other.entrance != entrance for other in seen.others) or exit_blocked(seen):
             self._stuck_since = None
             return False
-        first, decided = self._queue.first(seen)
-        place = next((k for k, state in enumerate(first) if state.name == seen.me.name), None)
-        if place is None or (decided and place == 0):
+        order, free = self._queue.first(seen)
+        place = next((k for k, state in enumerate(order) if state.name == seen.me.name), None)
+        if place is None or (free and place == 0):
             self._stuck_since = None
             return place == 0
-        if self._stuck_since is None:
-            self._stuck_since = seen.time
-        return seen.time - self._stuck_since >= PATIENCE + PATIENCE_STEP * place
+        ahead = {state.name for state in order[:place]}
+        if self._stuck_since is None or ahead != self._ahead:
+            self._stuck_since, self._ahead = seen.time, ahead
+        patience = WAIVER if free and place >= free else PATIENCE
+        return seen.time - self._stuck_since >= patience + PATIENCE_STEP * place

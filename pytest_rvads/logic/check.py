@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
 from pytest_rvads.conduct.memo import once
@@ -18,18 +20,21 @@ from pytest_rvads.logic.judging.judge import Near, judge, nearest_miss
 from pytest_rvads.logic.judging.prepare import Template, prepare
 from pytest_rvads.logic.judging.readings import doubted
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule
+from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule, is_rulebook, rules_for
 from pytest_rvads.logic.rules.rule import LONGEST_TIE, Rule
 from pytest_rvads.logic.rules.shape import shape_of
 from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.story import Story
 from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.report.outcome import Outcome, counted
 from pytest_rvads.runs.run import Run
 
 __all__ = ["check", "extract", "ground", "simplify", "unfold"]
 
 NOT_RECORDED = "not recorded"
 """Begins the reason of a verdict on what a run does not hold."""
+_QUIET = (Outcome.PASS, Outcome.NA)
+"""Of what a rulebook says beside its worst verdict, these outcomes are only counted."""
 _KINDS = {
     JunctionControl.STOP: "stop signs at all entrances",
     JunctionControl.LIGHTS: "lights at all entrances",
@@ -48,11 +53,14 @@ def check(
     standing: bool = False,
     book: RuleBook | None = None,
 ) -> Verdict:
-    """Judge a run by a rule.
+    """Judge a run by a rule, or by a rulebook.
+
+    The verdict of a rulebook is the worst verdict of its rules. Its message counts the verdicts of all these rules, and its notes
+    hold the messages of the others that neither pass nor are NA.
 
     Args:
         run: the run.
-        rule: a rule or the name of one.
+        rule: a rule, or the name of a rule or rulebook.
         tie: waiting times that differ by at most this count as equal [s]; the rule's own by default.
         itinerary: use the known itineraries for ``take``; False evaluates the paper's definition, a future formula.
         standing: count waiting times from standstill, as the paper's text says, instead of from the arrival at the
@@ -75,6 +83,9 @@ def check(
     """
     require(run, Run, "check takes a run, such as rvads.simulate(case) returns", RunError)
     book = current_book(book)
+    if isinstance(rule, str) and is_rulebook(rule):
+        rules = rules_for(rule, book=book)
+        return _worst(rule, [check(run, r, tie=tie, itinerary=itinerary, standing=standing, book=book) for r in rules])
     rule = get_rule(rule, book)
     window = rule.tie if tie is None else tie
     if not 0 <= window <= LONGEST_TIE:
@@ -90,6 +101,14 @@ def check(
         story.notes.append(f"later, at {run.fault.time:.2f} s, the run ended by a fault: {run.fault.reason}")
         return tell(story)
     return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason))
+
+
+def _worst(rulebook: str, verdicts: Sequence[Verdict]) -> Verdict:
+    """Return the worst verdict of the rules of a rulebook, with what the other rules say."""
+    counts = Counter[Outcome | None](verdict.outcome for verdict in verdicts)
+    worst = min(verdicts, key=lambda verdict: verdict.outcome.severity)
+    others = tuple(f"{v.outcome} {v.message}" for v in verdicts if v is not worst and v.outcome not in _QUIET)
+    return replace(worst, message=f"{rulebook}: {counted(counts)}; {worst.message}", notes=(*worst.notes, *others))
 
 
 def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinerary: bool, standing: bool) -> Story:

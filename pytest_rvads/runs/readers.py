@@ -49,5 +49,6 @@ def read_runs(path: str | Path) -> Sequence[Run]:
     suffix = Path(path).suffix.lower()
     if suffix not in READERS:
         known = ", ".join(READERS)
-        raise RunError(f"{path}: expected a file of runs ({known}), got one ending in {suffix or 'nothing'!r}")
+        got = f"expected a file of runs ({known}), got one ending in {suffix or 'nothing'!r}"
+        raise RunError(f"{path}: {got}; rvads import makes a recording (.npz) of a log of tracks")
     return READERS[suffix](path)

@@ -74,7 +74,7 @@ class Recording(Sequence[Run]):
     position_accuracy: float = 0.0
     """Standard deviation of a coordinate as it was measured [m]; 0: exact. Those of tracks are smoothed."""
     speed_accuracy: float = 0.0
-    """Of a speed [m/s]."""
+    """Of a speed as it was measured [m/s]; 0: exact. Those of tracks are smoothed where positions are."""
     dt: float = DT
     """Time between two states of its runs [s]."""
     left_out: tuple[tuple[str, str], ...] = ()
@@ -176,7 +176,10 @@ class Recording(Sequence[Run]):
             exact = ((t, column) for column, t in enumerate(tracks) if t.spread is None)
             slower = (between.unseen_stand(t.times, t.station, t.speed, ticks, speed[:, column]) for t, column in exact)
             return max(slower, default=0.0) / _ALL
-        return max(self.speed_accuracy, HARDEST * max(_apart(tracks) - DT, 0.0) / 2 / _ALL)
+        known = self.speed_accuracy
+        if self.position_accuracy > 0.0 and known < DERIVED:
+            known = beside(known, _apart(tracks))
+        return max(known, HARDEST * max(_apart(tracks) - DT, 0.0) / 2 / _ALL)
 
 
 def _apart(tracks: Sequence[Track]) -> float:

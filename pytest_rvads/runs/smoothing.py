@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DERIVED", "beside", "delay", "roughness", "smoothed"]
+__all__ = ["DERIVED", "QUIET", "beside", "delay", "roughness", "smoothed"]
 
 _Values = NDArray[np.float64]
 
@@ -75,12 +75,12 @@ def roughness(times: _Values, values: _Values) -> float:
 
 
 def beside(accuracy: float, apart: float) -> float:
-    """Return the standard deviation of a smoothed position beside the way [m].
+    """Return the standard deviation of a smoothed position beside the way [m], or of a smoothed speed [m/s].
 
     It is that of a parabola in the middle of the samples that always count: ``1.5 / sqrt(n)`` of one sample's.
 
     Args:
-        accuracy: standard deviation of a coordinate of a sample [m].
+        accuracy: standard deviation of a coordinate [m] or speed [m/s] of a sample.
         apart: time between samples [s].
     """
     if accuracy <= 0.0:
@@ -110,13 +110,14 @@ def delay(times: _Values, station: _Values, speed: _Values, straight: NDArray[np
     return (found / weight if weight > 0.0 else 0.0), weight
 
 
-def smoothed(
+def smoothed(  # noqa: PLR0913 - the samples, how well they are known, and where the way is straight
     times: _Values,
     station: _Values,
     speed: _Values | None,
     accuracy: float,
     straight: NDArray[np.bool_] | None = None,
     late: float = 0.0,
+    noise: float | None = None,
 ) -> tuple[_Values, _Values, _Values | None]:
     """Return stations [m], speeds [m/s] and spread [m] of one vehicle, each of shape ``(samples,)``.
 
@@ -128,6 +129,8 @@ def smoothed(
         accuracy: standard deviation of a station [m]; 0 leaves the stations as they are, and their spread None.
         straight: which samples are where the way is straight, so that measured speeds add up to it; None: that is not known.
         late: how long after the stations the speeds are of [s], see `delay`.
+        noise: standard deviation of a measured speed [m/s]; None: estimated from the speeds of this vehicle. Speeds known
+            to `QUIET` stay as they are; others are smoothed, and exactly 0 where they and the stations prove a stand.
     """
     if accuracy <= 0.0 or len(times) < 4:
         fast = speed if speed is not None else np.gradient(station, times) if len(times) > 1 else np.zeros(len(times))
@@ -136,13 +139,33 @@ def smoothed(
         found = _fitted(times, station, accuracy, 2, np.full(len(times), LONG))
         return _standing(times, station, accuracy, found)
     driven = _driven(times, speed) + (late * speed if abs(late) <= LATEST else 0.0)
-    noise = roughness(times, speed)
+    noise = roughness(times, speed) if noise is None else noise
     reach, wander = np.minimum(FAR / np.maximum(np.abs(speed), PACE), BENT), noise**2 * float(np.median(np.diff(times)))
     found = _fitted(times, station - driven, accuracy, 1, reach, wander)
     if straight is not None:
         found = _along_stretches(times, station - driven, accuracy, straight, found, wander)
-    fast = speed if noise <= QUIET else _fitted(times, speed, noise, 2, np.full(len(times), LONG)).value
+    fast = speed if noise <= QUIET else _slowed(times, station, accuracy, speed, noise)
     return found.value + driven, fast, SURE * found.deviation + ALLOWED
+
+
+def _slowed(times: _Values, station: _Values, accuracy: float, speed: _Values, noise: float) -> _Values:
+    """Return noisy speeds smoothed, and exactly 0 where they and the stations prove a stand.
+
+    The magnitude of a noisy speed is never negative, so that its mean is too high for a vehicle that stands. Then the stations
+    alone tell whether it does.
+    """
+    found = _fitted(times, speed, noise, 2, np.full(len(times), LONG)).value
+    for reach in (reach for reach in REACHES if reach <= BENT):
+        mean = _window(times, speed, reach, noise, 0)
+        found[np.abs(mean.value) + AGREE * mean.deviation <= PACE] = 0.0
+    for begin, end in _stands(times, station, accuracy):
+        here = slice(begin, end)
+        at = times[here] - times[here].mean()
+        weights = float((at**2).sum()) / accuracy**2, (end - begin) / noise**2 * float(speed[here].min() < 0.0)
+        creeps = float((at * station[here]).sum()) / accuracy**2 + weights[1] * float(speed[here].mean())
+        if abs(creeps) / sum(weights) + AGREE / float(np.sqrt(sum(weights))) <= PACE:
+            found[here] = 0.0
+    return found
 
 
 @dataclass(frozen=True, slots=True)

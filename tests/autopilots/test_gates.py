@@ -1,5 +1,6 @@
 """When the reference autopilot enters the junction, at lights and at stop signs: what it sees, written by hand."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -153,19 +154,62 @@ def test_who_was_to_be_let_in_stays_so_when_the_lights_change() -> None:
 @pytest.mark.parametrize(
     ("story", "goes"),
     [
-        ([(0.0, 0.0), (8.0, 0.0)], True),
-        ([(0.0, 0.0), (7.9, 0.0)], False),
-        ([(0.0, 0.0), (4.0, 0.5), (8.0, 0.0)], False),  # it crept on
-        ([(0.0, 0.0), (4.0, 0.5), (5.0, 0.0), (13.0, 0.0)], True),
-        ([(0.0, 0.0), (8.0, 0.0), (8.1, 0.5)], False),  # it wakes up
+        ([(0.0, 0.0), (3.5, 0.0)], True),
+        ([(0.0, 0.0), (3.4, 0.0)], False),
+        ([(0.0, 0.0), (2.0, 0.5), (3.5, 0.0)], False),  # it crept on
+        ([(0.0, 0.0), (2.0, 0.5), (3.0, 0.0), (6.5, 0.0)], True),
+        ([(0.0, 0.0), (3.5, 0.0), (3.6, 0.5)], False),  # it wakes up
     ],
 )
 def test_who_does_not_go_on_its_green_is_not_waited_for_on_the_own_one(story: list[tuple[float, float]], goes: bool) -> None:
-    """Another one stands at green for eight seconds; (time, speed)."""
+    """Another one stands at green for 3.5 s; (time, speed)."""
     light = Light()
     for time, speed in story:
         assert light.allows(sees(at(1, RIGHT), at(0, STRAIGHT, speed=speed), time=time)) is False
     assert light.allows(sees(at(1, RIGHT), at(0, STRAIGHT), lights=ALONG, time=20.0)) is goes
+
+
+def waits(gate: Light | StopSign, seen: Callable[[int], Observation]) -> float | None:
+    """From when on a vehicle would go, in tenths of a second of ten seconds [s]."""
+    told = [gate.allows(seen(tick)) for tick in range(100)]
+    assert sorted(told) == told
+    return told.index(True) / 10 if any(told) else None
+
+
+@pytest.mark.parametrize(("paper", "goes"), [(False, 3.5), (True, None)])
+def test_oncoming_traffic_that_stands_at_green_for_3_5_s_is_not_waited_for(paper: bool, goes: float | None) -> None:
+    """By the paper's rules it goes first whenever it goes; a queue behind it waits for it itself."""
+    oncoming = at(2, STRAIGHT), at(2, STRAIGHT, -7.0, name="next", zone=Zone.APPROACH)
+    assert waits(Light(paper=paper), lambda tick: sees(at(0, LEFT), *oncoming, time=tick / 10)) == goes
+    if not paper:
+        light = Light(paper=False)
+        assert [light.allows(sees(at(0, LEFT), *oncoming, time=time)) for time in (0.0, 3.4)] == [False, False]
+        sets_off = oncoming[0]._replace(speed=0.5)
+        assert light.allows(sees(at(0, LEFT), sets_off, time=3.5)) is False, "it has set off"
+
+
+@pytest.mark.parametrize(("paper", "goes"), [(False, True), (True, False)])
+def test_on_the_own_green_a_vehicle_that_stands_at_red_is_owed_nothing_but_by_the_paper(paper: bool, goes: bool) -> None:
+    """Turning right on red it waited for that vehicle, which the end of its green light then stopped at its line."""
+    light = Light(paper=paper)
+    assert light.allows(sees(at(1, RIGHT), at(0, STRAIGHT))) is False
+    assert light.allows(sees(at(1, RIGHT), at(0, STRAIGHT), lights=ALONG, time=3.0)) is goes
+
+
+@pytest.mark.parametrize(("station", "goes"), [(-60.0, True), (-0.5, False)])
+def test_a_right_turn_on_red_lets_pass_a_left_turn_on_green_into_the_same_exit(station: float, goes: bool) -> None:
+    light, me = Light(paper=False), at(0, RIGHT)
+    comes = at(2, LEFT, station, 5.0)
+    assert (comes.entrance, me.entrance) not in LIGHTS.right_of
+    assert light.allows(sees(me, comes, lights=(R, R, G, R))) is goes
+    assert light.allows(sees(me, comes._replace(speed=0.0), lights=(R, R, R, R))) is True, "as long as that one has green"
+
+
+def test_a_left_turn_reckons_with_its_bend_however_fast_it_comes() -> None:
+    """From 8 m before the line the way is 27.1 m: 5.4 s at 5 m/s, and a second to spare; at 8.7 m/s it would be 3.1 s."""
+    for before, goes in ((0.3, True), (-0.3, False)):
+        comes = at(2, STRAIGHT, 16.0 - LIMIT * (27.1 / 5.0 + 1.0) - before, LIMIT)
+        assert enters(at(0, LEFT, -8.0, 8.7), comes) is goes
 
 
 @pytest.fixture
@@ -272,12 +316,37 @@ def test_whose_turn_it_is_where_all_came_at_once(others: tuple[VehicleState, ...
     assert told == [goes is not None and tick / 10 >= goes for tick in range(100)]
 
 
+@pytest.mark.parametrize(
+    ("tie", "others", "goes"),
+    [
+        (0.5, (at(1, STRAIGHT),), 0.5 + 3.5 + 0.7),  # it stands for 3.5 s, and 0.7 s more for each in front
+        (0.0, (at(1, STRAIGHT),), None),  # the paper knows no waiver
+        (0.5, (at(1, STRAIGHT), at(2, STRAIGHT)), None),  # it is itself held by the one opposite, which waives its right alone
+        (0.5, (at(2, STRAIGHT, -3.0),), 0.5),  # their ways do not meet
+        (0.5, (at(1, STRAIGHT, -3.0),), 0.5 + 3.5 + 0.7),  # it has stopped in the stop place
+        (0.5, (at(1, STRAIGHT, -6.0),), 0.5),  # it has not come there
+    ],
+)
+def test_how_long_a_vehicle_at_a_stop_sign_waits_for_one_with_the_better_right(
+    tie: float, others: tuple[VehicleState, ...], goes: float | None
+) -> None:
+    seen = [sees(at(0, STRAIGHT), *others, lights=(Colour.NONE,) * 4, time=tick / 10, junction=SIGNS) for tick in range(100)]
+    assert waits(StopSign(tie), seen.__getitem__) == (None if goes is None else pytest.approx(goes, abs=0.11))
+
+
+def test_of_two_that_set_off_at_once_at_stop_signs_the_farther_one_goes_on() -> None:
+    for station, goes in ((-0.3, True), (-0.1, False)):
+        sign, other = StopSign(), at(3, STRAIGHT)
+        assert [at_sign(sign, time, at(0, STRAIGHT), other) for time in (0.0, 0.5)] == [False, True]
+        assert at_sign(sign, 0.6, at(0, STRAIGHT, -0.2, 0.5), other._replace(station=station, speed=0.5)) is goes
+
+
 def test_its_patience_begins_anew_after_somebody_else_was_to_go_first() -> None:
     """It waits for who is opposite, then for who came just in time to the right, and from 3 s on, when that one is gone, anew."""
     sign = StopSign(tie=0.5)
 
     def goes(tick: int) -> bool:
-        right = at(1, STRAIGHT, -0.5 if 6 <= tick < 30 else -5.0)
+        right = at(1, STRAIGHT, -0.5 if 6 <= tick < 30 else -9.0)
         return at_sign(sign, tick / 10, at(0, STRAIGHT), at(2, STRAIGHT), right, created=1)
 
     assert [goes(tick) for tick in range(100)] == [tick / 10 >= 3.0 + 1.0 + 0.7 for tick in range(100)]

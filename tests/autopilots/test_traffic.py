@@ -69,6 +69,14 @@ def test_the_hesitant_one_waits_when_it_could_go(among: Among, junction: str) ->
     assert hesitant.speed[:, 1].max() < 8.1, "it drives slowly"
 
 
+def test_the_hesitant_one_waits_for_two_seconds_before_its_right_ends() -> None:
+    """Alone at a green light, it could go from the first state on: after 3 s others need not wait for it any more."""
+    scenario = Scenario(find("light4"), "2000", distance=0.3, subject=0, duration=5)
+    entry = simulate(Case(scenario, traffic("hesitant"), traffic=traffic("stopped"))).entry(0)
+    assert entry is not None
+    assert 2.0 < entry < 3.0
+
+
 def test_the_rolling_stop_does_not_stop(among: Among) -> None:
     assert not stopped(among("rolling_stop", "stop4"), 1).any()
     assert stopped(among("reference", "stop4"), 1).any()

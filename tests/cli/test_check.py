@@ -21,6 +21,7 @@ from pytest_rvads.cli import main, run_answers
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
+from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.readers import read_runs
@@ -81,7 +82,11 @@ def test_what_folders_patterns_and_files_mean(folder: Path, capsys: Read) -> Non
         ("empty", "empty: the folder is empty, expected files of runs (.json, .npz, .xosc) in it"),
         ("x.json", "x.json: the folder is empty, expected files of runs (.json, .npz, .xosc) in it"),
         ("none*.npz", "none*.npz: no file matches this pattern"),
-        ("drives/notes.txt", "drives/notes.txt: expected a file of runs (.json, .npz, .xosc), got one ending in '.txt'"),
+        (
+            "drives/notes.txt",
+            "drives/notes.txt: expected a file of runs (.json, .npz, .xosc), got one ending in '.txt'; "
+            "rvads import makes a recording (.npz) of a log of tracks",
+        ),
     ],
 )
 def test_what_is_not_there_is_told_and_costs_nothing_else(
@@ -183,6 +188,18 @@ def test_verdicts_come_one_by_one_and_no_run_is_held(folder: Path, capsys: Read,
     assert len(read) == 4
 
 
+def test_runs_are_judged_by_the_rules_of_the_road_by_default(folder: Path, capsys: Read) -> None:
+    main(["check", str(folder / "d3.npz"), "--jsonl"])
+    (told,) = lines(capsys.readouterr().out)
+    assert set(told["verdicts"]) == {rule.name for rule in rulebook("road")}
+
+
+def test_a_log_is_sent_to_the_command_that_imports_it(tmp_path: Path, capsys: Read) -> None:
+    (tmp_path / "drive.csv").write_text("time,id,x,y\n0,v,0,0\n", encoding="utf-8")
+    assert main(["check", str(tmp_path / "drive.csv")]) == 2
+    assert "rvads import makes a recording" in capsys.readouterr().err
+
+
 def test_a_rule_that_can_not_judge_costs_no_other_verdict(folder: Path, capsys: Read, monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(run: Run, rule: Rule) -> Verdict:
         if rule.name == "p2" and run.label == "d3":
@@ -190,7 +207,7 @@ def test_a_rule_that_can_not_judge_costs_no_other_verdict(folder: Path, capsys: 
         return check(run, rule)
 
     monkeypatch.setattr(run_answers, "check", fails)
-    assert main(["check", str(folder / "d3.npz"), str(folder / "d1.npz"), "--jsonl"]) == 2
+    assert main(["check", str(folder / "d3.npz"), str(folder / "d1.npz"), "--rule", "paper", "--jsonl"]) == 2
     out, err = capsys.readouterr()
     one, two = lines(out)
     assert [one["verdicts"][name]["status"] for name in ("p1", "p2")] == ["FAIL", "ERROR"]

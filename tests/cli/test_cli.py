@@ -89,7 +89,7 @@ def test_a_reader_that_had_enough_is_no_error() -> None:
 
 def test_recorded_runs_are_judged(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = str(shared / "runs" / "t-way-stop.json")
-    assert main(["check", file, "--json"]) == 0
+    assert main(["check", file, "--json", "--rule", "paper"]) == 0
     judged = json.loads(capsys.readouterr().out)
     published = {run["name"]: run["verdicts"] for run in json.loads(Path(file).read_text(encoding="utf-8"))["runs"]}
     words = {"True": "PASS", "False": "FAIL", "None": "NA"}
@@ -134,9 +134,9 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_indicators_are_shown_to_people_and_on_request_to_programs(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wanted = kpis(load_run(kept)).record()
-    main(["check", str(kept), "--json"])
+    main(["check", str(kept), "--json", "--rule", "paper"])
     (plain,) = json.loads(capsys.readouterr().out).values()
-    main(["check", str(kept), "--json", "--kpis"])
+    main(["check", str(kept), "--json", "--kpis", "--rule", "paper"])
     (full,) = json.loads(capsys.readouterr().out).values()
     assert set(plain) == {"p1", "p2", "p3", "p4", "p5", "p6"}
     assert full == {**plain, "(kpis)": wanted}

@@ -141,7 +141,7 @@ CHEATS = (
         "stand_beyond_the_line_at_red",
         DRIVING,
         "stops for the red light, 1 m inside the junction",
-        "`red` FAIL, `keep_clear` FAIL",
+        "`red` FAIL",
     ),
     Entry("right_on_red_without_a_stop", DRIVING, "turns right on red without stopping first", "`right_on_red` FAIL"),
     # Taking the way of others.

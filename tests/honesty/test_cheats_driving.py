@@ -149,9 +149,7 @@ SIGNS = {
     "speed_up_on_yellow": Case(
         at("light4", "2000", distance=72.0, speed=3.3), timed((0.0, 3.3), (15.0, 8.0)), {"red": "FAIL a0"}
     ),
-    "stand_beyond_the_line_at_red": Case(
-        at("light4", "0200", subject=1, duration=14), stops_at(1.0), {"red": "FAIL a1", "keep_clear": "FAIL a1"}
-    ),
+    "stand_beyond_the_line_at_red": Case(at("light4", "0200", subject=1, duration=14), stops_at(1.0), {"red": "FAIL a1"}),
     "right_on_red_without_a_stop": Case(
         at("light4", "0100", subject=1, duration=14), gated(lambda _: True), {"right_on_red": "FAIL a1"}
     ),
@@ -170,7 +168,7 @@ ROLLS = {"roll_over_the_line": 0.5, "creep_over_the_line": 0.15}
 def test_however_slow_rolling_is_no_stop(case: float) -> None:
     """It brakes gently down to this speed [m/s] before the entrance zone and crosses the line with it."""
     slow = gated(
-        lambda _: True, lambda seen: math.sqrt(case**2 + max(-1.5 - seen.me.station, 0.0)) if seen.me.station < 0.2 else 5.0
+        lambda _: True, lambda seen: math.sqrt(case**2 + max(-1.2 - seen.me.station, 0.0)) if seen.me.station < 0.2 else 5.0
     )
     run = Case(ALONE, slow, {}).run()
     assert run.need("speed")[run.entered[0], 0] == pytest.approx(case, abs=0.04)

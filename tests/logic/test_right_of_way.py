@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from pytest_rvads.conduct.blame import cause_of
+from pytest_rvads.conduct.grounds import may_owe
 from pytest_rvads.conduct.priority import HARD_BRAKING
 from pytest_rvads.conduct.stretches import contested
 from pytest_rvads.junctions.conflicts import Shared, Stretch
@@ -214,13 +215,21 @@ def test_way_owed_only_after_entry_decides_the_blame(drive: Make) -> None:
 
 def test_left_turns_of_opposite_vehicles_owe_each_other_nothing(drive: Make) -> None:
     vehicles = {0: wait(3, 100), 2: (3, -12.0, [(0, 8.0)])}
-    assert check(drive("light4", vehicles, 1200, CROSS), "left_yields").status == "NA"
+    run = drive("light4", vehicles, 1200, CROSS)
+    assert check(run, "left_yields").status == "NA"
+    assert not may_owe(run, 0, 1), "nor would they if their ways met"
 
 
 def test_oncoming_vehicle_at_yellow_is_not_about_to_go(drive: Make) -> None:
     lights = {0: [(0, G)], 1: [(0, R)], 2: [(0, Colour.YELLOW)], 3: [(0, R)]}
     run = drive("light4", {0: wait(3, 100), 2: wait(2, 10_000)}, 900, lights)
     assert check(run, "left_yields").status == "NA"
+
+
+def test_vehicle_that_stands_at_a_yellow_light_loses_no_time(drive: Make) -> None:
+    for colour, status in ((Colour.YELLOW, "NA"), (G, "FAIL")):
+        run = drive("light4", {0: wait(2, 10_000)}, 1200, {e: [(0, colour)] for e in range(4)})
+        assert check(run, "progress").status == status
 
 
 def test_stretch_of_vehicles_that_merge_reaches_fifteen_metres_down_the_exit_road() -> None:

@@ -135,6 +135,14 @@ def test_no_rule_takes_the_place_of_another_of_its_name() -> None:
     assert repr(Vocabulary.of(BUILT_IN["stopped"], BUILT_IN["take"])) == "<Vocabulary of 2 words>"
 
 
+def test_the_verdict_of_a_rulebook_is_the_worst_of_its_rules(make: Make) -> None:
+    together = make("stop4", {0: (2, 10, 50, 200), 1: (2, 30, 150, 300)}, 400)
+    verdict = check(together, "paper")
+    assert (verdict.rule, verdict.status) == ("p1", "FAIL")
+    assert verdict.message.startswith("paper: 1 pass, 1 fail, 4 NA; p1 at t=1.50 s")
+    assert not verdict
+
+
 def test_a_rule_of_ones_own(make: Make) -> None:
     made = rule("gets_in", "forall a, j.en. G(a@j.en -> F a@j)", title="nobody waits forever", requirement="REQ-7")
     assert get_rule("gets_in") is made

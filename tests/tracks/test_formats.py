@@ -113,11 +113,11 @@ def test_carla(tmp_path: Path) -> None:
         read_tracks(path, STOP)
 
 
-def test_osi(tmp_path: Path) -> None:
+def write_osi(path: Path, **nobody: Any) -> None:
+    """Write a trace; its first ground truth also has a moving object with nothing but what is given."""
     osi = pytest.importorskip("betterosi")
-    path = tmp_path / "t.mcap"
     with osi.Writer(path) as out:
-        for time, there in ticks():
+        for number, (time, there) in enumerate(ticks()):
             nanos = round(time * 1e9)
             truth = osi.GroundTruth(timestamp=osi.Timestamp(seconds=nanos // 10**9, nanos=nanos % 10**9))
             for one, k in there:
@@ -129,8 +129,22 @@ def test_osi(tmp_path: Path) -> None:
                     velocity=osi.Vector3d(x=8 * math.cos(heading), y=8 * math.sin(heading)),
                 )
                 truth.moving_object.append(osi.MovingObject(id=osi.Identifier(value=int(one.name)), type=2, base=base))
+            if nobody and number == 0:
+                truth.moving_object.append(osi.MovingObject(**nobody))
             out.add(truth)
-    hold(path)
+
+
+@pytest.mark.parametrize("name", ["t.mcap", "t_gt_3.osi", "drive.osi"])
+def test_osi(tmp_path: Path, name: str) -> None:
+    write_osi(tmp_path / name)
+    hold(tmp_path / name)
+
+
+def test_object_of_osi_without_an_id_costs_itself(tmp_path: Path) -> None:
+    write_osi(tmp_path / "t.mcap", type=2)
+    recording = read_tracks(tmp_path / "t.mcap", STOP)
+    assert len(recording.tracks) == 2
+    assert recording.left_out == (("row 1", "t.mcap: row 1, column id: a moving object has no id"),)
 
 
 def test_ros(tmp_path: Path) -> None:

@@ -118,7 +118,9 @@ def test_lights_of_sumo_agree_or_are_not_known(sumo: Junction, tmp_path: Path) -
         ("time,signal,colour\n1,a,pink", "row 2, column colour: 'pink' is no colour, expected green, yellow, red, off"),
         ("time,signal,colour\n1,a,red\nx,a,red", "row 3, column time: 'x' is no time"),
         ("time,signal,colour\n2,a,red\n1,a,green", "row 3, column time: 'a' had a colour at 2 s, expected a later time than 1 s"),
-        ("time,signal,colour\n1,a", "row 2: expected 3 cells as in row 1, got 2"),
+        ('time,signal,colour\n1,a,red\n2,"a,green\n3,a,red', "row 3: a quote in the row is not closed"),
+        ("time,signal,colour\n", "it has no row but the names of its columns"),
+        ("time,signal,colour\n1,a", "row 2: the row has 2 cells, expected 3 as in row 1"),
         (
             "time,signal,colour\n1,north,red",
             "none of the lights (north) is at junction 'light4', which knows 0, 1, 2, 3, entrance 0",
@@ -159,6 +161,26 @@ def test_the_command_takes_all_junctions_of_a_map(log: Path, tmp_path: Path, cap
     assert len(load_recording(file).tracks) == len(LIGHT.movements)
     assert main(["import", str(log), "--map", map, "--junction", "all", "--offset", "900,0", "-o", str(tmp_path / "cut")]) == 2
     assert "--offset=X,Y (offset=) moves them to the origin of the map" in capsys.readouterr().err
+
+
+def test_lights_of_another_place_import_nothing(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shown, out = tmp_path / "lights.csv", tmp_path / "out.npz"
+    shown.write_text("time,signal,colour\n0,north,red\n", encoding="utf-8")
+    assert main(["import", str(log), "--junction", "light4", "--lights", str(shown), "-o", str(out)]) == 2
+    assert "none of the lights (north) is at junction 'light4'" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_map_without_a_usable_junction(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tree = ElementTree.parse(path_of("light4"))
+    for lane in [lane for lane in tree.iter("lane") if lane.get("type") == "driving"][2:]:
+        lane.set("type", "sidewalk")
+    map = tmp_path / "closed.xodr"
+    tree.write(map)
+    assert main(["import", str(log), "--map", str(map), "--junction", "all", "-o", str(tmp_path / "cut")]) == 2
+    told = capsys.readouterr().err
+    assert f"map file {map} has no usable junction (" in told
+    assert load(map).junctions[0].reason in told
 
 
 def test_what_is_left_out_is_counted_and_listed(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

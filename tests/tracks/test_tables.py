@@ -4,6 +4,7 @@ import gzip
 import math
 import random
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pytest_rvads.cli import main
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.states import Kind
 from pytest_rvads.runs.tracks.importing import read_tracks
+from pytest_rvads.runs.tracks.logformats import read_log
 from pytest_rvads.runs.tracks.table import columns_of, parse_columns
 
 from .drives import LENGTH, WIDTH, Drive, drive, write_csv
@@ -137,6 +140,18 @@ def test_a_bad_row_costs_its_vehicle_and_is_told(tmp_path: Path, what: str) -> N
     assert str(strict.value) == why
 
 
+def test_unclosed_quote_costs_its_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, out = write_csv(tmp_path / "t.csv", [ONE, TWO]), tmp_path / "out.npz"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    lines[20] = lines[20].replace("7,", '"7,', 1)
+    path.write_text("\n".join(lines), encoding="utf-8")
+    recording = read_tracks(path, STOP)
+    assert [len(track.times) for track in recording.tracks] == [len(ONE.times) - 1, len(TWO.times)]
+    assert recording.left_out == (("row 21", "t.csv: row 21, column id: a quote in the row is not closed"),)
+    assert main(["import", str(path), "--junction", "stop4", "-o", str(out), "--strict"]) == 2
+    assert "t.csv: row 21, column id: a quote in the row is not closed" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [
@@ -204,6 +219,43 @@ def test_who_changes_lanes_in_one_step_is_one_vehicle() -> None:
     table["y"][:5] += across[1]
     (track,) = read_tracks(table, STOP).tracks
     assert track.agent.name == ONE.name
+
+
+def again(second: Drive, apart: float, **other: object) -> dict[str, np.ndarray]:
+    """Return two vehicles with one id, the second of which comes `apart` seconds after the first has gone."""
+    table = columns(ONE, replace(second, name="7", times=second.times - second.times[0] + ONE.times[-1] + apart))
+    table["class"] = np.full(len(table["id"]), "passenger")
+    for name, value in other.items():
+        table[name][len(ONE.times) :] = value
+    return table
+
+
+FAR = math.dist(ONE.moved(LENGTH / 2)[-1], TWO.moved(LENGTH / 2)[0])
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        (again(TWO, 1.0), f"row 162: '7' is {FAR:.1f} m from where it was 1 s before: it is another vehicle, called 7#2"),
+        (again(TWO, 3.0, length=12.0), "row 162: '7' is 12 x 1.8 m large and was 4.6 x 1.8 m: it is another vehicle, called 7#2"),
+        (again(TWO, 3.0, **{"class": "truck"}), "row 162: '7' is a truck and was a car: it is another vehicle, called 7#2"),
+    ],
+    ids=["jump", "size", "class"],
+)
+def test_id_of_another_vehicle(table: dict[str, np.ndarray], told: str) -> None:
+    one, two = read_tracks(table, STOP).tracks
+    assert (one.agent.name, two.agent.name) == ("7", "7#2")
+    assert (one.agent.size, two.agent.size) == ((4.6, 1.8), (table["length"][-1], 1.8))
+    assert (one.agent.route, two.agent.route) == (STOP.movements[0, 2], STOP.movements[1, 2])
+    log, _ = read_log(table)
+    assert [sentence.split(": ", 1)[1] for sentence in log.again] == [told]
+
+
+def test_size_that_a_detector_measures_anew() -> None:
+    """Boxes vary by some centimetres, also over a time in which the vehicle was hidden."""
+    table = {name: np.delete(values, range(20, 32)) for name, values in columns(ONE).items()}
+    table["length"] = table["length"] + 0.1 * (np.arange(len(table["x"])) % 2)
+    assert [track.agent.name for track in read_tracks(table, STOP).tracks] == ["7"]
 
 
 def test_a_clock_may_count_from_1970() -> None:

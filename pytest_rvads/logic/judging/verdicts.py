@@ -9,6 +9,7 @@ from typing import Any
 
 from pytest_rvads.displayed import shown
 from pytest_rvads.errors import RunError
+from pytest_rvads.report.outcome import Outcome
 
 __all__ = ["InstanceVerdict", "NearMiss", "Status", "Verdict"]
 
@@ -147,6 +148,11 @@ class Verdict:
                 f"the run could not be judged by {self.rule} ({self.reason}), so the verdict is neither true nor false"
             )
         return self.status is Status.PASS
+
+    @property
+    def outcome(self) -> Outcome:
+        """What reports say of it: the status, or UNAVOIDABLE or PROVOKED where it is."""
+        return Outcome.UNAVOIDABLE if self.unavoidable else Outcome.PROVOKED if self.provoked else Outcome(self.status.value)
 
     @property
     def responsible(self) -> tuple[str, ...]:

@@ -9,8 +9,8 @@ from typing import Any
 
 from pytest_rvads.decoding import decode, typed
 from pytest_rvads.errors import RunError
-from pytest_rvads.runs.states import Colour
-from pytest_rvads.runs.tracks.lightlog import changes_of
+from pytest_rvads.runs.states import Colour, Kind
+from pytest_rvads.runs.tracks.lightlog import changes_of, limit_lights
 from pytest_rvads.runs.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.runs.tracks.source import Watch, opened
 
@@ -45,8 +45,10 @@ class _Reader:
     def __init__(self, gather: Gather) -> None:
         self.gather = gather
         self.shown: dict[str, list[tuple[float, Colour]]] = {}
+        self._changes = 0
         self._ids: dict[str, str] = {}
-        self._known: set[int] = set()
+        self._known: dict[int, tuple[tuple[float, float], Kind, float]] = {}
+        """Size, kind, and how far ahead the front is [m], by id."""
 
     def take(self, row: int, record: dict[str, Any]) -> None:
         where = f"{self.gather.where}: row {row}"
@@ -65,8 +67,7 @@ class _Reader:
         if len(half) != 3 or len(centre) != 3:
             raise RunError(f"{where}: extent and center must be three numbers each, got {half!r:.60} and {centre!r:.60}")
         blueprint = typed(record.get("type_id"), str, f"{where}, column type_id", RunError)
-        self._known.add(number)
-        self.gather.describe(str(number), (2 * half[0], 2 * half[1]), kind_of(blueprint), centre[0] + half[0])
+        self._known[number] = (2 * half[0], 2 * half[1]), kind_of(blueprint), centre[0] + half[0]
 
     def _tick(self, row: int, record: dict[str, Any], where: str) -> None:
         time = typed(record.get("t"), float, f"{where}, column t", RunError)
@@ -77,10 +78,13 @@ class _Reader:
                 self.gather.refuse(str(number), row, "actors", f"no record of an actor {number} comes before")
             heading = math.radians(-yaw)
             forward = vx * math.cos(heading) - vy * math.sin(heading)
-            self.gather.add(str(number), row, (time, x, -y, heading, forward))
+            if self.gather.add(str(number), row, (time, x, -y, heading, forward)) and number in self._known:
+                self.gather.describe(str(number), *self._known[number])
         lights = typed(record.get("lights") or {}, dict[str, str], f"{where}, column lights", RunError)
         for light, state in lights.items():
             if name := self._ids.get(light):
                 colour, before = _COLOURS.get(state, Colour.NONE), self.shown.setdefault(name, [])
                 if not before or before[-1][1] is not colour:
                     before.append((time, colour))
+                    self._changes += 1
+                    limit_lights(self._changes, len(self.shown), where)

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.runs.recording import Track
-from pytest_rvads.runs.smoothing import delay, roughness, smoothed
+from pytest_rvads.runs.smoothing import QUIET, delay, roughness, smoothed
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.tracks.matching import Matched
 from pytest_rvads.runs.tracks.samples import Samples
 
-__all__ = ["accuracy_of", "delay_of", "track_of"]
+__all__ = ["accuracy_of", "delay_of", "noise_of", "track_of"]
 
 _EXACT = 0.005
 """A position that is known better than this counts as exact [m]: files with two decimals are."""
@@ -32,6 +32,15 @@ def accuracy_of(found: Sequence[tuple[Samples, Matched]]) -> float:
         each.append(min(roughness(times, match.station), roughness(times, match.lateral)))
     estimate = float(np.median(each)) if each else 0.0
     return estimate if estimate >= _EXACT else 0.0
+
+
+def noise_of(found: Sequence[tuple[Samples, Matched]]) -> float:
+    """Return the standard deviation of a speed, estimated from the tracks [m/s]; 0 where speeds are exact or not measured."""
+    each = [
+        roughness(vehicle.times[match.kept], vehicle.speed[match.kept]) for vehicle, match in found if vehicle.speed is not None
+    ]
+    estimate = float(np.median(each)) if each else 0.0
+    return estimate if estimate > QUIET else 0.0
 
 
 def delay_of(found: Sequence[tuple[Samples, Matched]]) -> float:
@@ -53,6 +62,7 @@ def track_of(  # noqa: PLR0913 - a vehicle as it is, as it was recorded, and how
     heading: NDArray[np.float64] | None,
     accuracy: float,
     late: float = 0.0,
+    noise: float | None = None,
 ) -> Track:
     """Return the track of a vehicle.
 
@@ -64,10 +74,12 @@ def track_of(  # noqa: PLR0913 - a vehicle as it is, as it was recorded, and how
         heading: likewise [rad]; None: its body lies along its way.
         accuracy: standard deviation of a coordinate [m]; 0: the positions stay as they are.
         late: how long after its places its speeds are of [s], see `delay_of`.
+        noise: standard deviation of a measured speed [m/s]; None: estimated from its own.
     """
     times = vehicle.times[match.kept]
     speed = None if vehicle.speed is None else vehicle.speed[match.kept]
-    station, fast, spread = smoothed(times, match.station, speed, accuracy, _straight(match) if accuracy > 0.0 else None, late)
+    straight = _straight(match) if accuracy > 0.0 else None
+    station, fast, spread = smoothed(times, match.station, speed, accuracy, straight, late, noise)
     place, ahead = match.way.centre(station)
     if accuracy > 0.0:
         lateral = smoothed(times, match.lateral, None, accuracy)[0]

@@ -14,12 +14,13 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.runs.tracks.samples import Log, kind_of
 from pytest_rvads.runs.tracks.source import Source, Watch, opened
 from pytest_rvads.runs.tracks.table import TEXTS, Column, Rows, as_numbers, columns_of, log_of, numbers_one_by_one
-from pytest_rvads.wording import one_line
 
-__all__ = ["read_csv", "read_ind", "read_interaction", "rows_of"]
+__all__ = ["read_csv", "read_ind", "read_interaction", "rows_of", "wrong_cells"]
 
 _AT_ONCE = 20_000
 """Rows that are taken from text to numbers together."""
+_LONGEST, _COLUMNS = 2**15, 1000
+"""Longest row [bytes] and most columns: `_AT_ONCE` rows are in memory together."""
 _DELIMITERS = ",;\t"
 
 
@@ -75,26 +76,41 @@ def _beside(path: Path, name: str) -> Iterator[dict[str, str]]:
 def rows_of(source: Source) -> Iterator[tuple[int, list[str]]]:
     """Yield the rows of a CSV file that are not empty, the names of its columns first, each with the number of its line.
 
+    A row is one line. Of a line that is no CSV, because a quote in it is not closed, no cells are yielded.
+
     Raises:
-        RunError: no CSV.
+        RunError: there are no names of columns, or something is too large.
     """
-    lines = (line.decode("utf-8-sig" if number == 0 else "utf-8", "replace") for number, line in enumerate(source.lines()))
+    lines = (
+        line.decode("utf-8-sig" if number == 0 else "utf-8", "replace") for number, line in enumerate(source.lines(_LONGEST))
+    )
     first = next(lines, "")
     if not first.strip():
         raise RunError(f"{source.where}: row 1 is empty, expected the names of columns")
     delimiter = max(_DELIMITERS, key=first.count)
+    if first.count(delimiter) >= _COLUMNS:
+        raise RunError(f"{source.where}: row 1 names more than {_COLUMNS:,} columns, expected fewer")
+    yield 1, [name.strip() for name in _cells(first, delimiter)]
+    for number, line in enumerate(lines, start=2):
+        if line.strip():
+            yield number, _cells(line, delimiter)
 
-    def all_lines() -> Iterator[str]:
-        yield first
-        yield from lines
 
-    reader = csv.reader(all_lines(), delimiter=delimiter, skipinitialspace=True)
+def wrong_cells(cells: Sequence[str], names: Sequence[str]) -> str:
+    """Return what is wrong with a row that has not a cell per column."""
+    if not cells:
+        return "a quote in the row is not closed"
+    return f"the row has {len(cells)} cells, expected {len(names)} as in row 1"
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line, none where it is no CSV."""
+    if '"' not in line:
+        return line.rstrip("\r\n").split(delimiter, _COLUMNS)
     try:
-        for cells in reader:
-            if cells:
-                yield reader.line_num, [cell.strip() for cell in cells] if reader.line_num == 1 else cells
-    except csv.Error as error:
-        raise RunError(f"{source.where}: row {reader.line_num}: no CSV: {one_line(str(error))}") from error
+        return next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter, skipinitialspace=True, strict=True))
+    except csv.Error:
+        return []
 
 
 def _pieces(rows: Iterator[tuple[int, list[str]]], names: Sequence[str], columns: Mapping[str, Column]) -> Iterator[Rows]:
@@ -104,9 +120,7 @@ def _pieces(rows: Iterator[tuple[int, list[str]]], names: Sequence[str], columns
         lines = np.array([line for line, _ in some], dtype=np.int64)
         short = [k for k, (_, cells) in enumerate(some) if len(cells) != len(names)]
         cells = [row if len(row) == len(names) else (row + [""] * len(names))[: len(names)] for _, row in some]
-        bad: list[tuple[int, str, str]] = [
-            (k, "id", f"the row has {len(some[k][1])} cells, expected {len(names)} as in row 1") for k in short
-        ]
+        bad: list[tuple[int, str, str]] = [(k, "id", wrong_cells(some[k][1], names)) for k in short]
         by_column = list(zip(*cells, strict=True))
         numbers, texts = {}, {}
         for field, place in places.items():

@@ -75,9 +75,10 @@ class _Reader:
     def _describe(self, name: str, row: int, attributes: dict[str, str]) -> None:
         """Keep size and kind; the type of a vehicle is often called after its kind."""
         kind = kind_of(f"{attributes.get('vClass', '')} {attributes.get('type', '')}")
-        self.gather.describe(name, kind=kind)
+        size = None
         if "length" in attributes and "width" in attributes:
             try:
-                self.gather.describe(name, (float(attributes["length"]), float(attributes["width"])))
+                size = float(attributes["length"]), float(attributes["width"])
             except ValueError:
                 self.gather.refuse(name, row, "size", f"{attributes['length']!r:.40} is no length, or its width none")
+        self.gather.describe(name, size, kind)

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import RunError
+from pytest_rvads.errors import MapError, RunError
 from pytest_rvads.junctions.finder import find, load, names
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.smoothing import DERIVED
 from pytest_rvads.runs.states import AXLE, Agent, Kind
-from pytest_rvads.runs.tracks.cleaning import accuracy_of, delay_of, track_of
+from pytest_rvads.runs.tracks.cleaning import accuracy_of, delay_of, noise_of, track_of
 from pytest_rvads.runs.tracks.intake import Intake
 from pytest_rvads.runs.tracks.lightlog import lights_at, read_lights, signals_at
 from pytest_rvads.runs.tracks.logformats import Point, read_log
@@ -85,7 +85,8 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
         position_accuracy: standard deviation of a coordinate [m]: two of three are closer to the truth than that. Verdicts that
             another reading within it would flip are UNSURE. None: estimated from how rough the tracks are, which does not show
             what is wrong with all samples alike, nor what somebody has smoothed away.
-        speed_accuracy: of a speed [m/s]; None: 0, and what smoothing leaves where speeds are worked out from positions.
+        speed_accuracy: of a speed [m/s]; None: estimated like that of positions, and what smoothing leaves where speeds are
+            worked out from positions.
         speed_limit: at the junction [m/s].
         strict: a bad row is an error; it costs its vehicle otherwise.
         label: begins the labels of its runs; None: after the file.
@@ -135,7 +136,7 @@ def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | N
 
     Raises:
         RunError: neither a junction is named nor a map.
-        MapError: no such junction.
+        MapError: no such junction, or the map has no usable one; the message says why each is not.
     """
     if map is None and junction not in names():
         map = log.map
@@ -143,7 +144,12 @@ def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | N
         return [find(junction, map)]
     if map is None:
         raise RunError(f"{log.where}: name the junction that it is about (--junction, junction=), this log names no map")
-    return [find(report.id, map) for report in load(map).junctions if report.usable]
+    reports = load(map).junctions
+    usable = [find(report.id, map) for report in reports if report.usable]
+    if not usable:
+        why = "; ".join(f"{report.id}: {report.reason}" for report in reports)
+        raise MapError(f"map file {map} has no usable junction ({one_line(why, 600)}): give a map of where the log was recorded")
+    return usable
 
 
 def passed(  # noqa: PLR0913 - a log, where, how it is taken, and what it is called
@@ -216,21 +222,24 @@ def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[st
     accuracy = intake.position_accuracy
     if accuracy is None:
         accuracy = accuracy_of([(vehicle, match) for _, vehicle, match in found])
+    noise = intake.speed_accuracy
+    if noise is None:
+        noise = noise_of([(vehicle, match) for _, vehicle, match in found]) if accuracy > 0.0 else 0.0
     derived = any(vehicle.speed is None for _, vehicle, _ in found)
     return Recording(
         label,
         junction,
-        tuple(_tracks(found, junction, intake, float(accuracy))),
+        tuple(_tracks(found, junction, intake, float(accuracy), float(noise))),
         lights_at(junction, shown) if shown else {},
         Facts(speed_limit=intake.speed_limit),
         float(accuracy),
-        max(float(intake.speed_accuracy or 0.0), DERIVED if derived and accuracy > 0.0 else 0.0),
+        max(float(noise), DERIVED if derived and accuracy > 0.0 else 0.0),
         left_out=tuple(left_out),
     )
 
 
 def _tracks(
-    found: Sequence[tuple[str, Samples, Matched]], junction: Junction, intake: Intake, accuracy: float
+    found: Sequence[tuple[str, Samples, Matched]], junction: Junction, intake: Intake, accuracy: float, noise: float
 ) -> Iterable[Track]:
     taken = {vehicle.name for _, vehicle, _ in found}
     late = delay_of([(vehicle, match) for _, vehicle, match in found]) if accuracy > 0.0 else 0.0
@@ -241,7 +250,7 @@ def _tracks(
         taken.add(own)
         agent = Agent(own, junction.movements[match.way.entrance, match.way.exit], vehicle.kind, vehicle.size or intake.size)
         points, _ = placed(vehicle, intake)
-        yield track_of(agent, vehicle, match, points, vehicle.heading, accuracy, late)
+        yield track_of(agent, vehicle, match, points, vehicle.heading, accuracy, late, noise)
 
 
 def placed(vehicle: Samples, intake: Intake) -> tuple[_Values, _Values]:

@@ -16,11 +16,11 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import ObjectKind
 from pytest_rvads.runs.recording import Changes
 from pytest_rvads.runs.states import Colour
-from pytest_rvads.runs.tracks.csvfile import rows_of
+from pytest_rvads.runs.tracks.csvfile import rows_of, wrong_cells
 from pytest_rvads.runs.tracks.source import opened, parse_xml
 from pytest_rvads.wording import one_line
 
-__all__ = ["ENTRANCE", "changes_of", "lights_at", "read_lights", "signal_ids", "signals_at"]
+__all__ = ["ENTRANCE", "changes_of", "lights_at", "limit_lights", "read_lights", "signal_ids", "signals_at"]
 
 _COLOURS = {
     Colour.GREEN: ("green", "g", "1"),
@@ -29,7 +29,7 @@ _COLOURS = {
     Colour.NONE: ("off", "none", "unknown", "o", "0"),
 }
 _COLOUR = {word: colour for colour, words in _COLOURS.items() for word in words}
-_MOST_CHANGES = 5_000_000
+_MOST_CHANGES, _MOST_SIGNALS = 5_000_000, 100_000
 ENTRANCE = "entrance "
 """Begins the names of entrances, which may be the ids of signals, too."""
 
@@ -112,10 +112,12 @@ def _table(path: Path) -> dict[str, Changes]:
         before = ENTRANCE if signal == "entrance" else ""
         for number, (line, cells) in enumerate(rows):
             if len(cells) != len(names):
-                raise RunError(f"{source.where}: row {line}: expected {len(names)} cells as in row 1, got {len(cells)}")
+                raise RunError(f"{source.where}: row {line}: {wrong_cells(cells, names)}")
             row = dict(zip(names, (cell.strip() for cell in cells), strict=True))
             _show(shown, row["time"], before + row[signal], row[colour], f"{source.where}: row {line}")
-            _limit(number, source.where)
+            limit_lights(number, len(shown), source.where)
+    if not shown:
+        raise RunError(f"{path.name}: it has no row but the names of its columns, expected a row per change of colour")
     return changes_of(shown)
 
 
@@ -138,9 +140,13 @@ def _show(shown: dict[str, list[tuple[float, Colour]]], time: str, name: str, co
     before.append((at, _COLOUR[colour.lower()]))
 
 
-def _limit(number: int, where: str) -> None:
-    if number >= _MOST_CHANGES:
-        raise RunError(f"{where}: it has more than {_MOST_CHANGES:,} changes of colour: leave out what changes nothing")
+def limit_lights(changes: int, signals: int, where: str) -> None:
+    """Raise a `RunError` where a file has more changes of colour, or more signals, than are kept in memory."""
+    if changes >= _MOST_CHANGES or signals > _MOST_SIGNALS:
+        raise RunError(
+            f"{where}: it has more than {_MOST_CHANGES:,} changes of colour, or more than {_MOST_SIGNALS:,} signals: "
+            "leave out what changes nothing"
+        )
 
 
 def _sumo(path: Path) -> dict[str, Changes]:
@@ -156,7 +162,7 @@ def _sumo(path: Path) -> dict[str, Changes]:
         for link, letter in enumerate(state):
             if letter != before[link : link + 1]:
                 _show(shown, attributes.get("time", ""), f"{name}_{link}", letter, f"{path.name}: row {row}")
-                _limit(next(numbers), path.name)
+                limit_lights(next(numbers), len(shown), path.name)
         last[name] = state
 
     with opened(path) as source:

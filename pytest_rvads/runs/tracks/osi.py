@@ -35,6 +35,8 @@ def read_osi(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wat
     row = 0
     try:
         for row, truth in enumerate(_truths(path), start=1):
+            if truth.timestamp is None:
+                raise RunError(f"{path}: row {row} has no timestamp, expected one in every ground truth")
             time = truth.timestamp.seconds + truth.timestamp.nanos * 1e-9
             for item in truth.moving_object:
                 _add(gather, row, time, item)
@@ -52,17 +54,16 @@ def _truths(path: Path) -> Iterator[Any]:
         raise RunError(f"{path}: OSI is read by an extra: install pytest-rvads[osi]") from None
     if not path.is_file():
         raise RunError(f"{path}: can't be read: it is no file")
-    for message in betterosi.read(str(path)):
-        if hasattr(message, "moving_object"):
-            yield message
-        elif hasattr(message, "global_ground_truth") and message.global_ground_truth is not None:
-            yield message.global_ground_truth
+    yield from betterosi.read(str(path), return_ground_truth=True)  # looks into a trace file whose name does not tell its type
 
 
 def _add(gather: Gather, row: int, time: float, item: Any) -> None:
     """Add a moving object; its place is the centre of its box."""
+    if item.id is None:
+        gather.refuse("", row, "id", "a moving object has no id")
+        return
     name, base = str(item.id.value), item.base
-    if base.position is None:
+    if base is None or base.position is None:
         gather.refuse(name, row, "x", "it has no position")
         return
     heading = base.orientation.yaw if base.orientation is not None else math.nan

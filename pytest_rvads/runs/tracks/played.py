@@ -16,7 +16,7 @@ from pytest_rvads.decoding import decode
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.recording import Changes
 from pytest_rvads.runs.states import Colour, Kind
-from pytest_rvads.runs.tracks.lightlog import changes_of
+from pytest_rvads.runs.tracks.lightlog import changes_of, limit_lights
 from pytest_rvads.runs.tracks.samples import kind_of
 from pytest_rvads.runs.tracks.source import Watch
 from pytest_rvads.runs.tracks.xosctree import Node, read_tree
@@ -174,6 +174,7 @@ def lights_of(root: Node, end: float) -> dict[str, Changes]:
         RunError: phases without a duration, or a state that is none.
     """
     shown: dict[str, list[tuple[float, Colour]]] = {}
+    states_shown = 0
     for controller in root.walk("TrafficSignalController"):
         phases = [
             (
@@ -190,6 +191,8 @@ def lights_of(root: Node, end: float) -> dict[str, Changes]:
         for duration, states in cycle(phases):
             if time > end:
                 break
+            states_shown += 1 + len(states)
+            limit_lights(states_shown, len(shown), controller.where)
             for name, colour in states.items():
                 before = shown.setdefault(name, [])
                 if not before or before[-1][1] is not colour:

@@ -21,6 +21,14 @@ Watch = Callable[[int, int], None]
 """Told how many bytes of how many have been read."""
 _MOST_LINE = 2**22
 """Longest line that is read [bytes]."""
+_MOST_BYTES = 2**33
+"""Most that is read of a file, as unpacked [bytes]: 20 million samples have 1 to 4 GB."""
+_RATIO, _FREE = 200, 2**24
+"""A packed file unpacks to at most so many times its size, or so many bytes: logs pack to a fiftieth at best."""
+_BLANK = 100_000
+"""So many more lines may be empty than are not."""
+_DEEPEST = 60
+"""Deepest nesting of XML that is read; a trajectory of OpenSCENARIO lies 16 levels deep."""
 _CHUNK = 2**18
 
 
@@ -38,6 +46,8 @@ class Source:
         self._raw = raw
         self._watch = watch
         self._size = os.fstat(raw.fileno()).st_size
+        self._most = min(_MOST_BYTES, max(_RATIO * self._size, _FREE))
+        self._unpacked = 0
         start = raw.read(2)
         raw.seek(0)
         self._file = cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if start == b"\x1f\x8b" else raw
@@ -45,23 +55,33 @@ class Source:
     def chunks(self) -> Iterator[bytes]:
         """Yield its content, unpacked."""
         while chunk := self._file.read(_CHUNK):
+            self._count(len(chunk))
             self._tell()
             yield chunk
 
-    def lines(self) -> Iterator[bytes]:
+    def lines(self, longest: int = _MOST_LINE) -> Iterator[bytes]:
         """Yield its lines, unpacked, each with its end.
 
         Raises:
-            RunError: a line is too long.
+            RunError: a line is longer than so many bytes, too many are empty, or the file is too large.
         """
-        count = 0
-        while line := self._file.readline(_MOST_LINE + 1):
+        count = blank = 0
+        while line := self._file.readline(longest + 1):
             count += 1
-            if len(line) > _MOST_LINE:
-                raise RunError(f"{self.where}: row {count} is too long, expected at most {_MOST_LINE:,} bytes")
+            self._count(len(line))
+            if len(line) > longest:
+                raise RunError(f"{self.where}: row {count} is too long, expected at most {longest:,} bytes")
+            blank += line.isspace()
+            if 2 * blank > count + _BLANK:
+                raise RunError(f"{self.where}: row {count}: {blank:,} of the rows so far are empty, expected fewer")
             if count % 1000 == 0:
                 self._tell()
             yield line
+
+    def _count(self, size: int) -> None:
+        self._unpacked += size
+        if self._unpacked > self._most:
+            raise RunError(f"{self.where}: it unpacks to more than {self._most:,} bytes: cut it into several files")
 
     def _tell(self) -> None:
         if self._watch is not None and self._size:
@@ -94,8 +114,9 @@ def parse_xml(
         end: called with the tag of every element when it ends.
 
     Raises:
-        RunError: no XML, or some with a document type declaration or a tag that is too long.
+        RunError: no XML, or some with a document type declaration, a tag that is too long, or elements nested too deep.
     """
+    depth = 0
     parser = expat.ParserCreate()
     # Where expat puts long tags off, it can't be told how long they are; that bound is here instead.
     getattr(parser, "SetReparseDeferralEnabled", bool)(False)
@@ -103,10 +124,21 @@ def parse_xml(
     def doctype(*_: object) -> None:
         raise RunError(f"{source.where}: it has a document type declaration (DTD), which can hide entity bombs; remove it")
 
-    parser.StartElementHandler = lambda tag, attributes: start(tag, attributes, parser.CurrentLineNumber)
+    def begin(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > _DEEPEST:
+            raise RunError(f"{source.where}: row {parser.CurrentLineNumber}: elements are nested deeper than {_DEEPEST} levels")
+        start(tag, attributes, parser.CurrentLineNumber)
+
+    def ended(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        if end is not None:
+            end(tag)
+
+    parser.StartElementHandler, parser.EndElementHandler = begin, ended
     parser.StartDoctypeDeclHandler = doctype
-    if end is not None:
-        parser.EndElementHandler = end
     try:
         fed = 0
         for chunk in source.chunks():

@@ -209,7 +209,9 @@ def _add(gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: dict[
     if speed is not None:
         speed = speed * columns["speed"].factor
     elif {"vx", "vy"} <= columns.keys():
-        speed = np.hypot(rows.numbers["vx"] * columns["vx"].factor, rows.numbers["vy"] * columns["vy"].factor)
+        east, north = (rows.numbers[field] * columns[field].factor for field in ("vx", "vy"))
+        # Noise makes the length of a velocity too long, and never its part along the heading.
+        speed = east * np.cos(heading) + north * np.sin(heading) if "heading" in columns else np.hypot(east, north)
     table = np.column_stack((times, rows.numbers["x"], rows.numbers["y"], heading, nothing if speed is None else speed))
     for at, field, why in rows.bad:
         gather.refuse(names[at], int(rows.lines[at]), field, why)
@@ -219,20 +221,19 @@ def _add(gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: dict[
     ends = np.cumsum(np.bincount(code, minlength=len(codes)))
     for name, begin, end in zip(codes, [0, *ends[:-1].tolist()], ends.tolist(), strict=True):
         mine = order[begin:end]
-        gather.extend(name, rows.lines[mine], table[mine])
-        _describe(gather, name, rows, int(mine[0]))
+        before, again = gather.extend(name, rows.lines[mine], table[mine])
+        for k in again.tolist():
+            _describe(gather, name, rows, int(mine[k]), before + k)
 
 
 _CASE = 1000.0
 """Cases of one file are scenes of some seconds, each on a clock of its own; here they follow each other by so much [s]."""
 
 
-def _describe(gather: Gather, name: str, rows: Rows, at: int) -> None:
+def _describe(gather: Gather, name: str, rows: Rows, at: int, sample: int) -> None:
     size = tuple(float(rows.numbers[field][at]) for field in ("length", "width") if field in rows.numbers)
-    if len(size) == 2 and not any(math.isnan(number) for number in size):
-        gather.describe(name, (size[0], size[1]))
-    if "class" in rows.texts:
-        gather.describe(name, kind=kind_of(rows.texts["class"][at]))
+    known = (size[0], size[1]) if len(size) == 2 and not any(math.isnan(number) for number in size) else None
+    gather.describe(name, known, kind_of(rows.texts["class"][at] if "class" in rows.texts else ""), at=sample)
 
 
 def as_numbers(values: Any) -> NDArray[np.float64] | None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import RunError
+from pytest_rvads.runs.tracks.expressions import valued
 from pytest_rvads.runs.tracks.source import Watch, opened, parse_xml
 from pytest_rvads.wording import one_line
 
@@ -19,8 +20,6 @@ __all__ = ["VERTEX", "Node", "read_tree"]
 
 VERTEX = ("row", "time", "x", "y", "h")
 """What a vertex has: the line of the file that it stands in, its time [s], its place [m], its heading [rad]."""
-_DEEPEST = 60
-"""Deepest nesting that is read; a trajectory lies 16 levels deep."""
 _MOST_NODES = 200_000
 _MOST_VERTICES = 5_000_000
 """An hour of fourteen vehicles at 100 Hz."""
@@ -105,9 +104,9 @@ class _Builder:
         self._time = (0, math.nan)
 
     def start(self, tag: str, attributes: dict[str, str], row: int) -> None:
-        if len(self._stack) + self._inside >= _DEEPEST:
-            raise RunError(f"{self.where}: row {row}: elements are nested deeper than {_DEEPEST} levels")
         place = f"{self.where}: row {row}"
+        if tag == "ParameterDeclaration":  # some tools write the sign of a reference into the name, too
+            attributes["name"] = attributes.get("name", "").removeprefix("$")
         node = Node(tag, {name: self._value(value, place) for name, value in attributes.items()}, place)
         if self._line is not None:
             self._inside += 1
@@ -144,9 +143,10 @@ class _Builder:
             raise RunError(f"{place}: an attribute has {len(text):,} characters, expected at most {_LONGEST:,}")
         if not text.startswith("$"):
             return text
-        if text[1:] not in self._parameters:
-            raise RunError(one_line(f"{place}: {text[:60]!r} refers to no parameter, and expressions are not evaluated"))
-        return self._parameters[text[1:]]
+        try:
+            return valued(text, self._parameters)
+        except ValueError as error:
+            raise RunError(one_line(f"{place}: {text[:60]!r} {error}")) from error
 
     def _vertex(self, line: Node, node: Node, row: int) -> None:
         """Take a vertex: its time stands in one element, its place in one inside."""

@@ -88,8 +88,8 @@ def _waiting(seen: Observation) -> list[VehicleState]:
 
 
 class _ByNumber(Queue):
-    def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
-        return [min(_waiting(seen), key=lambda s: s.entrance)], True
+    def first(self, seen: Observation) -> tuple[list[VehicleState], int]:
+        return [min(_waiting(seen), key=lambda s: s.entrance)], 1
 
 
 class NumberFirst(_Gated):
@@ -99,8 +99,8 @@ class NumberFirst(_Gated):
 
 
 class _LastFirst(Queue):
-    def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
-        return [max(_waiting(seen), key=lambda s: (self._outside[s.name], -s.entrance))], True
+    def first(self, seen: Observation) -> tuple[list[VehicleState], int]:
+        return [max(_waiting(seen), key=lambda s: (self._outside[s.name], -s.entrance))], 1
 
 
 class Backwards(_Gated):
@@ -110,13 +110,13 @@ class Backwards(_Gated):
 
 
 class _LeftQueue(Queue):
-    def first(self, seen: Observation) -> tuple[list[VehicleState], bool]:
+    def first(self, seen: Observation) -> tuple[list[VehicleState], int]:
         waiting = _waiting(seen)
         earliest = min(self._outside[s.name] for s in waiting)
         tied = [s for s in waiting if self._outside[s.name] == earliest]
         right_of = seen.junction.right_of
         free = [s for s in tied if not any((s.entrance, o.entrance) in right_of for o in tied)]
-        return ([min(free, key=lambda s: s.entrance)], True) if free else (tied, False)
+        return ([min(free, key=lambda s: s.entrance)], 1) if free else (tied, 0)
 
 
 class LeftFirst(_Gated):
@@ -127,8 +127,8 @@ class LeftFirst(_Gated):
 
 class _Polite(StopSign):
     def _my_turn(self, seen: Observation) -> bool:
-        _, decided = self._queue.first(seen)
-        return decided and super()._my_turn(seen)
+        _, free = self._queue.first(seen)
+        return free > 0 and super()._my_turn(seen)
 
 
 class Deadlocks(_Gated):
