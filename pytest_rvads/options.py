@@ -66,7 +66,10 @@ _DECLARED = {
         "what to run of every class, or of the scenarios of a junction, where a test does not say",
         choices=("class", "scenario", "rotation", "partial", "pairs", "conflicts"),
     ),
-    "grid": _Option("configurations where a test does not say: 'paper', letters such as CD, or a grid of yours"),
+    "grid": _Option(
+        "configurations where a test does not say: 'paper', letters such as CD, 'arrivals', 'staggered', S21 or a name of yours; "
+        "by default paper, and arrivals for tests with a subject"
+    ),
     "max-items": _Option("refuse a test that would expand to more items than this", "10000"),
     "sample": _Option(
         "run only N runs of every test over scenarios, drawn as evenly as possible over its junctions, their classes and their "
@@ -74,7 +77,7 @@ _DECLARED = {
         metavar="N",
     ),
     "seed": _Option("what --rvads-sample and limit= of marks draw by; other seeds draw others", "0", metavar="S"),
-    "rules": _Option("file with rules of your own, see `rvads rules --file`"),
+    "rules": _Option("file with rules of your own, see `rvads rules --rules`"),
     "keep": _Option("folder to keep every run in, as .npz for `rvads check`"),
     "export": _Option(
         "folder to write every run that failed to as OpenSCENARIO XML (.xosc), its map beside it; needs the extra openscenario"
@@ -154,7 +157,8 @@ class Options:
     """Of a run, 0 for none [s]."""
     map: str | None
     cover: str
-    grid: str
+    grid: str | None
+    """None where every test takes its usual one."""
     max_items: int
     sample: int | None
     """Most runs of a test."""
@@ -226,7 +230,7 @@ class Options:
             run_limit=_number("run-limit", values["run-limit"], 1e6) or 0.0,
             map=_map(config),
             cover=values["cover"] or "class",
-            grid=values["grid"] or "paper",
+            grid=values["grid"] or None,
             max_items=_count("max-items", values["max-items"]),
             sample=_count("sample", values["sample"]) if values["sample"] else None,
             seed=_count("seed", values["seed"], least=0),

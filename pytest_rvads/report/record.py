@@ -102,6 +102,7 @@ class VehicleIndicators(msgspec.Struct, frozen=True, kw_only=True):
     """Indicators of one vehicle: times [s], deceleration [m/s^2], jerk [m/s^3]."""
 
     agent: str
+    arrival: float | None = None
     waiting: float | None = None
     delay: float | None = None
     deceleration: float | None = None

@@ -19,7 +19,7 @@ from pytest_rvads.report.files import load
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.session_report import Report
 
-SHORT = ("-j", "1", "--grid", "B")
+SHORT = ("-j", "1", "--grid", "B", "--subject", "none")
 
 DRIVER = """
 from pytest_rvads import Reference
@@ -258,8 +258,11 @@ def test_where_everything_is_refused_nothing_is_judged(capsys: pytest.CaptureFix
         (["--autopilot", "reference", "--sut", "x"], "not allowed with"),
         (["--autopilot", "reference", "--rules", "p77"], "p77"),
         (["--autopilot", "reference", "--grid", "Z"], "unknown configuration 'Z'"),
-        (["--autopilot", "reference", "--traffic", "hesitant"], "--traffic drives the vehicles beside a subject"),
-        (["--autopilot", "reference", "--subject", "x"], "--subject must be an entrance, counted from 0, or all, got 'x'"),
+        (
+            ["--autopilot", "reference", "--subject", "none", "--traffic", "hesitant"],
+            "--traffic drives the vehicles beside a subject",
+        ),
+        (["--autopilot", "reference", "--subject", "x"], "--subject must be an entrance, counted from 0, all, or none, got 'x'"),
         (["--autopilot", "reference", "--subject", "0", "--traffic", "mad"], "unknown traffic 'mad'"),
         (["--autopilot", "reference", "--followers", "-1"], "followers must be a whole number"),
         (["--autopilot", "reference", "--sample", "0"], "--sample must be at least 1, got 0"),
