@@ -66,7 +66,10 @@ _DECLARED = {
         "what to run of every class, or of the scenarios of a junction, where a test does not say",
         choices=("class", "scenario", "rotation", "partial", "pairs", "conflicts"),
     ),
-    "grid": _Option("configurations where a test does not say: 'paper', letters such as CD, or a grid of yours"),
+    "grid": _Option(
+        "configurations where a test does not say: 'paper', letters such as CD, 'arrivals', 'staggered', S21 or a name of yours; "
+        "by default paper, and arrivals for tests with a subject"
+    ),
     "max-items": _Option("refuse a test that would expand to more items than this", "10000"),
     "sample": _Option(
         "run only N runs of every test over scenarios, drawn as evenly as possible over its junctions, their classes and their "
@@ -74,7 +77,7 @@ _DECLARED = {
         metavar="N",
     ),
     "seed": _Option("what --rvads-sample and limit= of marks draw by; other seeds draw others", "0", metavar="S"),
-    "rules": _Option("file with rules of your own, see `rvads rules --file`"),
+    "rules": _Option("file with rules of your own, see `rvads rules --rules`"),
     "keep": _Option("folder to keep every run in, as .npz for `rvads check`"),
     "export": _Option(
         "folder to write every run that failed to as OpenSCENARIO XML (.xosc), its map beside it; needs the extra openscenario"
@@ -93,6 +96,11 @@ _DECLARED = {
         metavar="N",
     ),
     "baseline": _Option("compare with an earlier report, FILE.json of --rvads-report, and tell what changed", metavar="FILE"),
+    "baseline-of": _Option(
+        "with a baseline: compare only items of the same driver, the same map and the same formula of the rule, or any",
+        "same",
+        ("same", "any"),
+    ),
     "erosion": _Option("with a baseline: a safety margin that fell by more than this is told", "0.5", metavar="SECONDS"),
     "fail-on": _Option(
         "which failures fail the session: any; new ones, that the baseline does not have; or those and eroded margins",
@@ -149,7 +157,8 @@ class Options:
     """Of a run, 0 for none [s]."""
     map: str | None
     cover: str
-    grid: str
+    grid: str | None
+    """None where every test takes its usual one."""
     max_items: int
     sample: int | None
     """Most runs of a test."""
@@ -166,6 +175,8 @@ class Options:
     cov_fail_under: float | None
     """Least share of the cells to be exercised [%]."""
     baseline: Path | None
+    baseline_of: str
+    """Which of its items are compared: same or any."""
     erosion: float
     """A safety margin that fell by more than this since the baseline is told [s]."""
     fail_on: str
@@ -219,7 +230,7 @@ class Options:
             run_limit=_number("run-limit", values["run-limit"], 1e6) or 0.0,
             map=_map(config),
             cover=values["cover"] or "class",
-            grid=values["grid"] or "paper",
+            grid=values["grid"] or None,
             max_items=_count("max-items", values["max-items"]),
             sample=_count("sample", values["sample"]) if values["sample"] else None,
             seed=_count("seed", values["seed"], least=0),
@@ -230,6 +241,7 @@ class Options:
             summary=values["summary"],
             cov_fail_under=_number("cov-fail-under", values["cov-fail-under"], 100.0),
             baseline=_baseline(values, here),
+            baseline_of=values["baseline-of"],
             erosion=_number("erosion", values["erosion"], 3600.0) or 0.0,
             fail_on=values["fail-on"],
             time_budget=_number("time-budget", values["time-budget"], 1e6),

@@ -26,7 +26,7 @@ from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Difference, Record
 from pytest_rvads.report.session_report import Drawn
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.scenarios.selection import TOO_TIGHT
+from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT
 from pytest_rvads.wording import first, plural
 
 __all__ = ["Town", "TownRecords", "tallied"]
@@ -151,8 +151,10 @@ class Town:
 
     def notes(self) -> list[str]:
         """Return what is to be said of the town as a whole, a sentence each."""
-        bends = [name for place in self.plan.places for name in self.plan.selection(place).too_tight]
+        bends = [name for place in self.plan.places for name in self.plan.selections(place)[0].too_tight]
         found = [f"{plural(len(bends), 'movement')} left out: {TOO_TIGHT}: {first(bends, 5)}"] if bends else []
+        short = [place.name for place in self.plan.places if self.plan.selections(place)[0].too_short]
+        found += [f"{plural(len(short), 'junction')} {TOO_SHORT}: {first(short, 5)}"] if short else []
         several = [len(shape.members) for shape in self.shapes if len(shape.members) > 1]
         total = sum(self.counts.values())
         if not several and self.once_per_shape:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 from pytest_rvads.drivers.interface import Factory
@@ -16,10 +16,10 @@ from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.session_report import Extent
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.scenarios.configurations import grid
+from pytest_rvads.scenarios.configurations import ARRIVALS, grid
 from pytest_rvads.scenarios.extents import extended
 from pytest_rvads.scenarios.ids import run_id
-from pytest_rvads.scenarios.selection import Selection
+from pytest_rvads.scenarios.selection import Selection, alone
 from pytest_rvads.stratified import draw
 
 __all__ = ["Asked", "LeftOut", "Plan", "Planned"]
@@ -33,7 +33,8 @@ class Asked:
     rules: tuple[str | Rule, ...] = ("road",)
     cover: str = "conflicts"
     occupancy: str = "arms"
-    grid: tuple[str, ...] = ("paper",)
+    grid: tuple[str, ...] | None = None
+    """None for the paper's configurations, and where there is a subject for those of `ARRIVALS`, one per scenario and seat."""
     subject: int | str | None = None
     traffic: Policy | None = None
     """Drives the others where there is a subject."""
@@ -105,7 +106,8 @@ class Plan:
         """Return by junction how much there is to cover."""
         found: dict[str, Extent] = {}
         for place in self.places:
-            found = extended(found, self.selection(place))
+            for selection in self.selections(place):
+                found = extended(found, selection)
         return found
 
     @property
@@ -138,7 +140,7 @@ class Plan:
         traffic = None if asked.traffic is None or asked.subject is None else asked.traffic
         for place in self.places:
             rules = [rule.name for rule in self.rules(place)]
-            for scenario in self.selection(place).fitting(_nobody):
+            for scenario in (one for selection in self.selections(place) for one in selection.fitting(_nobody)):
                 name = run_id(scenario, None if traffic is None else traffic.name)
                 if not self.only or self._wanted(name, rules):
                     yield Planned(name, Case(scenario, asked.driver, traffic.factory if traffic else None))
@@ -147,24 +149,29 @@ class Plan:
         ids = (name, *(f"{name}-{rule}" for rule in rules))
         return any(fnmatchcase(id, pattern) for pattern in self.only for id in ids)
 
-    def selection(self, place: Junction) -> Selection:
-        """Return what is to run at a junction, with what does not fit there; raises ScenarioError where nothing can."""
-        asked = self.asked
-        return Selection(
-            place,
-            grid(asked.grid, len(place.entrances), place.control),
-            asked.cover,
-            asked.occupancy,
-            subject=asked.subject,
-            followers=asked.followers,
-        )
+    def selections(self, place: Junction) -> tuple[Selection, ...]:
+        """Return what is to run at a junction, with what does not fit there; raises ScenarioError where nothing can.
+
+        A subject also arrives `alone`; the cover ``partial`` has such scenarios itself.
+        """
+        asked, seat = self.asked, self.asked.subject
+        names = asked.grid or ("paper" if seat is None else ARRIVALS,)
+        points = grid(names, len(place.entrances), place.control)
+        alternating = not asked.grid and seat is not None
+        every = partial(Selection, place, occupancy=asked.occupancy, subject=seat, followers=asked.followers)
+        most = every(configurations=points, cover=asked.cover, alternating=alternating)
+        if seat is None or asked.cover == "partial":
+            return (most,)
+        single = [code for code in alone(place) if seat == "all" or code[int(seat)]]
+        return most, every(configurations=points[:1], scenarios=tuple(single))
 
     def _count(self, place: Junction) -> tuple[int, LeftOut | None]:
         """Return how many scenarios fit at a junction, and which don't; gone through only where some may not."""
         if place.name not in self._counted:
-            selection, unfit = self.selection(place), list[ScenarioError]()
-            total = selection.count() * selection.points
-            count = total if selection.roomy else sum(1 for _ in selection.fitting(unfit.append))
+            unfit, count = list[ScenarioError](), 0
+            for selection in self.selections(place):
+                total = selection.count() * selection.points
+                count += total if selection.roomy else sum(1 for _ in selection.fitting(unfit.append))
             self._counted[place.name] = count, LeftOut(len(unfit), str(unfit[0])) if unfit else None
         return self._counted[place.name]
 

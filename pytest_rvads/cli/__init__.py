@@ -31,6 +31,13 @@ from pytest_rvads.wording import encode_all, page
 
 __all__ = ["main"]
 
+_RENAMED = {
+    **{(command, "--rule"): "--rules" for command in ("check", "export", "replay", "rules")},
+    ("rules", "--file"): "--rules",
+    ("init", "--stack"): "--sut",
+}
+"""Options by their command and their former names."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit status."""
@@ -38,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warn("rvads: it needs an open standard input and output: redirect what is of no use to /dev/null")
         return 2
     encode_all(sys.stdout, sys.stderr)
-    options = _parser().parse_args(arguments)
+    options = _parser().parse_args(_renamed(sys.argv[1:] if arguments is None else arguments))
     command: Callable[[argparse.Namespace], int] = options.command
     try:
         return command(options)
@@ -53,6 +60,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("rvads: interrupted", file=sys.stderr)
         return 130
+
+
+def _renamed(words: Sequence[str]) -> list[str]:
+    """Return the words of a command with the present names of its options; former ones are warned of."""
+    former = {option: name for (command, option), name in _RENAMED.items() if words and command == words[0]}
+    found = [word.partition("=") for word in words]
+    for option in dict.fromkeys(option for option, _, _ in found if option in former):
+        warn(f"rvads: warning: {option} of rvads {words[0]} is called {former[option]} now")
+    return [former.get(option, option) + sign + value for option, sign, value in found]
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -26,7 +26,7 @@ def declare(commands: Subparsers) -> None:
         "files", nargs="+", metavar="FILE", help="file, folder (searched at any depth) or quoted pattern such as 'drives/*.npz'"
     )
     check.add_argument(
-        "--rule", action="append", metavar="RULE", help="a rule, rulebook or file of rules, may be repeated (default: road)"
+        "--rules", action="append", metavar="RULE", help="a rule, rulebook or file of rules, may be repeated (default: road)"
     )
     form = check.add_mutually_exclusive_group()
     form.add_argument(
@@ -64,7 +64,7 @@ def _check(options: argparse.Namespace) -> int:
     from pytest_rvads.cli.run_answers import Question
     from pytest_rvads.cli.run_files import run_files
 
-    names = tuple(options.rule or ["road"])
+    names = tuple(options.rules or ["road"])
     named_rules(names)  # what is wrong with them is told before anything is read
     if options.html is not None:
         _make_folder(options.html)

@@ -14,7 +14,7 @@ __all__ = ["declare"]
 def declare(commands: Subparsers) -> None:
     """Add the commands of this module."""
     rules = commands.add_parser("rules", help="list the rules: meaning, formula, source, who is responsible")
-    rules.add_argument("--file", metavar="FILE", help="also those of a file of rules")
+    rules.add_argument("--rules", action="append", metavar="FILE", help="also those of a file of rules, may be repeated")
     rules.set_defaults(command=_rules)
     rules_command.declare(rules)
 
@@ -33,8 +33,8 @@ def _rules(options: argparse.Namespace) -> int:
     from pytest_rvads.cli.answers import list_rules
     from pytest_rvads.logic.rules.rulefile import load_rules
 
-    if options.file:
-        load_rules(options.file)
+    for file in options.rules or ():
+        load_rules(file)
     say(list_rules())
     return 0
 

@@ -30,7 +30,7 @@ def declare(commands: Subparsers) -> None:
     )
     parser.add_argument("--xosc", metavar="OUT", required=True, help="file to write (.xosc)")
     parser.add_argument("--scenario", action="store_true", help="of a run the scenario that it began with, not what happened")
-    parser.add_argument("--rule", metavar="RULE", help="judge the run by it and tell the verdict in the file")
+    parser.add_argument("--rules", metavar="RULE", help="judge the run by it and tell the verdict in the file")
     parser.add_argument("--map", metavar="FILE", help="OpenDRIVE file of the junction, where it is neither built in nor told")
     parser.set_defaults(command=_export)
 
@@ -40,9 +40,9 @@ def _export(options: argparse.Namespace) -> int:
 
     source, out = Path(options.source), Path(options.xosc)
     is_file = source.exists() or source.suffix.lower() in READERS
-    if options.rule and (options.scenario or not is_file):
+    if options.rules and (options.scenario or not is_file):
         raise ScenarioError(
-            "--rule judges a run, and a scenario is none: leave --rule out, or write the run of a file, without --scenario"
+            "--rules judges a run, and a scenario is none: leave --rules out, or write the run of a file, without --scenario"
         )
     return _run(options, source, out) if is_file else _scenario(options, out)
 
@@ -72,7 +72,7 @@ def _run(options: argparse.Namespace, source: Path, out: Path) -> int:
         save_scenario(scenario, out, map=options.map, fleet=fleet)
         say(f"{out}: {scenario.describe()}")
         return 0
-    verdict = check(run, options.rule) if options.rule else None
+    verdict = check(run, options.rules) if options.rules else None
     export_run(run, out, map=options.map, verdict=verdict)
     say(f"{out}: {len(run.agents)} vehicles at {run.junction.name}, {run.duration:.2f} s")
     if verdict is not None:

@@ -67,7 +67,7 @@ def follow(options: argparse.Namespace) -> int:
     if not options.junction:
         raise RunError("--follow needs to know where: give --junction, and --map where that is the id of one in a file")
     place = find(options.junction, options.map)
-    rules = named_rules(options.rule or ["road"])
+    rules = named_rules(options.rules or ["road"])
     if len(options.files) > 1:
         raise RunError(f"--follow reads one file, or - for standard input, got {len(options.files)}")
     (file,) = options.files

@@ -30,7 +30,7 @@ def declare(commands: Subparsers) -> None:
     )
     init.add_argument("folder", metavar="DIR", nargs="?", default=".", help="where to write (default: here)")
     drives = init.add_mutually_exclusive_group()
-    drives.add_argument("--stack", metavar="COMMAND", help="a program of yours drives, in C++ or any language; started in DIR")
+    drives.add_argument("--sut", metavar="COMMAND", help="a program of yours drives, in C++ or any language; started in DIR")
     drives.add_argument("--recordings", metavar="FILE", help="nothing drives: judge runs of a file, folder or pattern")
     drives.add_argument("--ci", choices=("github",), help="write a workflow for GitHub Actions instead of tests")
     init.add_argument(
@@ -66,7 +66,7 @@ def _tests(options: argparse.Namespace, folder: Path) -> dict[str, str]:
     """Return the tests and what drives in them, by the names of their files."""
     if options.recordings:
         return {"test_rules.py": template("test_recordings.txt", {"recordings": _recordings(options.recordings, folder)})}
-    drives = template("stack.txt", {"command": _command(options.stack)}) if options.stack else template("conftest.txt")
+    drives = template("stack.txt", {"command": _command(options.sut)}) if options.sut else template("conftest.txt")
     if not options.map:
         return {"conftest.py": drives, "test_rules.py": template("test_rules.txt")}
     at = _place(options.map, options.junction) | {"map": _seen_from(folder, options.map)}
@@ -100,8 +100,8 @@ def _next(options: argparse.Namespace) -> list[str]:
     if options.recordings:
         return [*next_, f"more: {page('bring-recorded-runs')}"]
     failures = "The line `look` of a failure names a page that replays it, the line `rerun` runs it once more."
-    if options.stack:
-        return [*_missing(options.stack, Path(options.folder)), *next_, failures, f"more: {page('attach-your-stack')}"]
+    if options.sut:
+        return [*_missing(options.sut, Path(options.folder)), *next_, failures, f"more: {page('attach-your-stack')}"]
     own = "Then put your controller in place of MyController in conftest.py."
     return [*next_, failures, own, f"more: {page('tutorial')}"]
 
@@ -120,22 +120,30 @@ def _command(text: str) -> list[str]:
     try:
         words = shlex.split(text)
     except ValueError as error:
-        raise RvadsError(f"--stack can't be read as a command: {error}, got {text!r}") from error
+        raise RvadsError(f"--sut can't be read as a command: {error}, got {text!r}") from error
     if not words:
-        raise RvadsError(f"--stack is the command of your program, such as ./stack, got {text!r}")
+        raise RvadsError(f"--sut is the command of your program, such as ./stack, got {text!r}")
     return words
 
 
-def _place(file: str, wanted: str | None) -> dict[str, str]:
+def _place(file: str, wanted: str | None) -> dict[str, object]:
     """Return a junction of a map, the one that is asked for or the first that can be used, and where its vehicles begin."""
     from pytest_rvads.junctions.finder import find
     from pytest_rvads.junctions.road_map import describe, read_map
+    from pytest_rvads.maps.control import JunctionControl
+    from pytest_rvads.scenarios.classes import label
+    from pytest_rvads.scenarios.selection import alone
 
     usable = [wanted] if wanted else [str(one["id"]) for one in describe(read_map(file))["junctions"] if one["usable"]]
     if not usable:
         raise MapError(f"{file} has no junction that can be used: rvads map {shlex.quote(file)} tells why")
-    lights = find(usable[0], file).control.value == "lights"
-    return {"junction": usable[0], "grid": "H" if lights else "C"}  # 20 m before the line; H also turns the lights
+    place = find(usable[0], file)
+    return {
+        "junction": usable[0],
+        "grid": ("S21", "S46") if place.control is JunctionControl.STOP else ("S42", "S53"),
+        "alone": tuple(label(code, place.lanes) for code in alone(place)),
+        "first": "H" if place.control is JunctionControl.LIGHTS else "C",  # 20 m before the line
+    }
 
 
 def _recordings(name: str, folder: Path) -> str:

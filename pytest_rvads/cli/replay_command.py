@@ -39,8 +39,13 @@ def declare(commands: Subparsers) -> None:
         help="id of an item that failed, or a part of it that no other has; or the file of a run, as --rvads-keep writes them",
     )
     parser.add_argument("--session", metavar="N|DIR", help="number or folder of the session (default: the latest in .rvads)")
-    parser.add_argument("--rule", metavar="RULE", help="only failures of this rule; of the file of a run the rule to judge it by")
-    parser.add_argument("--rules", metavar="FILE", help="file with rules of your own, see `rvads rules --file`")
+    parser.add_argument(
+        "--rules",
+        action="append",
+        default=[],
+        metavar="RULE",
+        help="only failures of this rule; of the file of a run the rule to judge it by; or a file of rules of yours (.rules)",
+    )
     parser.add_argument("--all", action="store_true", help="draw every failure that has no page yet")
     parser.add_argument("--baseline", metavar="FILE.json", help="report of an earlier session, whose run is shown below this one")
     parser.add_argument("-o", "--output", metavar="FILE", help="page to write (default: in the folder of the session)")
@@ -102,8 +107,12 @@ def _replay(options: argparse.Namespace) -> int:
     what = options.what or ""
     if options.all and (options.output or options.svg):
         raise RvadsError("--all writes many pages, each into the folder of the session: leave --output and --svg out")
-    if options.rules:
-        load_rules(options.rules)
+    for name in options.rules:
+        if name.endswith(".rules"):
+            load_rules(name)
+    options.rule, *more = [name for name in options.rules if not name.endswith(".rules")] or [None]
+    if more:
+        raise RvadsError(f"a replay is about one rule, --rules names {options.rule!r} and {more[0]!r}: name one of them")
     if Path(what).suffix.lower() in READERS and "::" not in what:
         return _file(options, Path(what))
     session = _session(options.session)

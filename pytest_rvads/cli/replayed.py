@@ -116,7 +116,7 @@ def run_of_file(file: Path, asked: str | None) -> Replayed:
             f"{file}: it holds {len(runs)} runs, expected one: `rvads check {quoted(str(file))} --html DIR` draws those"
         )
     run, verdict = runs[0], check(runs[0], rules[0]) if rules else None
-    again = f"rvads replay {quoted(str(file))}{f' --rule {asked}' if asked else ''}"
+    again = f"rvads replay {quoted(str(file))}{f' --rules {asked}' if asked else ''}"
     told = [("recorded", str(file)), *([("rule", f"{rules[0].name}: {rules[0].title}")] if rules else []), ("rerun", again)]
     notes = "\n".join((*([verdict.explanation or verdict.message] if verdict else []), f"recorded  {file}", f"rerun     {again}"))
     others = other_verdicts(run, usual_rules(run), rules[0].name if rules else "")

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
-from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import progress, say
 from pytest_rvads.errors import ScenarioError
-
-if TYPE_CHECKING:
-    from pytest_rvads.logic.rules.rule import Rule
 
 __all__ = ["declare"]
 
@@ -27,9 +23,12 @@ def declare(rules: argparse.ArgumentParser) -> None:
         "exit status 1 if there are any.",
     )
     check.add_argument(
-        "--file", metavar="FILE", default=argparse.SUPPRESS, help="check the rules of a file, with those of --rule"
+        "--rules",
+        action="append",
+        default=argparse.SUPPRESS,
+        metavar="RULE",
+        help="a rule, rulebook or file of rules, may be repeated (default: paper)",
     )
-    check.add_argument("--rule", action="append", metavar="RULE", help="a rule or rulebook, may be repeated (default: paper)")
     check.add_argument("--ways", type=int, choices=(3, 4), default=4, help="entrances of the junction (default: 4)")
     check.add_argument("--control", choices=("stop", "lights"), help="of the junction (default: both)")
     check.add_argument("--scenario", metavar="DIRECTIONS", help="one scenario, such as 1133; 0 where nobody stands")
@@ -38,12 +37,13 @@ def declare(rules: argparse.ArgumentParser) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
+    from pytest_rvads.cli.answers import named_rules
     from pytest_rvads.junctions.finder import find
     from pytest_rvads.maps.control import JunctionControl
     from pytest_rvads.scenarios.classes import parse
     from pytest_rvads.search.survey import show, survey
 
-    rules = _chosen(options)
+    rules = named_rules(options.rules or ["paper"])
     code = parse(options.scenario) if options.scenario else None
     if code and len(code) != options.ways:
         raise ScenarioError(f"scenario {options.scenario!r} names {len(code)} entrances, expected {options.ways}: see --ways")
@@ -62,15 +62,6 @@ def _check(options: argparse.Namespace) -> int:
             say(show(result))
             found = found or bool(result.contradictions)
     return 1 if found else 0
-
-
-def _chosen(options: argparse.Namespace) -> tuple[Rule, ...]:
-    from pytest_rvads.logic.rules.book import rules_for
-    from pytest_rvads.logic.rules.rulefile import load_rules
-
-    own = load_rules(options.file) if options.file else ()
-    named = options.rule or ([] if own else ["paper"])
-    return rules_for([*own, *named])
 
 
 def _times(text: str) -> list[float]:

@@ -198,7 +198,7 @@ class Judge:
         """Write the pages of a verdict; return their names and times, and what there is to say where one can't be drawn."""
         if self._question.pages is None:
             return (), ""
-        again = f"rvads check {quote(file)} --rule {rule.name}"
+        again = f"rvads check {quote(file)} --rules {rule.name}"
         notes = f"{verdict.explanation}\nrecorded  {file}\nrerun     {again}"
         facts = ("recorded", file), ("rule", f"{rule.name}: {rule.title}" if rule.title else rule.name), ("rerun", again)
         beside = Beside(facts, tuple(told for told in all if told[0] != rule.name), "index.html")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli import executor_options
-from pytest_rvads.cli.common import Subparsers, say, warn
+from pytest_rvads.cli.common import Subparsers, say, terminable, warn
 from pytest_rvads.cli.town_output import NOTHING, Order, written
 from pytest_rvads.errors import AutopilotError, RvadsError, ScenarioError
 
@@ -54,9 +54,14 @@ def declare(commands: Subparsers) -> None:
     town.add_argument("--cover", choices=COVERS, default="conflicts", help="which scenarios (default: conflicts)")
     town.add_argument("--occupancy", choices=("arms", "lanes"), default="arms", help="who is there in a full scenario")
     town.add_argument(
-        "--grid", nargs="+", default=["paper"], metavar="LETTERS", help="configurations, such as CD (default: paper)"
+        "--grid", nargs="+", metavar="NAME", help="configurations, such as CD, arrivals, staggered, S21 (default: alternating)"
     )
-    town.add_argument("--subject", metavar="N", help="entrance of the vehicle under test among traffic, or all")
+    town.add_argument(
+        "--subject",
+        default="all",
+        metavar="N",
+        help="entrance of the vehicle under test among traffic, all of them in turn, or none: all vehicles are (default: all)",
+    )
     town.add_argument("--traffic", metavar="POLICY", help="what drives the others (default: reference)")
     town.add_argument("--followers", type=int, default=0, metavar="N", help="how many queue behind each")
     town.add_argument(
@@ -97,7 +102,7 @@ def _town(options: argparse.Namespace) -> int:
         if not order.town.simulated:
             return _nothing(order.town)
         _made(folder)
-        with executor_options.opened(options) as executor:
+        with terminable(), executor_options.opened(options) as executor:
             return _judged(order, options, folder, executor)
 
 
@@ -139,13 +144,14 @@ def _understood(options: argparse.Namespace, driver: Any) -> Order:
     from pytest_rvads.scenarios.scenario import check_followers
     from pytest_rvads.simulators.simulator import meant, named
 
-    if options.traffic is not None and options.subject is None:
+    subject = _subject(options.subject)
+    if options.traffic is not None and subject is None:
         raise ScenarioError("--traffic drives the vehicles beside a subject: say --subject N or all, or leave --traffic out")
     for name in ("limit", "sample"):
         if (count := getattr(options, name)) is not None and count < 1:
             raise ScenarioError(f"--{name} must be at least 1, got {count}")
     check_followers(options.followers)
-    grid(options.grid, 4, JunctionControl.STOP)
+    grid(options.grid or "paper", 4, JunctionControl.STOP)
     rules = tuple(rule for name in options.rules for rule in (load_rules(name) if name.endswith(".rules") else [name]))
     rules_for(rules)
     asked = Asked(
@@ -153,9 +159,9 @@ def _understood(options: argparse.Namespace, driver: Any) -> Order:
         rules,
         options.cover,
         options.occupancy,
-        tuple(options.grid),
-        _subject(options.subject),
-        None if options.subject is None else Policy.of(options.traffic or DEFAULT),
+        tuple(options.grid) if options.grid else None,
+        subject,
+        None if subject is None else Policy.of(options.traffic or DEFAULT),
         (options.followers,),
     )
     town = Town.of(
@@ -172,11 +178,11 @@ def _understood(options: argparse.Namespace, driver: Any) -> Order:
     return Order(town, simulator, _again(options))
 
 
-def _subject(text: str | None) -> int | str | None:
-    if text is None or text == "all":
-        return text
+def _subject(text: str) -> int | str | None:
+    if text in ("all", "none"):
+        return None if text == "none" else text
     if not (text.isdecimal() and len(text) < 4):
-        raise ScenarioError(f"--subject must be an entrance, counted from 0, or all, got {text!r}")
+        raise ScenarioError(f"--subject must be an entrance, counted from 0, all, or none, got {text!r}")
     return int(text)
 
 
@@ -184,11 +190,11 @@ def _again(options: argparse.Namespace) -> str:
     """Return the command that runs some ids again as they ran here; which others there were is left out."""
     words = ["rvads", "town", *options.maps]
     for name in ("autopilot", "sut", "simulator", "cover", "occupancy", "subject", "traffic"):
-        value, usual = getattr(options, name), {"cover": "conflicts", "occupancy": "arms"}.get(name)
+        value, usual = getattr(options, name), {"cover": "conflicts", "occupancy": "arms", "subject": "all"}.get(name)
         words += [f"--{name}", value] if value not in (None, usual) else []
     words += ["--followers", str(options.followers)] if options.followers else []
     words += ["--rules", *options.rules] if options.rules != ["road"] else []
-    words += ["--grid", *options.grid] if options.grid != ["paper"] else []
+    words += ["--grid", *options.grid] if options.grid else []
     return f"{shlex.join(words)} --only"
 
 

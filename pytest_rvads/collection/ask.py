@@ -22,7 +22,7 @@ from pytest_rvads.logic.rules.book import claim, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.options import Options
 from pytest_rvads.scenarios.classes import parse
-from pytest_rvads.scenarios.configurations import Configuration, explicit, grid, outside
+from pytest_rvads.scenarios.configurations import ARRIVALS, Configuration, explicit, grid, outside
 from pytest_rvads.scenarios.scenario import check_followers, check_numbers
 from pytest_rvads.scenarios.selection import CHOOSING, Selection
 from pytest_rvads.scenarios.senses import IDEAL, Senses
@@ -194,7 +194,7 @@ class Ask:
         watch: Callable[..., Iterable[Configuration]],
     ) -> tuple[tuple[Configuration, ...], int]:
         """Return the configurations to run, and how many were left out because nobody could stop there."""
-        ways, names = len(place.entrances), self.grid or (options.grid,)
+        ways, names = len(place.entrances), self.grid or (options.grid or ("paper" if self.subject is None else ARRIVALS),)
         axes = [grids[name] for name in names if name in grids]
         letters = [name for name in names if name not in grids]
         if self.distances:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Never
@@ -10,6 +11,7 @@ import pytest
 
 from pytest_rvads.collection.cells import KEYS, Known
 from pytest_rvads.collection.misuse import caller, told_at
+from pytest_rvads.errors import ScenarioError, suggest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -71,7 +73,10 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
         occupancy: what a full scenario is: ``"arms"``, one vehicle on every arm, on any of its lanes; or ``"lanes"``, one on
             every lane. The same with one lane per arm.
         followers: how many vehicles queue behind each, 0 to 9, or several numbers to run one after the other.
-        grid: ``"paper"``, or letters of the paper's configurations such as ``"CD"``.
+        grid: ``"paper"``, or letters of the paper's configurations such as ``"CD"``. With a subject also ``"staggered"``, in
+            which it and the others arrive one after the other, one of these such as ``"S21"``, in which the others start 21 m
+            before their lines, or ``"arrivals"``, an equal start and four staggered ones. By default ``"arrivals"`` with a
+            subject, and ``"paper"`` without.
         distances: instead of `grid`: metres to the stopping line, a number for all vehicles, a tuple with one
             per entrance, or a list of either, or an array, to run one after the other.
         speeds: with `distances`: initial speeds [m/s], likewise; 0 by default.
@@ -155,7 +160,15 @@ def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | in
 
 
 def register_marks(config: pytest.Config) -> None:
-    """Tell pytest about the marks."""
+    """Tell pytest about the marks.
+
+    Raises:
+        ScenarioError: the expression of ``-m`` selects by a key that no item has, which pytest takes for one that never matches.
+    """
+    unquoted = re.sub(r"""'[^']*'|"[^"]*\"""", "", config.option.markexpr)
+    for key in re.findall(r"(\w+)\s*=", " ".join(re.findall(r"\brvads\s*\(([^)]*)", unquoted))):
+        if key not in KEYS:
+            raise ScenarioError(f"-m rvads(...) selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
     for line in (
         "rvads_scenario(junction, ...): run over scenarios; written as @rvads.scenario",
         "rvads_recorded(pattern, ...): run over recorded runs; written as @rvads.recorded",

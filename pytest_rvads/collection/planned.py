@@ -28,7 +28,7 @@ LEFT_OUT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
 UNFIT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
 """Likewise to how many scenarios were left out because a vehicle has no room where it would start."""
 REFUSED: pytest.StashKey[dict[str, dict[str, None]]] = pytest.StashKey()
-"""Why junctions are left out, to their names."""
+"""Why junctions are left out, or run otherwise than asked for, to their names."""
 DRAWN: pytest.StashKey[dict[Drawn, None]] = pytest.StashKey()
 """Where tests run only some of what they ask for."""
 EXTENTS: pytest.StashKey[dict[str, Extent]] = pytest.StashKey()
@@ -54,7 +54,7 @@ def resolve(ask: Ask, test: pytest.Function, options: Options, added: Extensions
     if options.sample is None:
         _refuse_many(found.resolved, options)
     from pytest_rvads.scenarios.extents import extended
-    from pytest_rvads.scenarios.selection import TOO_TIGHT
+    from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT
 
     known: dict[str, Extent] = stash.setdefault(EXTENTS, {})
     for resolved in found.resolved:
@@ -62,7 +62,8 @@ def resolve(ask: Ask, test: pytest.Function, options: Options, added: Extensions
         known = extended(known, resolved.selection)
     stash[EXTENTS] = known
     bends = [(name, TOO_TIGHT) for resolved in found.resolved for name in resolved.selection.too_tight]
-    for name, reason in (*found.left_out, *bends):
+    short = [(one.selection.place.name, TOO_SHORT) for one in found.resolved if one.selection.too_short]
+    for name, reason in (*found.left_out, *bends, *short):
         stash.setdefault(REFUSED, {}).setdefault(reason, {})[name] = None
     if found.passed_over:
         taken = len(found.resolved)

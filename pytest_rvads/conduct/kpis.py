@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.bodies import contacts, tick_of, velocity
 from pytest_rvads.conduct.predicates import ticks
 from pytest_rvads.conduct.presence import judged
+from pytest_rvads.conduct.standing import arrivals
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.errors import RunError, require
 from pytest_rvads.runs.run import Run
@@ -37,6 +38,8 @@ class VehicleKpis:
     """Indicators of one vehicle."""
 
     agent: str
+    arrival: float | None
+    """When it first arrived at its line, see `arrivals`, since the run began [s]; None if it never did."""
     waiting: float
     """Time at its entrance [s]."""
     delay: float | None
@@ -106,6 +109,7 @@ def kpis(run: Run) -> Kpis:
     vehicles = tuple(
         VehicleKpis(
             run.agents[i].name,
+            _arrival(run, i),
             _rounded(float((run.zone[:, i] == Zone.ENTRANCE).sum()) * run.dt),
             measure("delay", _delay, i),
             measure("deceleration", _deceleration, i),
@@ -185,6 +189,11 @@ def _jerk(run: Run, column: int) -> float | None:
     acceleration, step = _accelerations(run, column)
     change = np.abs(acceleration[step:] - acceleration[:-step])
     return _rounded(float(change.max()) / (step * run.dt)) if len(change) else None
+
+
+def _arrival(run: Run, column: int) -> float | None:
+    there = np.flatnonzero(arrivals(run).arrived[:, column])
+    return _rounded(float(there[0]) * run.dt) if len(there) else None
 
 
 def _delay(run: Run, column: int) -> float | None:

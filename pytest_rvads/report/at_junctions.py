@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sized
 from itertools import combinations
 
+from pytest_rvads.report.arrivals import Arrivals
 from pytest_rvads.report.outcome import Outcome, Tallied, counted
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Extent, Move
@@ -77,6 +78,7 @@ class AtJunction:
         """Of full scenarios, by occupancy; together in the first where there is one way to occupy a junction."""
         self._partial: dict[str, set[int | str]] = {"arms": set(), "lanes": set()}
         self._pairs: set[tuple[Move, Move]] = set()
+        self._arrivals = Arrivals()
 
     def add(self, record: Record) -> None:
         """Take a record in."""
@@ -85,6 +87,8 @@ class AtJunction:
         if record.status.bad and not record.known:
             self.wrong.add(record.ran_as)
         if record.hash and record.status is not Outcome.ERROR:
+            if record.hash not in self.runs:
+                self._arrivals.add(record)
             self.runs.add(record.hash)
             if record.cls:
                 # Numbers alone are those of occupied arms.
@@ -108,6 +112,10 @@ class AtJunction:
     def share(self) -> float:
         """In which share of the runs something went wrong."""
         return len(self.wrong) / max(len(self.runs | self.wrong), 1)
+
+    def lines(self) -> list[str]:
+        """Return `line`, and in which orders the subject and the others arrived."""
+        return [self.line(), *self._arrivals.lines(self.junction)]
 
     def line(self) -> str:
         """Return what was exercised, and the verdicts by status."""

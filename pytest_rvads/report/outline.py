@@ -111,7 +111,7 @@ class RollUp:
 
 @dataclass(frozen=True, slots=True)
 class Causes:
-    """What is behind failures, or behind what was no failure, the most frequent first."""
+    """What is behind failures, or behind what was no failure, the gravest first."""
 
     title: str
     causes: tuple[Cause, ...]
@@ -199,7 +199,7 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
     lines = (
         *titles.lines(brief),
         *extremes.lines(),
-        *(_worst(at_junctions.found) if many else (one.line() for one in at_junctions.found)),
+        *(_worst(at_junctions.found) if many else (line for one in at_junctions.found for line in one.lines())),
         *_few(timing.lines(), brief),
         *(slowest(report.seconds, 3, 1.0) if short else slowest(report.seconds, _SLOWEST)),
         *([] if short else requirements.lines()),
@@ -247,6 +247,6 @@ def _few(lines: Sequence[str], most: int | None) -> Iterator[str]:
 
 def _worst(found: Sequence[AtJunction]) -> Iterator[str]:
     """Yield a line for each of the worst few junctions."""
-    yield from (one.line() for one in ranked(found)[:FEW])
+    yield from (line for one in ranked(found)[:FEW] for line in one.lines())
     if len(found) > FEW:
         yield f"... and {plural(len(found) - FEW, 'more junction')}, none worse"

@@ -1,4 +1,4 @@
-"""What tests asked for and did not run: junctions that are left out, by reason, and what was not drawn."""
+"""What tests asked for and did not run: junctions that are left out or run otherwise, by reason, and what was not drawn."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def refused(report: Report, most: int | None = None) -> list[str]:
     lines = []
     for reason, names in reasons[:most]:
         what = plural(len(names), "movement" if " from entrance " in names[0] else "junction")
-        lines.append(f"{what} left out: {reason}: {first(names, _NAMED)}")
+        lines.append(f"{what}{'' if reason.startswith('with ') else ' left out:'} {reason}: {first(names, _NAMED)}")
     others = {name for _, names in reasons[len(lines) :] for name in names}
     if others:
         lines.append(f"{plural(len(others), 'junction')} left out for other reasons: reports in files say which")

@@ -9,6 +9,7 @@ from typing import Any
 
 from pytest_rvads.drivers.abilities import check_factory
 from pytest_rvads.drivers.interface import Factory
+from pytest_rvads.drivers.traffic import DEFAULT, POLICIES
 from pytest_rvads.errors import ScenarioError, require
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.vehicle import Vehicle
@@ -46,8 +47,8 @@ class Case:
     """Everything that a run depends on.
 
     Raises:
-        ScenarioError: no scenario, no fleet, or one with a body for an agent that the scenario does not have; a subject without
-            traffic, or traffic without a subject.
+        ScenarioError: no scenario, no fleet, or one with a body for an agent that the scenario does not have; or traffic
+            without a subject.
         AutopilotError: `driver` or `traffic` is nothing that can be called.
     """
 
@@ -56,7 +57,7 @@ class Case:
     """Drives every vehicle, or the subject alone: a class or callable without arguments, called once per vehicle, in creation
     order, or once for all when it makes a `TrafficSystem`."""
     traffic: Factory | None = None
-    """Drives the other vehicles of a scenario with a subject, and only there."""
+    """Drives the other vehicles of a scenario with a subject, and only there; the reference policy where None is given."""
     fleet: Fleet = field(default_factory=Fleet)
 
     def __post_init__(self) -> None:
@@ -70,7 +71,7 @@ class Case:
                     "give the body to one of them"
                 )
         if self.scenario.subject is not None and self.traffic is None:
-            raise ScenarioError("the scenario has a subject, so its other vehicles need an autopilot: pass it as traffic=")
+            object.__setattr__(self, "traffic", POLICIES[DEFAULT])
         if self.scenario.subject is None and self.traffic is not None:
             raise ScenarioError(
                 "traffic= drives the vehicles beside a subject: give the scenario a subject, or leave traffic= out"

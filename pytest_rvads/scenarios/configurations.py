@@ -1,4 +1,4 @@
-"""Configurations: distances and speeds per entrance, as the paper's A..J or as a user's grid.
+"""Configurations: distances and speeds per entrance, as the paper's A..J, staggered around a subject, or as a user's grid.
 
 The grid keeps to the braking envelope: a vehicle that starts d metres before the stopping line is no faster
 than v(d)max, else it would break rules by its speed alone (paper, section 5.3).
@@ -6,8 +6,10 @@ than v(d)max, else it would break rules by its speed alone (paper, section 5.3).
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -17,6 +19,7 @@ from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.maps.control import JunctionControl
 
 __all__ = [
+    "ARRIVALS",
     "PAPER",
     "Configuration",
     "Envelope",
@@ -36,7 +39,20 @@ Envelope = Callable[[float], float | None]
 PAPER = {JunctionControl.STOP: "ABCDE", JunctionControl.LIGHTS: "FGHIJ"}
 """The paper's configurations by control; A and F are deliberate probes of a controller that launches before it looks."""
 
+ARRIVALS = "arrivals"
+"""The grid of tests with a subject that name none: all vehicles 20 m before their lines at once, and four staggered ones."""
+
 _NEAR, _CLOSE, _FAR, _FAST = 0.01, 0.3, 20.0, 10.0
+_STAGGERED_SPEED = 8.0
+"""Of every vehicle of a staggered configuration [m/s]; below the speed limit."""
+_NEAREST = 10.0
+"""A vehicle of a staggered configuration starts no nearer to its line than this [m]; v(d)max is 8.66 m/s there."""
+_AT_STOPS, _ELSEWHERE = (36.0, "S21 S26 S31 S46 S51 S56"), (20.0, "S31 S42 S53 S64 S75")
+"""Distance of the subject [m], and the staggered configurations by the distance of the others. At an all-way stop, where the
+order of arrival decides, the others arrive 1.5, 1 and 0.5 s earlier and 1, 1.5 and 2 s later; elsewhere 1 to 5 s later."""
+_OF_ARRIVALS = "S21", "S31", "S42", "S46", "S53", "S56", "S64"
+"""The staggered configurations of the grid `ARRIVALS`; each of the other three finds what one of these finds."""
+_STAGGERED_LABEL = re.compile(r"S(\d{1,3})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +64,52 @@ class Configuration:
     """Reference point to stopping line [m]."""
     speeds: tuple[float, ...]
     """[m/s]."""
+    subject: float | None = None
+    """Distance of the subject [m], wherever it sits, in a staggered configuration: `distances` are those of the others."""
+
+    @property
+    def room(self) -> float:
+        """How long an approach has to be at least [m]."""
+        return max(self.distances) if self.subject is None else _NEAREST
+
+    def around(self, seat: int, rooms: Sequence[float]) -> Configuration:
+        """Return a staggered configuration around a subject; any other one as it is.
+
+        On an approach that is too short for its vehicle, the vehicle starts as far from the line as the approach allows. Where
+        that is the subject, the others start nearer by as much, at least `_NEAREST` before their lines.
+
+        Args:
+            seat: entrance of the subject, before rotation.
+            rooms: length of the approach of every entrance, before rotation [m].
+        """
+        if self.subject is None:
+            return self
+        most = [max(float(math.floor(room)), _NEAREST) for room in rooms]
+        own = min(self.subject, most[seat])
+        others = (max(distance - self.subject + own, _NEAREST) for distance in self.distances)
+        distances = [min(pair) for pair in zip(others, most, strict=True)]
+        distances[seat] = own
+        return replace(self, distances=tuple(distances), subject=None)
 
 
-def configuration(letter: str, entrances: int) -> Configuration:
-    """Return the paper's configuration `letter` (A..J) for `entrances` entrances.
+def configuration(label: str, entrances: int, control: JunctionControl = JunctionControl.STOP) -> Configuration:
+    """Return the configuration called `label` for `entrances` entrances of a junction with that control.
+
+    Args:
+        label: a letter of the paper's, A to J; or ``S`` and the distance of the others [m], of a staggered configuration.
+        entrances: number of entrances.
+        control: of the junction. It says how far from its line the subject of a staggered configuration starts.
 
     Raises:
-        ScenarioError: an unknown letter.
+        ScenarioError: no such configuration.
     """
+    if staggered := _STAGGERED_LABEL.fullmatch(label):
+        own, _ = _AT_STOPS if control is JunctionControl.STOP else _ELSEWHERE
+        return Configuration(label, (float(staggered[1]),) * entrances, (_STAGGERED_SPEED,) * entrances, own)
+    return _of_paper(label, entrances)
+
+
+def _of_paper(letter: str, entrances: int) -> Configuration:
     first = (entrances + 1) // 2
     near, close, far = (_NEAR,) * entrances, (_CLOSE,) * entrances, (_FAR,) * entrances
     distances = {
@@ -67,7 +121,10 @@ def configuration(letter: str, entrances: int) -> Configuration:
     }
     if letter not in distances:
         hint = suggest(letter.upper(), distances)
-        raise ScenarioError(f"unknown configuration {letter!r}: the paper's are A..J, or give distances= and speeds={hint}")
+        raise ScenarioError(
+            f"unknown configuration {letter!r}: the paper's are A..J, staggered ones are such as S21, or give distances= and "
+            f"speeds={hint}"
+        )
     return Configuration(letter, distances[letter], (_FAST if letter in "DI" else 0.0,) * entrances)
 
 
@@ -75,17 +132,25 @@ def grid(names: str | Iterable[str], entrances: int, control: JunctionControl) -
     """Return the configurations of a named grid.
 
     Args:
-        names: ``"paper"`` for the five of the paper that belong to `control` (those of the stop junction
-            where the control is neither stop nor lights), a string of letters, or a sequence of either.
+        names: ``"paper"`` for the five of the paper that belong to `control` (those of the stop junction where the control is
+            neither stop nor lights), ``"staggered"`` for all staggered ones, ``"arrivals"`` for four of these and one of the
+            paper, the label of a staggered one, a string of letters, or a sequence of any.
         entrances: number of entrances.
         control: of the junction.
     """
-    letters: list[str] = []
+    letters = PAPER.get(control, PAPER[JunctionControl.STOP])
+    _, staggered = _AT_STOPS if control is JunctionControl.STOP else _ELSEWHERE
+    named: dict[str, Sequence[str]] = {
+        "paper": letters,
+        "staggered": staggered.split(),
+        ARRIVALS: [letters[2], *(label for label in staggered.split() if label in _OF_ARRIVALS)],
+    }
+    labels: list[str] = []
     for name in [names] if isinstance(names, str) else names:
-        letters += PAPER.get(control, PAPER[JunctionControl.STOP]) if name == "paper" else name
-    if not letters:
+        labels += named.get(name, [name] if _STAGGERED_LABEL.fullmatch(name) else name)
+    if not labels:
         raise ScenarioError("a grid needs at least one configuration, such as 'paper', 'D' or ('C', 'D')")
-    return tuple(configuration(letter, entrances) for letter in dict.fromkeys(letters))
+    return tuple(configuration(label, entrances, control) for label in dict.fromkeys(labels))
 
 
 Axis = float | tuple[float, ...] | list[float | tuple[float, ...]]

@@ -13,7 +13,7 @@ from pytest_rvads.junctions.finder import called, find
 from pytest_rvads.scenarios.classes import parse
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.orbits import rotate
-from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.scenario import Scenario, started
 from pytest_rvads.scenarios.senses import Senses
 
 __all__ = ["from_id", "run_id"]
@@ -22,7 +22,7 @@ _ID = re.compile(
     r"(?P<place>[A-Za-z0-9_.]+)-(?P<cls>[A-Za-z0-9_.]+)-as(?P<code>[0-9a-z_]+)(-s(?P<seat>\d+))?-cfg(?P<point>[A-Za-z0-9_.]+)(?P<rest>-.*)?"
 )
 _POINT = re.compile(
-    r"(?P<cfg>[A-J]|d(?P<d>[\d._]*\d)v(?P<v>[\d._]*\d))(\.f(?P<followers>\d))?(?P<senses>(\.[a-z_]+(\d+\.\d+|\d+)?)*?)"
+    r"(?P<cfg>[A-J]|S\d+|d(?P<d>[\d._]*\d)v(?P<v>[\d._]*\d))(\.f(?P<followers>\d))?(?P<senses>(\.[a-z_]+(\d+\.\d+|\d+)?)*?)"
     r"(\.r(?P<rotation>\d+))?(\.o(?P<order>(?=[a-z]*\d)[0-9a-z]+))?"
 )
 """An order has digits, which tells it from a sense that begins with o."""
@@ -49,8 +49,8 @@ def from_id(id: str, map: str | os.PathLike[str] | None = None) -> Scenario:
     point = said and _POINT.fullmatch(said["point"])
     if not (said and point):
         raise ScenarioError(
-            f"{id!r:.200} is no id of a scenario, expected such as 'stop4-class07-as1133-cfgD', with the configuration A to J or "
-            "its distances and speeds, such as cfgd20.00v10.00"
+            f"{id!r:.200} is no id of a scenario, expected such as 'stop4-class07-as1133-cfgD', with the configuration A to J, "
+            "a staggered one such as S21, or its distances and speeds, such as cfgd20.00v10.00"
         )
     place = find(said["place"]) if map is None else called(said["place"], map)
     rotation = int(point["rotation"] or 0)
@@ -59,19 +59,19 @@ def from_id(id: str, map: str | os.PathLike[str] | None = None) -> Scenario:
         raise ScenarioError(
             f"{id!r:.200}: {said['code']!r} is for {len(code)} entrances, {place.name!r} has {len(place.entrances)}"
         )
+    seat, followers = None if said["seat"] is None else int(said["seat"]), int(point["followers"] or 0)
     start: dict[str, Any] = {"distance": _numbers(point["d"]), "speed": _numbers(point["v"])}
     if point["d"] is None:
-        letter = configuration(point["cfg"], len(code))
-        start = {"distance": letter.distances, "speed": letter.speeds, "configuration": letter.label}
+        start = started(configuration(point["cfg"], len(code), place.control), place, rotation, seat, followers)
     scenario = Scenario(
         place,
         rotate(code, -rotation),
         **start,
         rotation=rotation,
-        subject=None if said["seat"] is None else int(said["seat"]),
+        subject=seat,
         order=None if point["order"] is None else parse(f"{point['order']}"),
         senses=_senses(point["senses"]),
-        followers=int(point["followers"] or 0),
+        followers=followers,
     )
     if not f"{id}-".startswith(f"{scenario.name}-"):
         raise ScenarioError(f"{id!r:.200} is not what the scenario is called that it describes{suggest(id, [scenario.name])}")

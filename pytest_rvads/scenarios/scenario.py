@@ -18,7 +18,7 @@ from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.classes import label, parse
-from pytest_rvads.scenarios.configurations import explicit_label, per_entrance
+from pytest_rvads.scenarios.configurations import Configuration, explicit_label, per_entrance
 from pytest_rvads.scenarios.forks import forks
 from pytest_rvads.scenarios.orbits import OCCUPANCIES, Directions, Orbits, rotate
 from pytest_rvads.scenarios.senses import IDEAL, Senses
@@ -32,6 +32,7 @@ __all__ = [
     "check_followers",
     "check_numbers",
     "first_green",
+    "started",
     "usual_duration",
 ]
 
@@ -313,6 +314,33 @@ class Scenario:
         if not self.followers:
             del values["followers"]
         return {"junction": self.place.name, "map": self.place.map, **values, "senses": self.senses.record()}
+
+
+def started(
+    point: Configuration, place: Junction, rotation: int, subject: int | None, followers: int
+) -> dict[str, str | tuple[float, ...]]:
+    """Return the arguments of a scenario that say how its vehicles start in a configuration.
+
+    Args:
+        point: the configuration.
+        place: the junction.
+        rotation: by how many entrances the scenario is moved on.
+        subject: entrance of the vehicle under test, as in `Scenario.subject`.
+        followers: how many vehicles queue behind each. They need room on the approach as well.
+
+    Raises:
+        ScenarioError: a staggered configuration, and nobody to be staggered around.
+    """
+    if point.subject is not None:
+        if subject is None:
+            raise ScenarioError(
+                f"configuration {point.label} is staggered around a subject, and there is none: say subject=0 or 'all', or "
+                "choose another configuration"
+            )
+        queue = followers * (Vehicle().length + QUEUE_GAP + QUEUE_TIME * max(point.speeds))
+        rooms = [place.approach(entrance) - queue for entrance in range(len(place.entrances))]
+        point = point.around((subject - rotation) % len(rooms), rotate(tuple(rooms), -rotation))
+    return {"distance": point.distances, "speed": point.speeds, "configuration": point.label}
 
 
 def _within(value: object, count: int) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from zlib import crc32
 
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.bends import LEAST_RADIUS
@@ -14,16 +15,18 @@ from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.forks import forks
 from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
 from pytest_rvads.scenarios.pairs import PAIRED, covering
-from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.scenario import Scenario, started
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
-__all__ = ["CHOOSING", "COVERS", "TOO_TIGHT", "Selection"]
+__all__ = ["CHOOSING", "COVERS", "TOO_SHORT", "TOO_TIGHT", "Selection", "alone"]
 
 CHOOSING = ("partial", *PAIRED)
 """One row per class of scenarios that may leave entrances empty; enough scenarios for every pair of movements, or of those that
 conflict."""
 TOO_TIGHT = f"no car can follow a bend of less than {LEAST_RADIUS:.1f} m (cover 'class' takes them all the same)"
 """Why movements are left out by `PAIRED` covers."""
+TOO_SHORT = "with an approach too short for a staggered start, where vehicles start as far out as they can"
+"""What is told of junctions of which `Selection.too_short` holds."""
 COVERS = ("class", "scenario", "rotation", *CHOOSING)
 """One row per class; every distinct member; all rows, as in the paper's tables; and those that choose scenarios themselves."""
 
@@ -56,6 +59,8 @@ class Selection:
     """Longest run [s]; `usual_duration` where None."""
     aggression: int = 1
     wait: float = 1.5
+    alternating: bool = False
+    """Whether every scenario and seat runs at one point only, the next one at the next point, instead of at all of them."""
     left_out: int = 0
     """How many more configurations were asked for, in which nobody could stop."""
 
@@ -78,13 +83,24 @@ class Selection:
     @property
     def points(self) -> int:
         """Number of runs per abstract scenario."""
-        return len(self.configurations) * len(self.followers) * len(self.senses)
+        return 1 if self.alternating else len(self.configurations) * len(self.followers) * len(self.senses)
 
     @property
     def too_tight(self) -> tuple[str, ...]:
         """The movements that the cover leaves out because no car can follow them, each by its junction and lanes."""
         keys = sorted(self.place.tight) if self.cover in PAIRED else ()
         return tuple(f"{self.place.name} from entrance {entrance} to exit {exit}" for entrance, exit in keys)
+
+    @property
+    def too_short(self) -> bool:
+        """Whether an approach is shorter than a staggered configuration asks for, so that a vehicle starts nearer to its line."""
+        asked = [max(*point.distances, point.subject) for point in self.configurations if point.subject is not None]
+        return max(asked, default=0.0) > self._reach
+
+    @property
+    def _reach(self) -> float:
+        """Length of the shortest approach [m]."""
+        return min(map(self.place.approach, range(self.entrances)))
 
     @cached_property
     def orbits(self) -> Orbits:
@@ -109,16 +125,17 @@ class Selection:
 
     def __iter__(self) -> Iterator[Scenario]:
         """Yield the scenarios, class by class, row by row, configuration by configuration."""
+        points = list(product(self.configurations, self.followers, self.senses))
+        turn = crc32(self.place.name.encode()) if self.alternating else 0  # so that junctions of one shape differ in the points
         for first in self._firsts():
             for row, subject in self._seated(first):
-                for configuration, followers, senses in product(self.configurations, self.followers, self.senses):
+                turn += 1
+                for configuration, followers, senses in [points[turn % len(points)]] if self.alternating else points:
                     yield Scenario(
                         self.place,
                         first,
-                        distance=configuration.distances,
-                        speed=configuration.speeds,
+                        **started(configuration, self.place, row, subject, followers),
                         rotation=row,
-                        configuration=configuration.label,
                         duration=self.duration,
                         aggression=self.aggression,
                         wait=self.wait,
@@ -130,10 +147,8 @@ class Selection:
     @cached_property
     def roomy(self) -> bool:
         """Whether every vehicle has room where it would start, for certain, so that no scenario has to be looked at."""
-        place = self.place
-        longest = max(distance for configuration in self.configurations for distance in configuration.distances)
-        reach = min(map(place.approach, range(len(place.entrances))))
-        return not any(self.followers) and longest <= reach and not forks(place)
+        longest = max(configuration.room for configuration in self.configurations)
+        return not any(self.followers) and longest <= self._reach and not forks(self.place)
 
     def fitting(self, unfit: Callable[[ScenarioError], object]) -> Iterator[Scenario]:
         """Yield the scenarios in which every vehicle has room where it would start.
@@ -193,3 +208,14 @@ class Selection:
         if self.cover == "rotation":
             return rows
         return rows[: len(self.orbits.members(first))] if self.cover == "scenario" else rows[:1]
+
+
+def alone(place: Junction) -> tuple[Directions, ...]:
+    """Return the scenarios of one vehicle each, one per movement of a junction that a car can follow."""
+    entrances = range(len(place.entrances))
+    return tuple(
+        tuple(direction if entrance == occupied else 0 for entrance in entrances)
+        for occupied in entrances
+        for direction in place.directions(occupied)
+        if place.leads(occupied, direction).key not in place.tight
+    )

@@ -1,19 +1,37 @@
-"""The road rulebook at the built-in junctions: the subject at every seat in turn, among reference traffic."""
+"""The road rulebook at the built-in junctions: the subject at every seat in turn, among reference traffic.
+
+Every class runs in one order of arrival: all at once, or staggered, the next class in the next order.
+"""
 
 from typing import Any
 
 import pytest_rvads as rvads
 
 
-@rvads.scenario("stop3", subject="all", grid="C")
-@rvads.scenario("stop4", subject="all", grid="C")
+@rvads.scenario("stop3", subject="all", classes=(3, 4), grid="S46")
+@rvads.scenario("stop3", subject="all", classes=(1, 2), grid="S21")
+@rvads.scenario("stop4", subject="all", classes=range(3, 25, 3), grid="S46")
+@rvads.scenario("stop4", subject="all", classes=range(2, 25, 3), grid="S21")
+@rvads.scenario("stop4", subject="all", classes=range(1, 25, 3), grid="C")
 def test_all_way_stop(rule: Any, monitor: Any) -> None:
-    """20 m before the line, all at once."""
+    """All at once, or the others before or after the subject."""
     monitor.check(rule)
 
 
-@rvads.scenario("light3", subject="all", grid="H")
-@rvads.scenario("light4", subject="all", grid="H")
+@rvads.scenario("light3", subject="all", classes=(3, 4), grid="S64")
+@rvads.scenario("light3", subject="all", classes=(1, 2), grid="S53")
+@rvads.scenario("light4", subject="all", classes=range(3, 25, 3), grid="S64")
+@rvads.scenario("light4", subject="all", classes=range(2, 25, 3), grid="S53")
+@rvads.scenario("light4", subject="all", classes=range(1, 25, 3), grid="H")
 def test_lights(rule: Any, monitor: Any) -> None:
-    """20 m before the line; the light of entrance 0 is green at first."""
+    """All at once, or the others 3 or 4 s after the subject; the light of entrance 0 is green at first."""
+    monitor.check(rule)
+
+
+@rvads.scenario("stop3", subject=0, scenarios=("100", "200"), grid="C")
+@rvads.scenario("stop4", subject=0, scenarios=("1000", "2000", "3000"), grid="C")
+@rvads.scenario("light3", subject="all", scenarios=("100", "200", "010", "020"), grid="H")
+@rvads.scenario("light4", subject="all", scenarios=("1000", "2000", "3000", "0100", "0200", "0300"), grid="H")
+def test_alone(rule: Any, monitor: Any) -> None:
+    """Nobody else is there: on every movement, at lights from an entrance with green and from one with red."""
     monitor.check(rule)

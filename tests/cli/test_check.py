@@ -62,7 +62,7 @@ def lines(out: str) -> list[dict[str, Any]]:
 
 def test_what_folders_patterns_and_files_mean(folder: Path, capsys: Read) -> None:
     def judged(*names: str) -> list[str]:
-        main(["check", *(str(folder / name) for name in names), "--rule", "p1", "--jsonl"])
+        main(["check", *(str(folder / name) for name in names), "--rules", "p1", "--jsonl"])
         return [line["run"] for line in lines(capsys.readouterr().out) if "run" in line]
 
     assert judged(".") == ["d1", "d3", "d4", "d5"]
@@ -97,7 +97,7 @@ def test_what_is_not_there_is_told_and_costs_nothing_else(
         Path(empty).mkdir()
     assert main(["check", name]) == 2
     assert capsys.readouterr() == ("", f"rvads: {told}\n")
-    assert main(["check", name, "drives/d1.npz", "--rule", "p1", "--jsonl"]) == 2
+    assert main(["check", name, "drives/d1.npz", "--rules", "p1", "--jsonl"]) == 2
     out, err = capsys.readouterr()
     assert [line["verdicts"]["p1"]["status"] for line in lines(out) if "run" in line] == ["PASS"]
     assert err == f"rvads: {told}\n"
@@ -116,7 +116,7 @@ def test_any_number_of_processes_tells_the_same(folder: Path, shared: Path, caps
 
 
 def test_json_names_who_broke_what_when_and_by_how_much(folder: Path, capsys: Read) -> None:
-    assert main(["check", str(folder / "d1.npz"), str(folder / "d3.npz"), "--rule", "p1", "--rule", "p4", "--json"]) == 0
+    assert main(["check", str(folder / "d1.npz"), str(folder / "d3.npz"), "--rules", "p1", "--rules", "p4", "--json"]) == 0
     na = {"status": "NA", "violated": [], "unsure": []}
     # Both are in the junction from 1.5 s to 2 s.
     both = {"a": "a0", "a'": "a1", "time": 1.5, "margin": 0.5}
@@ -130,7 +130,7 @@ def test_what_never_got_done_is_open_in_json(make: Make, tmp_path: Path, capsys:
     own = tmp_path / "own.rules"
     own.write_text("[gets_in]\ntext = forall a. F a@j\n", encoding="utf-8")
     save_run(make("stop4", {0: (2, 10, 50, 200), 1: (2, 30, None, None)}, 400), tmp_path / "run.npz")
-    main(["check", str(tmp_path / "run.npz"), "--rule", str(own), "--json"])
+    main(["check", str(tmp_path / "run.npz"), "--rules", str(own), "--json"])
     (found,) = json.loads(capsys.readouterr().out).values()
     (one,) = found["gets_in"].pop("open")
     assert found == {"gets_in": {"status": "OPEN", "violated": [], "unsure": []}}
@@ -140,7 +140,7 @@ def test_what_never_got_done_is_open_in_json(make: Make, tmp_path: Path, capsys:
 def test_a_rule_may_be_called_as_the_indicators(folder: Path, tmp_path: Path, capsys: Read) -> None:
     own = tmp_path / "own.rules"
     own.write_text("[kpis]\ntext = forall a. F a@j\n", encoding="utf-8")
-    main(["check", str(folder / "d1.npz"), "--rule", str(own), "--json", "--kpis"])
+    main(["check", str(folder / "d1.npz"), "--rules", str(own), "--json", "--kpis"])
     (found,) = json.loads(capsys.readouterr().out).values()
     assert found["kpis"]["status"] == "PASS"
     assert {v["agent"]: v["waiting"] for v in found["(kpis)"]["vehicles"]} == {"a0": 0.4, "a2": 2.4}, "ticks 10 to 50, 10 to 250"
@@ -149,13 +149,13 @@ def test_a_rule_may_be_called_as_the_indicators(folder: Path, tmp_path: Path, ca
 def test_runs_of_one_name_are_told_apart(runs: dict[str, Run], tmp_path: Path, capsys: Read) -> None:
     for name in ("one.npz", "two.npz"):
         save_run(runs["good"], tmp_path / name)
-    main(["check", str(tmp_path), "--rule", "p1", "--json"])
+    main(["check", str(tmp_path), "--rules", "p1", "--json"])
     assert list(json.loads(capsys.readouterr().out)) == ["good", f"{tmp_path}/two.npz: good"]
 
 
 def test_of_many_runs_what_is_wrong_is_printed_and_the_sums(folder: Path, capsys: Read) -> None:
     (folder / "d2.npz").unlink()
-    assert main(["check", str(folder), "--rule", "p1", "--rule", "p4"]) == 1
+    assert main(["check", str(folder), "--rules", "p1", "--rules", "p4"]) == 1
     out, err = capsys.readouterr()
     assert out.splitlines() == [
         *("d3", "  FAIL  p1 at t=1.50 s: a0, a1 both in junction"),
@@ -166,7 +166,7 @@ def test_of_many_runs_what_is_wrong_is_printed_and_the_sums(folder: Path, capsys
         "4 runs, 8 vehicles judged",
     ]
     assert err.splitlines() == ["1/4 files", "2/4 files", "3/4 files", "4/4 files"]
-    main(["check", str(folder), "--rule", "p1", "--rule", "p4", "-v"])
+    main(["check", str(folder), "--rules", "p1", "--rules", "p4", "-v"])
     assert "  PASS  p1: kept in 1 of 1 instances\n" in capsys.readouterr().out
 
 
@@ -183,7 +183,7 @@ def test_verdicts_come_one_by_one_and_no_run_is_held(folder: Path, capsys: Read,
         return [run]
 
     monkeypatch.setattr(run_answers, "read_runs", counting)
-    main(["check", str(folder), "--rule", "p1", "--json"])
+    main(["check", str(folder), "--rules", "p1", "--json"])
     assert ['"d' in out for out in told] == [False, True, True, True]
     assert len(read) == 4
 
@@ -238,7 +238,7 @@ def log(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> str:
 
 
 def test_a_recording_is_judged_period_by_period(log: str, capsys: Read) -> None:
-    assert main(["check", log, "--rule", "full_stop"]) == 1
+    assert main(["check", log, "--rules", "full_stop"]) == 1
     out, err = capsys.readouterr()
     # 40 m at 10 m/s before the entrance.
     starts = [100.0 + 60.0 * number for number in range(10)]
@@ -257,7 +257,7 @@ def test_a_recording_is_judged_period_by_period(log: str, capsys: Read) -> None:
 def test_periods_of_a_recording_are_lines_as_they_are_judged(log: str, jobs: str, capsys: Read) -> None:
     if jobs != "1" and multiprocessing.get_start_method() != "fork":
         pytest.skip("what is patched here is not known elsewhere")
-    assert main(["check", log, "--rule", "full_stop", "--jsonl", "-j", jobs]) == 0
+    assert main(["check", log, "--rules", "full_stop", "--jsonl", "-j", jobs]) == 0
     found = lines(capsys.readouterr().out)
     assert [line["start"] for line in found] == pytest.approx([100.0 + 60.0 * number for number in range(10)], abs=0.01)
     assert [[i["a"] for i in line["verdicts"]["full_stop"]["violated"]] for line in found] == [[f"v{n}"] for n in range(10)]
@@ -272,11 +272,11 @@ def test_of_many_doubts_the_first_are_told(runs: dict[str, Run], tmp_path: Path,
     for number in range(29):
         (tmp_path / f"run{number:02d}.npz").hardlink_to(tmp_path / "first.npz")
     files = len(list(tmp_path.glob("*.npz")))
-    main(["check", str(tmp_path), "--rule", "p1", "--jsonl"])
+    main(["check", str(tmp_path), "--rules", "p1", "--jsonl"])
     err = capsys.readouterr().err.splitlines()
     assert len(err) == 21
     assert err[-1] == "warning: further warnings are not printed, --verbose prints them"
-    main(["check", str(tmp_path), "--rule", "p1", "--jsonl", "-v"])
+    main(["check", str(tmp_path), "--rules", "p1", "--jsonl", "-v"])
     err = capsys.readouterr().err.splitlines()
     assert err[0] == "warning: good: a0 jumps on the graph at 3.00 s: from exit to approach in one step"
     assert len(err) == 2 * files, "two vehicles in each"
@@ -293,7 +293,7 @@ def test_a_process_that_dies_costs_one_file(folder: Path, capsys: Read, monkeypa
         return check(run, rule)
 
     monkeypatch.setattr(run_answers, "check", dies)
-    assert main(["check", str(folder), "-j", "2", "--rule", "p1", "--jsonl"]) == 2
+    assert main(["check", str(folder), "-j", "2", "--rules", "p1", "--jsonl"]) == 2
     out, err = capsys.readouterr()
     assert [line["run"] for line in lines(out) if "run" in line] == ["d1", "d4", "d5"]
     assert f"rvads: {folder}/d3.npz: the process that judged it died" in err
@@ -314,13 +314,13 @@ def test_what_is_unsure_is_listed_and_neither_passes_nor_fails(
 ) -> None:
     monkeypatch.setattr(run_answers, "check", unsure)
     files = [str(folder / "d1.npz"), str(folder / "d3.npz")]
-    assert main(["check", *files, "--rule", "p1"]) == 5
+    assert main(["check", *files, "--rules", "p1"]) == 5
     out, err = capsys.readouterr()
     assert out.startswith(
         "d1\n  UNSURE p1: it hangs on 1 of 1\n         UNSURE a0, a1: a0 crossed its line within 0.02 s of a1\nd3"
     )
     assert "every verdict that applies is UNSURE" in err
-    main(["check", *files, "--rule", "p1", "--json"])
+    main(["check", *files, "--rules", "p1", "--json"])
     found = json.loads(capsys.readouterr().out)["d1"]["p1"]
     hangs = {"hangs": "a0 crossed its line within 0.02 s of a1"}
     assert found == {
@@ -330,7 +330,7 @@ def test_what_is_unsure_is_listed_and_neither_passes_nor_fails(
     }
     # Something else that is definite makes it a success.
     monkeypatch.setattr(run_answers, "check", lambda run, rule: (unsure if rule.name == "p3" else check)(run, rule))
-    assert main(["check", files[0], "--rule", "p1", "--rule", "p3"]) == 0
+    assert main(["check", files[0], "--rules", "p1", "--rules", "p3"]) == 0
 
 
 @pytest.fixture
@@ -340,7 +340,7 @@ def busy(runs: dict[str, Run], tmp_path: Path) -> list[str]:
     save_run(runs["good"], first)
     for number in range(2000):
         (tmp_path / f"run{number:04d}.npz").hardlink_to(first)
-    return [RVADS, "check", str(tmp_path), "--jsonl", "-j", "2", "--rule", "road"]
+    return [RVADS, "check", str(tmp_path), "--jsonl", "-j", "2", "--rules", "road"]
 
 
 def children(process: subprocess.Popen[bytes]) -> list[int]:

@@ -77,7 +77,7 @@ def test_the_page_is_that_of_a_test(pytester: pytest.Pytester, capsys: pytest.Ca
         """
     )
     pytester.runpytest("--rvads-keep=kept").assert_outcomes(failed=1)
-    assert main(["check", "kept", "--rule", "p3", "--html", "pages"]) == 1
+    assert main(["check", "kept", "--rules", "p3", "--html", "pages"]) == 1
     (tested,) = (pytester.path / ".rvads" / "1").glob("test_it*.html")
     ((name, time),) = links(pytester.path / "pages" / "index.html")
     checked = (pytester.path / "pages" / name).read_text(encoding="utf-8")
@@ -94,7 +94,7 @@ def test_traffic_is_shown_around_each_violation_with_the_time_of_the_log(
     traffic: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     save_run(traffic, tmp_path / "busy.npz")
-    assert main(["check", str(tmp_path / "busy.npz"), "--rule", "full_stop", "--html", str(tmp_path / "pages")]) == 1
+    assert main(["check", str(tmp_path / "busy.npz"), "--rules", "full_stop", "--html", str(tmp_path / "pages")]) == 1
     # v0 has driven 60 m at 5 m/s when it comes to the entrance; the others follow every 4 s.
     violated = START + ROAD / SPEED + 4.0 * np.arange(20)
     assert f"at t={violated[0]:.2f}"[:-1] in capsys.readouterr().out
@@ -185,7 +185,7 @@ def test_what_is_unsure_is_shown_at_what_it_hangs_on(traffic: Run) -> None:
 def test_without_positions_the_index_explains(make: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 30, 150, 300)}, 400)
     save_run(replace(run, label="<b>drive</b>"), tmp_path / "run.npz")
-    assert main(["check", str(tmp_path / "run.npz"), "--rule", "p1", "--html", str(tmp_path / "pages")]) == 1
+    assert main(["check", str(tmp_path / "run.npz"), "--rules", "p1", "--html", str(tmp_path / "pages")]) == 1
     index = (tmp_path / "pages" / "index.html").read_text(encoding="utf-8")
     assert [path.name for path in (tmp_path / "pages").iterdir()] == ["index.html"]
     assert "holds no positions, so there is nothing to replay" in index
@@ -207,7 +207,7 @@ def test_an_index_is_written_whatever_ends_it(
         return check(run, rule)
 
     monkeypatch.setattr(run_answers, "check", interrupted)
-    assert main(["check", str(tmp_path), "--rule", "p1", "--html", str(tmp_path / "pages")]) == 130
+    assert main(["check", str(tmp_path), "--rules", "p1", "--html", str(tmp_path / "pages")]) == 130
     index = (tmp_path / "pages" / "index.html").read_text(encoding="utf-8")
     assert "1 run, 2 vehicles judged" in index
     assert index.count("<tr><td") == 1

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -60,7 +61,7 @@ def test_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         ["check", "nowhere.json"],
         ["check", __file__],
         ["monitor", "G(p -> "],
-        ["rules", "--file", "nowhere.rules"],
+        ["rules", "--rules", "nowhere.rules"],
         ["classes", "3", "--svg", "/dev/null/c.svg"],
     ],
 )
@@ -97,7 +98,7 @@ def test_recorded_runs_are_judged(shared: Path, capsys: pytest.CaptureFixture[st
     for run, verdicts in published.items():
         for name, verdict in (verdicts or {}).items():
             assert judged[run][names[name]]["status"] == words[verdict]
-    assert main(["check", file, "--rule", "p1"]) == (1 if "FAIL" in str(judged) else 0)
+    assert main(["check", file, "--rules", "p1"]) == (1 if "FAIL" in str(judged) else 0)
 
 
 def test_a_kept_run_gets_the_verdict_it_had(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
@@ -120,7 +121,7 @@ def test_a_kept_run_gets_the_verdict_it_had(pytester: pytest.Pytester, capsys: p
         assert run.hash == record["hash"]
         assert check(run, record["rule"]).status == record["status"]
     capsys.readouterr()
-    assert main(["check", str(files[0]), "--rule", "p1"]) == 0
+    assert main(["check", str(files[0]), "--rules", "p1"]) == 0
     assert "PASS" in capsys.readouterr().out
 
 
@@ -147,9 +148,9 @@ def test_indicators_are_shown_to_people_and_on_request_to_programs(kept: Path, c
 def test_rules_of_a_file_judge_kept_runs(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     own = tmp_path / "own.rules"
     own.write_text("[gets_in]\ntext = forall a. F a@j\n", encoding="utf-8")
-    assert main(["check", str(kept), "--rule", str(own), "--rule", "p1", "--json"]) == 0
+    assert main(["check", str(kept), "--rules", str(own), "--rules", "p1", "--json"]) == 0
     assert [list(v) for v in json.loads(capsys.readouterr().out).values()] == [["gets_in", "p1"]]
-    assert main(["check", str(kept), "--rule", str(tmp_path / "none.rules")]) == 2
+    assert main(["check", str(kept), "--rules", str(tmp_path / "none.rules")]) == 2
 
 
 @pytest.mark.parametrize("json_too", [[], ["--json"]])
@@ -248,7 +249,7 @@ ASCII = os.environ | {"PYTHONIOENCODING": "ascii", "PYTHONPATH": os.pathsep.join
 @pytest.mark.extended
 @pytest.mark.parametrize(
     "arguments",
-    [["rules", "--file", "größer.rules"], ["rules"], ["map", "größe.xodr"], ["check", "→.npz"], ["monitor", "G größer"]],
+    [["rules", "--rules", "größer.rules"], ["rules"], ["map", "größe.xodr"], ["check", "→.npz"], ["monitor", "G größer"]],
 )
 def test_every_answer_can_be_written_in_every_encoding(arguments: list[str], tmp_path: Path) -> None:
     from pytest_rvads.junctions.builtin import path_of
@@ -279,3 +280,32 @@ def test_a_stream_that_is_closed_is_told_in_one_sentence(closed: str) -> None:
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr == ("rvads: it needs an open standard input and output: redirect what is of no use to /dev/null\n")
+
+
+FORMER = [
+    ("rules --file={own}", "rules --rules={own}", ["--file of rvads rules is called --rules now"]),
+    (
+        "rules check --file {own} --rule p4 --scenario 1111",
+        "rules check --rules {own} --rules p4 --scenario 1111",
+        ["--file of rvads rules is called --rules now", "--rule of rvads rules is called --rules now"],
+    ),
+    ("check {run} --rule p1 --rule p3", "check {run} --rules p1 --rules p3", ["--rule of rvads check is called --rules now"]),
+    ("init {new} --stack ./x", "init {new} --sut ./x", ["--stack of rvads init is called --sut now"]),
+]
+
+
+@pytest.mark.parametrize(("former", "present", "warnings"), FORMER)
+def test_former_name_of_an_option_does_the_same_and_names_the_present_one(
+    kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], former: str, present: str, warnings: list[str]
+) -> None:
+    own = tmp_path / "own.rules"
+    own.write_text("[gets_in]\ntext = forall a. F a@j\n", encoding="utf-8")
+    answers = []
+    for words in (present, former):
+        status = main([word.format(own=own, run=kept, new=tmp_path / "new") for word in words.split()])
+        answers.append((status, *capsys.readouterr()))
+        shutil.rmtree(tmp_path / "new", ignore_errors=True)
+    (status, out, err), (same_status, same_out, warned) = answers
+    assert (same_status, same_out) == (status, out)
+    assert status != 2
+    assert [line.removeprefix("rvads: warning: ") for line in warned.removesuffix(err).splitlines()] == warnings

@@ -29,14 +29,15 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 
 @pytest.mark.extended
-def test_the_first_session_fails_by_one_rule_which_is_mended_in_the_file(
+def test_the_first_session_fails_by_two_rules_the_first_of_which_is_mended_in_the_file(
     pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = told(capsys)
     assert lines[:3] == ["wrote conftest.py", "wrote test_rules.py", "next: pytest"]
     result = pytester.runpytest()
-    assert result.parseoutcomes() == {"passed": 8, "failed": 1, "skipped": 1}
+    assert result.parseoutcomes() == {"passed": 20, "failed": 4, "skipped": 6}
     result.stdout.fnmatch_lines(["E *full_stop at t=* s: a0 entered the junction before it had stopped at the line"])
+    result.stdout.fnmatch_lines(["E *first_come at t=* s: a0 entered the junction before *"])
     result.stdout.fnmatch_lines(["driven by conftest.MyController*"])
 
     conftest = pytester.path / "conftest.py"
@@ -54,7 +55,7 @@ def test_the_first_session_fails_by_one_rule_which_is_mended_in_the_file(
     )
     conftest.write_text(better, "utf-8")
     result = pytester.runpytest("-k", "full_stop")
-    assert result.parseoutcomes() == {"passed": 1, "deselected": 9}
+    assert result.parseoutcomes() == {"passed": 3, "deselected": 27}
 
 
 def test_files_go_into_a_folder_that_is_made(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
@@ -80,37 +81,36 @@ def test_a_stack_drives_from_the_folder_of_the_tests(pytester: pytest.Pytester, 
     Path("rules").mkdir()
     for name in ("example.py", "rvads_client.py"):
         shutil.copy(ROOT / "clients" / "python" / name, "rules")
-    lines = told(capsys, "rules", "--stack", f"{sys.executable} example.py --fast")
+    lines = told(capsys, "rules", "--sut", f"{sys.executable} example.py --fast")
     assert not any("There is no program" in line for line in lines)
     result = pytester.runpytest("rules")  # from another folder than that of the program
-    assert result.parseoutcomes() == {"passed": 9, "skipped": 1}
+    assert result.parseoutcomes() == {"passed": 23, "skipped": 7}
     result.stdout.fnmatch_lines(["driven by stack *example.py --fast*"])
 
 
 def test_a_stack_that_is_not_there_yet_is_told(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = told(capsys, "rules", "--stack", "./stack")
+    lines = told(capsys, "rules", "--sut", "./stack")
     assert "There is no program at rules/stack yet: put it there first." in lines
-    assert "There is no program on the PATH yet: put it there first." in told(
-        capsys, "more", "--stack", "no-such-program-here -x"
-    )
+    assert "There is no program on the PATH yet: put it there first." in told(capsys, "more", "--sut", "no-such-program-here -x")
 
 
 def test_a_stack_that_lies_here_is_found(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copy(sys.executable, "stack")
-    assert not any("There is no program" in line for line in told(capsys, "--stack", "./stack"))
+    assert not any("There is no program" in line for line in told(capsys, "--sut", "./stack"))
 
 
 @pytest.mark.extended
-@pytest.mark.parametrize(("name", "grid"), [("light3", "H"), ("stop3", "C")])
+@pytest.mark.parametrize(("name", "grid", "first"), [("light3", "('S42', 'S53')", "H"), ("stop3", "('S21', 'S46')", "C")])
 def test_a_map_is_driven_at_its_first_junction(
-    pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str], name: str, grid: str
+    pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str], name: str, grid: str, first: str
 ) -> None:
     """Found from the tests, wherever pytest is started; lights are red for somebody."""
     shutil.copy(path_of(name), "mine.xodr")
     told(capsys, "rules", "--map", "mine.xodr")
-    assert f"map='../mine.xodr', subject=\"all\", cover=\"conflicts\", grid='{grid}'" in Path("rules/test_rules.py").read_text(
-        "utf-8"
-    )
+    text = Path("rules/test_rules.py").read_text("utf-8")
+    assert '"map": \'../mine.xodr\', "subject": "all"' in text
+    assert f'cover="conflicts", grid={grid}' in text
+    assert f"scenarios=('100', '200', '010', '020', '001', '002'), grid='{first}'" in text
     result = pytester.runpytest("rules", "-k", "as122")
     outcomes = result.parseoutcomes()
     assert outcomes["passed"] > outcomes["failed"] > 0
@@ -165,8 +165,8 @@ def test_paths_stand_in_the_tests_as_python_writes_them(pytester: pytest.Pyteste
         (["--junction", "7"], "--junction names a junction of --map"),
         (["--recordings", "x.npz", "--map", "x.xodr"], "leave out --map or --recordings"),
         (["--ci", "github", "--map", "x.xodr"], "leave out --map or --ci"),
-        (["--stack", " "], "--stack is the command of your program"),
-        (["--stack", "'"], "--stack can't be read as a command"),
+        (["--sut", " "], "--sut is the command of your program"),
+        (["--sut", "'"], "--sut can't be read as a command"),
         (["tracks.csv"], "tracks.csv"),
     ],
 )

@@ -126,7 +126,7 @@ def test_without_arguments_it_lists_what_failed(session: Path, said: Said) -> No
     assert hint.startswith('rvads replay --session 1 "ID" draws one of them')
 
 
-@pytest.mark.parametrize("what", [(UNDRAWN,), ("class07", "--rule", "full_stop"), ("07-as1133-cfgd03.00v00.00-full",)])
+@pytest.mark.parametrize("what", [(UNDRAWN,), ("class07", "--rules", "full_stop"), ("07-as1133-cfgd03.00v00.00-full",)])
 def test_one_is_drawn_by_its_id_or_a_part_of_it(
     session: Path, said: Said, shown: list[tuple[Any, ...]], what: tuple[str, ...]
 ) -> None:
@@ -159,7 +159,7 @@ def test_the_page_of_the_session_leads_to_it_then(session: Path, said: Said) -> 
 
 def test_all_are_drawn_once(session: Path, said: Said) -> None:
     before = page_of(session, DRAWN).stat().st_mtime_ns
-    status, out, _ = said("--all", "--rule", "full_stop")
+    status, out, _ = said("--all", "--rules", "full_stop")
     assert (status, out) == (0, [".rvads/1: 1 page drawn, 1 were there"])
     assert page_of(session, UNDRAWN).exists()
     assert not page_of(session, OWN).exists()
@@ -275,9 +275,9 @@ def make_slower(session: Path) -> Callable[[], Run]:
             ("nothing like it",),
             ".rvads/1 has no failure with 'nothing like it' in the id: `rvads replay --session 1` lists those",
         ),
-        (("class07", "--rule", "p9"), ".rvads/1 has no failure with 'class07' in the id and 'p9' as its rule: "),
+        (("class07", "--rules", "p9"), ".rvads/1 has no failure with 'class07' in the id and 'p9' as its rule: "),
         (
-            ("--rule", "stays_out"),
+            ("--rules", "stays_out"),
             ".rvads/1 has 2 failures with 'stays_out' as its rule: say more of one, or --all: test_it.py::",
         ),
         (
@@ -380,18 +380,18 @@ def test_what_is_no_hash_makes_no_path(session: Path, said: Said, digest: str) -
     assert "its record is damaged, the hash of a run consists of the digits 0-9 a-f, got '" in line
     assert "\x1b" not in line
     assert any(f"{UNDRAWN}  its record is damaged" in line for line in said()[1])
-    assert said("--all", "--rule", "full_stop")[:2] == (1, [".rvads/1: 0 pages drawn, 1 were there"])
+    assert said("--all", "--rules", "full_stop")[:2] == (1, [".rvads/1: 0 pages drawn, 1 were there"])
     assert not page_of(session, UNDRAWN).exists()
 
 
 def test_the_run_of_a_file_is_drawn(session: Path, said: Said, shown: list[tuple[Any, ...]]) -> None:
     (kept, *_) = sorted((session / "runs").iterdir())
-    status, (path, message), err = said(str(kept), "--rule", "full_stop")
+    status, (path, message), err = said(str(kept), "--rules", "full_stop")
     assert (status, path, err) == (0, f"{kept.stem}-full_stop.html#t=1.68", [])
     assert message.startswith("  full_stop at t=1.68 s: ")
     assert Path(f"{kept.stem}-full_stop.html").exists()
     beside = shown[0][4]
-    assert dict(beside.facts)["rerun"] == f'rvads replay "{kept}" --rule full_stop'
+    assert dict(beside.facts)["rerun"] == f'rvads replay "{kept}" --rules full_stop'
     assert "full_stop" not in [rule for rule, *_ in beside.others]
     assert beside.back == ""
 
@@ -409,7 +409,7 @@ def test_without_a_rule_it_is_shown_as_it_is(session: Path, said: Said, shown: l
 )
 def test_a_file_is_judged_by_one_rule_that_there_is(session: Path, said: Said, rule: str, says: str) -> None:
     (kept, *_) = (session / "runs").iterdir()
-    status, out, (line,) = said(str(kept), "--rule", rule)
+    status, out, (line,) = said(str(kept), "--rules", rule)
     assert (status, out) == (2, [])
     assert line.startswith(f"rvads: {says}")
 

@@ -150,7 +150,7 @@ def test_standing_still_at_eight_metres_per_second_is_doubted(
     still = replace(run, speed=np.zeros_like(run.need("speed")))
     assert {finding.kind for finding in rvads.validate(still)} == {"progress"}
     rvads.save_run(still, tmp_path / "still.npz")
-    main(["check", str(tmp_path / "still.npz"), "--rule", "full_stop"])
+    main(["check", str(tmp_path / "still.npz"), "--rules", "full_stop"])
     assert "warning: " in capsys.readouterr().err
 
 
@@ -162,7 +162,7 @@ def test_what_was_cut_out_is_missed(drive: Make, tmp_path: Path, capsys: pytest.
     cut = replace(run, **{name: getattr(run, name)[keep] for name in ("zone", "lights", "station", "speed", "pose")})
     assert "jump" in {finding.kind for finding in rvads.validate(cut)}
     rvads.save_run(cut, tmp_path / "cut.npz")
-    assert main(["check", str(tmp_path / "cut.npz"), "--rule", "full_stop"]) != 0
+    assert main(["check", str(tmp_path / "cut.npz"), "--rules", "full_stop"]) != 0
     assert "a0 jumps on the graph" in capsys.readouterr().err
 
 
@@ -195,8 +195,8 @@ def test_other_sizes_are_another_run(drive: Make, tmp_path: Path) -> None:
 @shows("nothing_applies")
 def test_a_check_in_which_nothing_applies_is_no_success(drive: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rvads.save_run(drive("stop4", {0: (2, -10.0, [(0, 8.0)])}, 800), tmp_path / "run.npz")
-    assert main(["check", str(tmp_path / "run.npz"), "--rule", "p4", "--rule", "red"]) == 5
+    assert main(["check", str(tmp_path / "run.npz"), "--rules", "p4", "--rules", "red"]) == 5
     assert "nothing was judged" in capsys.readouterr().err
-    assert json.loads((main(["check", str(tmp_path / "run.npz"), "--rule", "red", "--json"]), capsys.readouterr().out)[1]) == {
+    assert json.loads((main(["check", str(tmp_path / "run.npz"), "--rules", "red", "--json"]), capsys.readouterr().out)[1]) == {
         "by-hand": {"red": {"status": "NA", "violated": [], "unsure": []}}
     }

@@ -19,7 +19,7 @@ from pytest_rvads.runs.tracks.intake import Intake
 from pytest_rvads.runs.tracks.streaming import GONE_AFTER, LONGEST, Stream
 
 RVADS = str(Path(sys.executable).with_name("rvads"))
-FOLLOW = [RVADS, "check", "--follow", "--junction", "stop4", "--rule", "full_stop", "--rule", "p1"]
+FOLLOW = [RVADS, "check", "--follow", "--junction", "stop4", "--rules", "full_stop", "--rules", "p1"]
 
 # The reckless one drives on at 8 m/s and is at the vertex after 5 s; the careful one stands 0.5 m before it from 4 s to 11 s.
 RECKLESS, CAREFUL = (0, 2), (2, 0)

@@ -23,13 +23,13 @@ def kept(maps: Path, tmp_path: Path) -> Path:
 
 def test_a_run_goes_out_with_its_verdict(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out" / "run.xosc"
-    assert main(["export", str(kept), "--xosc", str(out), "--rule", "p2"]) == 0
+    assert main(["export", str(kept), "--xosc", str(out), "--rules", "p2"]) == 0
     told = capsys.readouterr().out
     assert told.startswith(f"{out}: 2 vehicles at left.1, 5.00 s\n  p2")
     assert (out.parent / "left.xodr").is_file()
-    main(["check", str(kept), "--rule", "road"])
+    main(["check", str(kept), "--rules", "road"])
     before = capsys.readouterr().out
-    main(["check", str(out), "--rule", "road"])
+    main(["check", str(out), "--rules", "road"])
     # Indicators are computed from speeds and not rounded alike; verdicts are the same letter for letter.
     assert [line for line in capsys.readouterr().out.splitlines() if "[" not in line] == [
         line for line in before.splitlines() if "[" not in line
@@ -66,8 +66,8 @@ def test_a_case_at_a_junction_of_a_file_needs_its_map(maps: Path, tmp_path: Path
         (["nothing"], "'nothing' is no id of a scenario, expected such as 'stop4-class07-as1133-cfgD'"),
         (["none.npz"], "none.npz: can't be read"),
         (["NONE.NPZ"], "NONE.NPZ: can't be read"),
-        (["stop4-class07-as1133-cfgD", "--rule", "p1"], "--rule judges a run, and a scenario is none: leave --rule out"),
-        (["none.npz", "--scenario", "--rule", "p1"], "--rule judges a run, and a scenario is none: leave --rule out"),
+        (["stop4-class07-as1133-cfgD", "--rules", "p1"], "--rules judges a run, and a scenario is none: leave --rules out"),
+        (["none.npz", "--scenario", "--rules", "p1"], "--rules judges a run, and a scenario is none: leave --rules out"),
     ],
 )
 def test_misuse_is_told_in_one_line(

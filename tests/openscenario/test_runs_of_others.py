@@ -92,12 +92,12 @@ def test_a_junction_and_a_map_may_be_named_all_the_same(rolls: Path) -> None:
 
 
 def test_check_and_import_take_it(rolls: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", str(rolls), "--rule", "full_stop"]) == 1
+    assert main(["check", str(rolls), "--rules", "full_stop"]) == 1
     assert "full_stop at t=5.01 s: car 1 entered the junction before it had stopped at the line" in capsys.readouterr().out
     assert main(["import", str(rolls), "-o", str(tmp_path / "kept.npz")]) == 0
     assert "1 vehicle at stop4.1, 1 busy period" in capsys.readouterr().out
-    assert main(["check", str(tmp_path / "kept.npz"), "--rule", "full_stop"]) == 1
-    assert main(["check", str(tmp_path), "--rule", "full_stop"]) == 1  # folders are searched for it
+    assert main(["check", str(tmp_path / "kept.npz"), "--rules", "full_stop"]) == 1
+    assert main(["check", str(tmp_path), "--rules", "full_stop"]) == 1  # folders are searched for it
     for name, format in (("LOUD.XOSC", []), ("drive.xml", ["--format", "xosc"])):
         (tmp_path / name).write_bytes(rolls.read_bytes())
         assert main(["import", str(tmp_path / name), "-o", str(tmp_path / "kept.npz"), *format]) == 0

@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from pytest_rvads.opendrive.writer import Layout, opendrive
+
 from .conftest import Lines
 
 
@@ -34,6 +36,37 @@ def test_ids_name_the_seat_and_the_traffic(pytester: pytest.Pytester, brackets: 
         *(f"as122-s{seat}" for seat in range(3)),
         "as222-s0",
     ]
+
+
+def test_grid_of_a_subject_has_both_orders_of_arrival_and_no_more_runs_than_that_of_the_paper(
+    pytester: pytest.Pytester, brackets: Lines
+) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", subject="all")
+        @rvads.scenario("light4", subject=1, scenarios="2222")
+        def test_subject(run): ...
+
+        @rvads.scenario("stop4", classes=7)
+        def test_paper(run): ...
+        """
+    )
+    found = brackets(pytester.runpytest("--collect-only", "-q"))
+    stop, light, paper = (
+        [id for id in found if at in id] for at in ("stop4-class01-as1111-s0", "light4", "stop4-class07-as1133-cfg")
+    )
+    assert sum("stop4" in id and "-s" in id[5:] for id in found) == 81 * len("ABCDE")
+    assert [id.rpartition("cfg")[2] for id in stop] == ["C", "S21", "S31", "S46", "S56"]
+    assert [id.rpartition("cfg")[2] for id in light] == ["H", "S31", "S42", "S53", "S64"]
+    assert [id.rpartition("cfg")[2] for id in paper] == [*"ABCDE"]
+
+
+def test_staggered_grid_without_a_subject_is_refused(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile('import pytest_rvads as rvads\n\n@rvads.scenario("stop4", grid="staggered")\ndef test_it(run): ...\n')
+    result = pytester.runpytest("--collect-only", "-q")
+    result.stdout.fnmatch_lines(["*configuration S21 is staggered around a subject, and there is none: say subject=0 or 'all'*"])
 
 
 def test_traffic_need_not_be_hashable(pytester: pytest.Pytester, reference: None) -> None:
@@ -190,3 +223,36 @@ def test_senses_that_mean_nothing_are_refused(pytester: pytest.Pytester, senses:
         f"import pytest_rvads as rvads\n\n@rvads.scenario('stop4', subject=0, senses={senses})\ndef test_it(run): ...\n"
     )
     pytester.runpytest("--continue-on-collection-errors").stdout.fnmatch_lines([says])
+
+
+def test_session_of_runs_cut_off_before_the_crossing_is_not_green(pytester: pytest.Pytester, reference: None) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", subject=0, scenarios="1133", grid="D", duration=1)
+        def test_it(monitor, rule):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest("-rs")
+    result.assert_outcomes(skipped=10)
+    assert result.ret == pytest.ExitCode.NO_TESTS_COLLECTED
+    result.stdout.fnmatch_lines(["*NA: cut off: the run reached its duration before the subject had left the junction*"])
+
+
+def test_staggered_starts_on_short_approaches_are_told(pytester: pytest.Pytester, reference: None) -> None:
+    approaches = opendrive(Layout(approach=40.0, stop=20.0))
+    (pytester.path / "short.xodr").write_text(approaches, encoding="utf-8")
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("1", map="short.xodr", subject=0, scenarios="2200", grid=("S31", "S56"), duration=0.1)
+        def test_it(run):
+            assert run.provenance["scenario"]["distances"][1] in (31.0, 40.0)
+        """
+    )
+    result = pytester.runpytest()
+    result.assert_outcomes(passed=2)
+    result.stdout.fnmatch_lines(["1 junction with an approach too short for a staggered start, where vehicles start *: short.1"])

@@ -73,7 +73,7 @@ def test_check_judges_what_the_new_reader_reads(tmp_path: Path, capsys: pytest.C
     together = [["approach", "approach"], ["entrance", "entrance"], ["junction", "junction"], ["exit", "exit"]]
     file = tmp_path / "both at once.CSV"
     file.write_text("\n".join(map(",".join, [["0-2", "1-3"], *together])), encoding="utf-8")
-    assert main(["check", str(file), "--rule", "p1"]) == 1
+    assert main(["check", str(file), "--rules", "p1"]) == 1
     assert "FAIL  p1 at t=0.02 s: a0, a1 both in junction" in capsys.readouterr().out
 
 

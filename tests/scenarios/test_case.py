@@ -50,9 +50,13 @@ def test_a_scenario_that_was_sent_to_another_process_is_the_same() -> None:
     assert simulate(case).hash == simulate(replace(case, scenario=sent)).hash
 
 
-def test_a_subject_needs_traffic_and_traffic_a_subject() -> None:
-    with pytest.raises(ScenarioError, match="pass it as traffic="):
-        Case(Scenario(find("stop4"), "1133", subject=0), Reference)
+def test_traffic_around_a_subject_is_the_reference_where_none_is_named() -> None:
+    scenario = Scenario(find("stop4"), "1133", subject=0)
+    assert Case(scenario, RollingStop) == Case(scenario, RollingStop, POLICIES["reference"])
+    assert Case(scenario.but(subject=None), RollingStop).traffic is None
+
+
+def test_traffic_needs_a_subject() -> None:
     with pytest.raises(ScenarioError, match="give the scenario a subject"):
         Case(Scenario(find("stop4"), "1133"), Reference, RollingStop)
     with pytest.raises(AutopilotError, match="pass the class, not an instance"):

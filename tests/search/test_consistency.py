@@ -186,7 +186,7 @@ def test_command_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Non
     assert "nothing contradicts itself" in capsys.readouterr().out
     file = tmp_path / "mine.rules"
     file.write_text("[waits]\ntext = forall a. G !a@j\n", encoding="utf-8")
-    assert main(["rules", "check", "--file", str(file), "--scenario", "122", "--ways", "3"]) == 1
+    assert main(["rules", "check", "--rules", str(file), "--scenario", "122", "--ways", "3"]) == 1
     assert "waits" in capsys.readouterr().out
 
 
@@ -196,7 +196,7 @@ def test_command_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Non
         (["--arrivals", "0,0"], "one time per entrance (4), got 2"),
         (["--arrivals", "soon"], "--arrivals takes times in seconds"),
         (["--scenario", "111"], "names 3 entrances, expected 4"),
-        (["--rule", "p9"], "unknown rule 'p9'"),
+        (["--rules", "p9"], "unknown rule 'p9'"),
     ],
 )
 def test_command_line_misused(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:

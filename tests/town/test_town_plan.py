@@ -6,9 +6,11 @@ from typing import Any
 
 import pytest
 
+from pytest_rvads.campaigns.town import Town
 from pytest_rvads.campaigns.town_plan import Asked, Plan
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import Policy
+from pytest_rvads.junctions.choosing import Choice
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
 
@@ -31,11 +33,34 @@ def test_conflicts_of_a_t_with_lights_take_three_scenarios_in_five_configuration
     assert {name[-1] for name in names} == set("FGHIJ")
 
 
+def test_subject_arrives_at_every_seat_in_one_order_after_the_other_and_alone_in_as_few_runs() -> None:
+    places = [find("light3"), find("stop4")]
+    plan = Plan(places, replace(ASKED, subject="all"))
+    assert plan.counts() == {"light3": 9 + 6, "stop4": 32 + 12}, "without a subject there are 15 and 40"
+    alone = [p.case.scenario for p in plan if sum(map(bool, p.case.scenario.placed)) == 1]
+    assert {(s.place.name, s.placed.index(max(s.placed)), s.configuration) for s in alone} == {
+        *(("light3", entrance, "H") for entrance in range(3)),
+        *(("stop4", entrance, "C") for entrance in range(4)),
+    }
+    assert all(scenario.placed[scenario.subject or 0] for scenario in alone)
+    assert len(alone) == 6 + 12 == len({scenario.name for scenario in alone})
+    together = Counter(p.case.scenario.configuration for p in plan if p.case.scenario not in alone)
+    assert {*together} == {"H", "C", "S21", "S31", "S42", "S46", "S53", "S56", "S64"}
+    assert max(together.values()) - min(together.values()) <= 8, "S31 is at both junctions"
+
+
+def test_named_grid_runs_as_a_whole_at_every_seat() -> None:
+    plan = Plan([find("light3")], replace(ASKED, subject=1, grid=("staggered",)))
+    together = [p.case.scenario.configuration for p in plan if all(p.case.scenario.placed)]
+    assert Counter(together) == dict.fromkeys(("S31", "S42", "S53", "S64", "S75"), 3)
+
+
 def test_counting_and_going_through_agree_at_every_junction() -> None:
     places = [find("stop4"), shortened(find("stop3"), 1, 25.0), shortened(find("light3"), 0, 5.0), find("lanes4")]
-    plan = Plan(places, replace(ASKED, grid=("AC",)))
-    listed = Counter(planned.case.scenario.place.name for planned in plan)
-    assert plan.counts() == {place.name: listed[place.name] for place in places}
+    for asked in (replace(ASKED, grid=("AC",)), replace(ASKED, subject="all"), replace(ASKED, subject=2, grid=("arrivals",))):
+        plan = Plan(places, asked)
+        listed = Counter(planned.case.scenario.place.name for planned in plan)
+        assert plan.counts() == {place.name: listed[place.name] for place in places}
 
 
 def test_who_has_no_room_is_left_out_and_told() -> None:
@@ -89,3 +114,13 @@ def test_traffic_is_named_in_ids_but_for_the_usual_one() -> None:
     for policy, ending in (("reference", "-s0-cfgA"), ("hesitant", "-s0-cfgA-hesitant")):
         asked = replace(ASKED, subject=0, traffic=Policy.of(policy), grid=("A",))
         assert all(planned.name.endswith(ending) for planned in Plan([find("stop3")], asked))
+
+
+def test_junctions_with_approaches_too_short_for_a_staggered_start_are_told() -> None:
+    short, place = shortened(find("light3"), 0, 30.0), find("stop3")
+    town = Town((), Choice((short, place), (), 0), Plan([short, place], replace(ASKED, subject="all")))
+    assert [note for note in town.notes() if "staggered" in note] == [
+        "1 junction with an approach too short for a staggered start, where vehicles start as far out as they can: light3_short"
+    ]
+    far = [p.case.scenario for p in town.plan if p.case.scenario.configuration == "S42" and p.case.scenario.subject]
+    assert {scenario.start(0) for scenario in far} == {(30.0, 8.0)}

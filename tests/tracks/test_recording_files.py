@@ -151,7 +151,7 @@ def test_the_command_says_what_came_in(log: Path, lights: Path, tmp_path: Path, 
     assert (told["vehicles"], told["accuracy"]) == (count, {"position": 0.1, "speed": 0.0, "stated": True})
     assert sum(told["movements"].values()) == count
     assert len(load_recording(out).tracks) == count
-    assert main(["check", str(out), "--rule", "red"]) in (0, 1)
+    assert main(["check", str(out), "--rules", "red"]) in (0, 1)
 
 
 def test_the_command_takes_all_junctions_of_a_map(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
