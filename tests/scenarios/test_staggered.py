@@ -50,6 +50,20 @@ def test_label_names_the_metres_of_the_others() -> None:
     assert [s.configuration for s in staggered(rvads.find("stop4"), "S46", "C")] == ["S46", "C"]
 
 
+def test_others_of_different_metres_follow_each_other_counter_clockwise_from_the_subject() -> None:
+    scenarios = staggered(rvads.find("stop4"), "S26_46_56", subject="all", cover="rotation")
+    for scenario in scenarios:
+        starts = [scenario.start((scenario.subject + further) % 4)[0] for further in range(4)]
+        assert starts == [36.0, 26.0, 46.0, 56.0]
+        assert from_id(scenario.name) == scenario
+    assert {scenario.subject for scenario in scenarios} == {0, 1, 2, 3}
+
+
+def test_metres_of_another_number_of_others_are_refused() -> None:
+    with pytest.raises(ScenarioError, match="'S26_56' is for 3 entrances, the junction has 4"):
+        staggered(rvads.find("stop4"), "S26_56")
+
+
 def test_staggered_configuration_without_a_subject_is_refused() -> None:
     with pytest.raises(ScenarioError, match="S21 is staggered around a subject, and there is none: say subject=0 or 'all'"):
         staggered(rvads.find("stop4"), subject=None)
