@@ -51,8 +51,6 @@ _NEAREST = 10.0
 _AT_STOPS, _ELSEWHERE = (36, "S21 S26 S31 S46 S51 S56"), (20, "S31 S42 S53 S64 S75")
 """Distance of the subject [m], and the staggered configurations by the distance of the others. At an all-way stop, where the
 order of arrival decides, the others arrive 1.5, 1 and 0.5 s earlier and 1, 1.5 and 2 s later; elsewhere 1 to 5 s later."""
-_FEW = 4
-"""At an all-way stop with no more entrances every other vehicle arrives alone before the subject in one configuration."""
 _STAGGERED_LABEL = re.compile(r"S\d{1,3}(_\d{1,3})*")
 
 
@@ -145,9 +143,10 @@ def grid(names: str | Iterable[str], entrances: int, control: JunctionControl) -
     """
     letters, stop = PAPER.get(control, PAPER[JunctionControl.STOP]), control is JunctionControl.STOP
     _, staggered = _AT_STOPS if stop else _ELSEWHERE
-    # Of others that arrive together before the subject the one at its left goes first, and is never met: one of them is early.
-    early = ["S" + "_".join("26" if other == first else "56" for other in range(1, entrances)) for first in range(1, entrances)]
-    at_stops = ["S46", *early] if entrances <= _FEW else ["S21", "S46"]
+    # Of others that arrive together before the subject the one at its left goes first, and the subject need not see it: in two
+    # configurations only the one at its right, or only the one at its left, is early.
+    late = ["56"] * (entrances - 2)
+    at_stops = ["S21", "S46", "_".join(("S26", *late)), f"S{'_'.join((*late, '26'))}"]
     named: dict[str, Sequence[str]] = {
         "paper": letters,
         "staggered": staggered.split(),

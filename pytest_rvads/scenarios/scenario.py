@@ -318,7 +318,7 @@ class Scenario:
 
 def started(
     point: Configuration, place: Junction, rotation: int, subject: int | None, followers: int
-) -> dict[str, str | tuple[float, ...]]:
+) -> dict[str, Any]:
     """Return the arguments of a scenario that say how its vehicles start in a configuration.
 
     Args:

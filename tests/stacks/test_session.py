@@ -54,7 +54,7 @@ def test_the_documented_steps_lead_from_nothing_to_verdicts(
 @pytest.mark.extended
 def test_an_item_of_the_suite_is_run_by_its_id(pytester: pytest.Pytester) -> None:
     """As the lines that are printed name it, where no file of that name is."""
-    name = "test_road.py::test_all_way_stop[stop3-class02-as112-s2-cfgS26_56-full_stop]"
+    name = "test_road.py::test_all_way_stop[stop3-class02-as112-s2-cfgS21-full_stop]"
     pytester.runpytest("--rvads-autopilot=reference", name).assert_outcomes(passed=1, deselected=1929)
     result = pytester.runpytest("--rvads-autopilot=reference", "test_road.py::test_nothing")
     result.stderr.fnmatch_lines(["ERROR: not found: test_road.py::test_nothing, among the tests that come with the plugin"])
