@@ -54,7 +54,7 @@ def checked(target: Path, book: str, runs: int) -> Cost:
     command = [sys.executable, "-c", "from pytest_rvads.cli import main; raise SystemExit(main())"]
     begin, first, memory, seconds = time.perf_counter(), 0.0, [], 0.0
     with subprocess.Popen(
-        [*command, "check", str(target), "--rule", book, "--jsonl"],
+        [*command, "check", str(target), "--rules", book, "--jsonl"],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,

@@ -75,7 +75,7 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
         followers: how many vehicles queue behind each, 0 to 9, or several numbers to run one after the other.
         grid: ``"paper"``, or letters of the paper's configurations such as ``"CD"``. With a subject also ``"staggered"``, in
             which it and the others arrive one after the other, one of these such as ``"S21"``, in which the others start 21 m
-            before their lines, or ``"arrivals"``, an equal start and four staggered ones. By default ``"arrivals"`` with a
+            before their lines, or ``"arrivals"``, an equal start and some staggered ones. By default ``"arrivals"`` with a
             subject, and ``"paper"`` without.
         distances: instead of `grid`: metres to the stopping line, a number for all vehicles, a tuple with one
             per entrance, or a list of either, or an array, to run one after the other.

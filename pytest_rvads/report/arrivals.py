@@ -39,7 +39,7 @@ class Arrivals:
     def lines(self, junction: str) -> list[str]:
         """Return a line on the orders of arrival at a junction, with the gaps; none where no run has a subject."""
         total = sum(map(len, self._gaps.values()))
-        told = []
+        told: list[str] = []
         for order in ("simultaneous", "others first", "subject first", "alone"):
             if gaps := self._gaps.get(order):
                 least, most = f"{min(gaps):.1f}", f"{max(gaps):.1f}"

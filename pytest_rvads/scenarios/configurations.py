@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.scenarios.orbits import rotate
 
 __all__ = [
     "ARRIVALS",
@@ -40,19 +41,17 @@ PAPER = {JunctionControl.STOP: "ABCDE", JunctionControl.LIGHTS: "FGHIJ"}
 """The paper's configurations by control; A and F are deliberate probes of a controller that launches before it looks."""
 
 ARRIVALS = "arrivals"
-"""The grid of tests with a subject that name none: all vehicles 20 m before their lines at once, and four staggered ones."""
+"""The grid of tests with a subject that name none: an equal start 20 m before the lines, and staggered ones."""
 
 _NEAR, _CLOSE, _FAR, _FAST = 0.01, 0.3, 20.0, 10.0
 _STAGGERED_SPEED = 8.0
 """Of every vehicle of a staggered configuration [m/s]; below the speed limit."""
 _NEAREST = 10.0
 """A vehicle of a staggered configuration starts no nearer to its line than this [m]; v(d)max is 8.66 m/s there."""
-_AT_STOPS, _ELSEWHERE = (36.0, "S21 S26 S31 S46 S51 S56"), (20.0, "S31 S42 S53 S64 S75")
+_AT_STOPS, _ELSEWHERE = (36, "S21 S26 S31 S46 S51 S56"), (20, "S31 S42 S53 S64 S75")
 """Distance of the subject [m], and the staggered configurations by the distance of the others. At an all-way stop, where the
 order of arrival decides, the others arrive 1.5, 1 and 0.5 s earlier and 1, 1.5 and 2 s later; elsewhere 1 to 5 s later."""
-_OF_ARRIVALS = "S21", "S31", "S42", "S46", "S53", "S56", "S64"
-"""The staggered configurations of the grid `ARRIVALS`; each of the other three finds what one of these finds."""
-_STAGGERED_LABEL = re.compile(r"S(\d{1,3})")
+_STAGGERED_LABEL = re.compile(r"S\d{1,3}(_\d{1,3})*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +63,14 @@ class Configuration:
     """Reference point to stopping line [m]."""
     speeds: tuple[float, ...]
     """[m/s]."""
-    subject: float | None = None
-    """Distance of the subject [m], wherever it sits, in a staggered configuration: `distances` are those of the others."""
+    staggered: bool = False
+    """Whether the first of `distances` and `speeds` are those of the subject, wherever it sits, and the next ones those of the
+    others, counter-clockwise from it."""
 
     @property
     def room(self) -> float:
         """How long an approach has to be at least [m]."""
-        return max(self.distances) if self.subject is None else _NEAREST
+        return _NEAREST if self.staggered else max(self.distances)
 
     def around(self, seat: int, rooms: Sequence[float]) -> Configuration:
         """Return a staggered configuration around a subject; any other one as it is.
@@ -82,31 +82,34 @@ class Configuration:
             seat: entrance of the subject, before rotation.
             rooms: length of the approach of every entrance, before rotation [m].
         """
-        if self.subject is None:
+        if not self.staggered:
             return self
         most = [max(float(math.floor(room)), _NEAREST) for room in rooms]
-        own = min(self.subject, most[seat])
-        others = (max(distance - self.subject + own, _NEAREST) for distance in self.distances)
-        distances = [min(pair) for pair in zip(others, most, strict=True)]
-        distances[seat] = own
-        return replace(self, distances=tuple(distances), subject=None)
+        nearer = max(self.distances[0] - most[seat], 0.0)
+        starts = (max(distance - nearer, _NEAREST) for distance in rotate(self.distances, seat))
+        return Configuration(self.label, tuple(map(min, zip(starts, most, strict=True))), self.speeds)
 
 
 def configuration(label: str, entrances: int, control: JunctionControl = JunctionControl.STOP) -> Configuration:
     """Return the configuration called `label` for `entrances` entrances of a junction with that control.
 
     Args:
-        label: a letter of the paper's, A to J; or ``S`` and the distance of the others [m], of a staggered configuration.
+        label: a letter of the paper's, A to J; or of a staggered configuration ``S`` and the distance of the others [m], where
+            they differ one per entrance, counter-clockwise from the subject: ``S26_56_56``.
         entrances: number of entrances.
         control: of the junction. It says how far from its line the subject of a staggered configuration starts.
 
     Raises:
         ScenarioError: no such configuration.
     """
-    if staggered := _STAGGERED_LABEL.fullmatch(label):
-        own, _ = _AT_STOPS if control is JunctionControl.STOP else _ELSEWHERE
-        return Configuration(label, (float(staggered[1]),) * entrances, (_STAGGERED_SPEED,) * entrances, own)
-    return _of_paper(label, entrances)
+    if not _STAGGERED_LABEL.fullmatch(label):
+        return _of_paper(label, entrances)
+    own, _ = _AT_STOPS if control is JunctionControl.STOP else _ELSEWHERE
+    others = [float(number) for number in label[1:].split("_")]
+    others *= entrances - 1 if len(others) == 1 else 1
+    if len(others) != entrances - 1:
+        raise ScenarioError(f"configuration {label!r} is for {len(others) + 1} entrances, the junction has {entrances}")
+    return Configuration(label, (float(own), *others), (_STAGGERED_SPEED,) * entrances, staggered=True)
 
 
 def _of_paper(letter: str, entrances: int) -> Configuration:
@@ -133,17 +136,21 @@ def grid(names: str | Iterable[str], entrances: int, control: JunctionControl) -
 
     Args:
         names: ``"paper"`` for the five of the paper that belong to `control` (those of the stop junction where the control is
-            neither stop nor lights), ``"staggered"`` for all staggered ones, ``"arrivals"`` for four of these and one of the
-            paper, the label of a staggered one, a string of letters, or a sequence of any.
+            neither stop nor lights), ``"staggered"`` for all staggered ones, ``"arrivals"`` for the usual ones of tests with a
+            subject, the label of a staggered one, a string of letters, or a sequence of any.
         entrances: number of entrances.
         control: of the junction.
     """
-    letters = PAPER.get(control, PAPER[JunctionControl.STOP])
-    _, staggered = _AT_STOPS if control is JunctionControl.STOP else _ELSEWHERE
+    letters, stop = PAPER.get(control, PAPER[JunctionControl.STOP]), control is JunctionControl.STOP
+    _, staggered = _AT_STOPS if stop else _ELSEWHERE
+    # Of others that arrive together before the subject the one at its left goes first, and the subject need not see it: in two
+    # configurations only the one at its right, or only the one at its left, is early.
+    late = ["56"] * (entrances - 2)
+    at_stops = ["S21", "S46", "_".join(("S26", *late)), f"S{'_'.join((*late, '26'))}"]
     named: dict[str, Sequence[str]] = {
         "paper": letters,
         "staggered": staggered.split(),
-        ARRIVALS: [letters[2], *(label for label in staggered.split() if label in _OF_ARRIVALS)],
+        ARRIVALS: [letters[2], *(at_stops if stop else staggered.split()[:4])],
     }
     labels: list[str] = []
     for name in [names] if isinstance(names, str) else names:

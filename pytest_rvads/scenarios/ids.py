@@ -22,7 +22,7 @@ _ID = re.compile(
     r"(?P<place>[A-Za-z0-9_.]+)-(?P<cls>[A-Za-z0-9_.]+)-as(?P<code>[0-9a-z_]+)(-s(?P<seat>\d+))?-cfg(?P<point>[A-Za-z0-9_.]+)(?P<rest>-.*)?"
 )
 _POINT = re.compile(
-    r"(?P<cfg>[A-J]|S\d+|d(?P<d>[\d._]*\d)v(?P<v>[\d._]*\d))(\.f(?P<followers>\d))?(?P<senses>(\.[a-z_]+(\d+\.\d+|\d+)?)*?)"
+    r"(?P<cfg>[A-J]|S[\d_]*\d|d(?P<d>[\d._]*\d)v(?P<v>[\d._]*\d))(\.f(?P<followers>\d))?(?P<senses>(\.[a-z_]+(\d+\.\d+|\d+)?)*?)"
     r"(\.r(?P<rotation>\d+))?(\.o(?P<order>(?=[a-z]*\d)[0-9a-z]+))?"
 )
 """An order has digits, which tells it from a sense that begins with o."""

@@ -318,7 +318,7 @@ class Scenario:
 
 def started(
     point: Configuration, place: Junction, rotation: int, subject: int | None, followers: int
-) -> dict[str, str | tuple[float, ...]]:
+) -> dict[str, Any]:
     """Return the arguments of a scenario that say how its vehicles start in a configuration.
 
     Args:
@@ -331,7 +331,7 @@ def started(
     Raises:
         ScenarioError: a staggered configuration, and nobody to be staggered around.
     """
-    if point.subject is not None:
+    if point.staggered:
         if subject is None:
             raise ScenarioError(
                 f"configuration {point.label} is staggered around a subject, and there is none: say subject=0 or 'all', or "

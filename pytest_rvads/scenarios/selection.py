@@ -94,7 +94,7 @@ class Selection:
     @property
     def too_short(self) -> bool:
         """Whether an approach is shorter than a staggered configuration asks for, so that a vehicle starts nearer to its line."""
-        asked = [max(*point.distances, point.subject) for point in self.configurations if point.subject is not None]
+        asked = [max(point.distances) for point in self.configurations if point.staggered]
         return max(asked, default=0.0) > self._reach
 
     @property

@@ -8,13 +8,15 @@ from typing import Any
 import pytest_rvads as rvads
 
 
-@rvads.scenario("stop3", subject="all", classes=(3, 4), grid="S46")
+@rvads.scenario("stop3", subject="all", classes=(3, 4), grid="S56_26")
 @rvads.scenario("stop3", subject="all", classes=(1, 2), grid="S21")
-@rvads.scenario("stop4", subject="all", classes=range(3, 25, 3), grid="S46")
-@rvads.scenario("stop4", subject="all", classes=range(2, 25, 3), grid="S21")
-@rvads.scenario("stop4", subject="all", classes=range(1, 25, 3), grid="C")
+@rvads.scenario("stop4", subject="all", classes=range(5, 25, 5), grid="S56_56_26")
+@rvads.scenario("stop4", subject="all", classes=range(4, 25, 5), grid="S26_56_56")
+@rvads.scenario("stop4", subject="all", classes=range(3, 25, 5), grid="S46")
+@rvads.scenario("stop4", subject="all", classes=range(2, 25, 5), grid="S21")
+@rvads.scenario("stop4", subject="all", classes=range(1, 25, 5), grid="C")
 def test_all_way_stop(rule: Any, monitor: Any) -> None:
-    """All at once, or the others before or after the subject."""
+    """All at once, or all others, or only one of them, before or after the subject."""
     monitor.check(rule)
 
 

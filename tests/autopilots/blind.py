@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 
 import pytest_rvads as rvads
-from pytest_rvads.drivers.interface import Command
+from pytest_rvads.drivers.interface import Control
 from pytest_rvads.runs.states import VehicleState
 
 __all__ = ["BLIND"]
@@ -22,7 +22,7 @@ class Blind(rvads.Reference):
         super().__init__(tie=0.5)
         self._sight = sight()
 
-    def control(self, seen: Seen, /) -> Command:
+    def control(self, seen: Seen, /) -> Control:
         sights = [(k < seen.created, self._sight(seen, other)) for k, other in enumerate(seen.others)]
         kept = [(before, other) for before, other in sights if other is not None]
         return super().control(seen._replace(others=tuple(other for _, other in kept), created=sum(before for before, _ in kept)))

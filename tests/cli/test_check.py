@@ -207,7 +207,7 @@ def test_a_rule_that_can_not_judge_costs_no_other_verdict(folder: Path, capsys: 
         return check(run, rule)
 
     monkeypatch.setattr(run_answers, "check", fails)
-    assert main(["check", str(folder / "d3.npz"), str(folder / "d1.npz"), "--rule", "paper", "--jsonl"]) == 2
+    assert main(["check", str(folder / "d3.npz"), str(folder / "d1.npz"), "--rules", "paper", "--jsonl"]) == 2
     out, err = capsys.readouterr()
     one, two = lines(out)
     assert [one["verdicts"][name]["status"] for name in ("p1", "p2")] == ["FAIL", "ERROR"]
