@@ -19,7 +19,7 @@ def steady(records: Iterable[Record]) -> Iterator[Record]:
     other in one process share a run, rules in different processes do not. Errors stay errors.
     """
     records = list(records)
-    runs: dict[tuple[str, str, str, str], dict[str, Record]] = {}
+    runs: dict[tuple[str, ...], dict[str, Record]] = {}
     for record in records:
         if record.hash and record.status is not Outcome.ERROR:
             runs.setdefault(_start(record), {}).setdefault(record.hash, record)
@@ -32,6 +32,7 @@ def steady(records: Iterable[Record]) -> Iterator[Record]:
             yield replace(record, status=Outcome.FLAKY, flaky=record.flaky or parted, known=None)
 
 
-def _start(record: Record) -> tuple[str, str, str, str]:
-    """Return what names the run of an item: its test, variant, driver, and the id of the run."""
-    return record.nodeid.partition("[")[0], record.variant, record.driver, str(record.run)
+def _start(record: Record) -> tuple[str, ...]:
+    """Return what names the run of an item: its test and variant, what drives and simulates, and the id of the run."""
+    test = record.nodeid.partition("[")[0]
+    return test, record.variant, record.driver, str(record.traffic), record.simulator, str(record.run)

@@ -457,6 +457,8 @@ def test_rules_of_one_start_on_two_runs_are_flaky_and_others_are_not() -> None:
     start = [replace(record(1, "C", rule, "PASS"), run="start") for rule in ("p1", "p2", "p3")]
     other, error = replace(start[1], hash="another"), replace(start[2], hash="another", status=Outcome.ERROR, outcome="failed")
     assert [found.status for found in steady(start)] == ["PASS"] * 3
+    among_others = replace(start[1], hash="another", traffic="hesitant")
+    assert [found.status for found in steady([start[0], among_others])] == ["PASS"] * 2
     found = list(steady([start[0], other, error, replace(record(2, "C", "p1", "PASS"), run="next")]))
     assert [one.status for one in found] == ["FLAKY", "FLAKY", "ERROR", "PASS"]
     assert found[0].flaky is not None

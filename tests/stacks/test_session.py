@@ -66,7 +66,7 @@ def test_errors_stay_beside_verdicts(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(TESTS)
     sut = command("crash", scenario=2)
     result = pytester.runpytest("--rvads-sut", sut, "--rvads-report=out.json")
-    # Eight runs: in every process the second scenario crashes, so every second run is an error. The others are cut off after 1 s.
+    # Eight runs: in every process the second scenario crashes, so every second run is an error. The others are cut off after 2 s.
     result.assert_outcomes(skipped=8, errors=8)
     result.stdout.fnmatch_lines(
         [
