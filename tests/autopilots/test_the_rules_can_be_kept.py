@@ -120,11 +120,11 @@ def test_a_sample_of_every_traffic(junction: str, book: str, first: int) -> None
 @pytest.mark.extended
 @pytest.mark.parametrize("book", DRIVERS)
 def test_four_that_arrive_at_once(book: str) -> None:
-    """What the game calls impossible occurs, and is told as unavoidable."""
-    case = Scenario(find("stop4"), "1133", distance=20)
+    """What the game calls impossible occurs, and is told as unavoidable: each way crosses the one from the right."""
+    case = Scenario(find("stop4"), "2222", distance=20)
     assert judge([case], "stop4", "nobody", book) == {}
     name = {"paper": "p2", "road": "right_first"}[book]
-    assert contradicting("stop4", ((0, 1), (1, 2), (2, 1), (3, 2)), (5.0, 5.0, 5.0, 5.0), book) == {name}
+    assert contradicting("stop4", ((0, 2), (1, 3), (2, 0), (3, 1)), (5.0, 5.0, 5.0, 5.0), book) == {name}
     assert check(simulate(Case(case, DRIVERS[book])), name).unavoidable
 
 
