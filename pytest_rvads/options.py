@@ -96,6 +96,11 @@ _DECLARED = {
         metavar="N",
     ),
     "baseline": _Option("compare with an earlier report, FILE.json of --rvads-report, and tell what changed", metavar="FILE"),
+    "baseline-of": _Option(
+        "with a baseline: compare only items of the same driver, the same map and the same formula of the rule, or any",
+        "same",
+        ("same", "any"),
+    ),
     "erosion": _Option("with a baseline: a safety margin that fell by more than this is told", "0.5", metavar="SECONDS"),
     "fail-on": _Option(
         "which failures fail the session: any; new ones, that the baseline does not have; or those and eroded margins",
@@ -170,6 +175,8 @@ class Options:
     cov_fail_under: float | None
     """Least share of the cells to be exercised [%]."""
     baseline: Path | None
+    baseline_of: str
+    """Which of its items are compared: same or any."""
     erosion: float
     """A safety margin that fell by more than this since the baseline is told [s]."""
     fail_on: str
@@ -234,6 +241,7 @@ class Options:
             summary=values["summary"],
             cov_fail_under=_number("cov-fail-under", values["cov-fail-under"], 100.0),
             baseline=_baseline(values, here),
+            baseline_of=values["baseline-of"],
             erosion=_number("erosion", values["erosion"], 3600.0) or 0.0,
             fail_on=values["fail-on"],
             time_budget=_number("time-budget", values["time-budget"], 1e6),

@@ -87,9 +87,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
             simulator = named(options.simulator, config.invocation_params.dir)
         _opened(config, choosing(Choice(simulator, _opened(config, limits(config)))))
+        register_marks(config)
     except RvadsError as error:
         raise pytest.UsageError(str(error)) from error
-    register_marks(config)
     if options.driver:
         offer(config)
     seconds = options.time_budget

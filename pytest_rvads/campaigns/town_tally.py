@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pytest_rvads.campaigns.judged import Judged, records
 from pytest_rvads.report.outcome import Mark, Outcome
 from pytest_rvads.report.record import Record
-from pytest_rvads.report.triage import Cause, causes, provoked, unavoidable, unsure
+from pytest_rvads.report.triage import Cause, causes, gravity, provoked, unavoidable, unsure
 
 __all__ = ["CauseTally", "JunctionTally", "cell"]
 
@@ -108,11 +108,11 @@ class JunctionTally:
         return ", ".join(f"{found[outcome]} {outcome.word}" for outcome in Outcome.worst_first() if found[outcome])
 
     def grouped(self) -> Iterator[tuple[str, list[CauseTally]]]:
-        """Yield the causes of each kind, the most frequent first."""
+        """Yield the causes of each kind, the gravest first, then the most frequent."""
         for title, _ in _GROUPS:
             found = [cause for cause in self.causes.values() if cause.title == title]
             if found:
-                yield title, sorted(found, key=lambda cause: (-cause.count, cause.text))
+                yield title, sorted(found, key=lambda cause: (gravity(cause.rules), -cause.count, cause.text))
 
 
 def cell(counts: Counter[Outcome]) -> tuple[str, Mark]:

@@ -3,21 +3,39 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import count
 from typing import TypeAlias
 
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.wording import printable
 
-__all__ = ["LINE_LIMIT", "Subparsers", "clear", "lines", "progress", "say", "warn"]
+__all__ = ["LINE_LIMIT", "Subparsers", "clear", "lines", "progress", "say", "terminable", "warn"]
 
 LINE_LIMIT = 2**20
 """Longest line that is read [bytes]; to answer it may take a hundred times as much memory."""
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """Where a module adds its commands."""
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """Have SIGTERM and SIGHUP raise KeyboardInterrupt, as Ctrl-C does, unless somebody ignores or handles them."""
+    main = threading.current_thread() is threading.main_thread()
+    names = [name for name in ("SIGTERM", "SIGHUP") if main and hasattr(signal, name)]
+    numbers = [number for name in names if signal.getsignal(number := signal.Signals[name]) is signal.SIG_DFL]
+    for number in numbers:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def progress(done: int, total: int, what: str = "runs") -> None:

@@ -31,6 +31,7 @@ def declare(commands: Subparsers) -> None:
     merge.add_argument("-o", "--output", metavar="OUT", help="write the merged report, in the format of its ending")
     merge.add_argument("--cov-fail-under", type=_percent, metavar="N", help="as --rvads-cov-fail-under, for the whole [%%]")
     merge.add_argument("--baseline", metavar="FILE.json", help="tell what changed since an earlier report")
+    merge.add_argument("--baseline-of", choices=("same", "any"), default="same", help="as --rvads-baseline-of (default same)")
     merge.add_argument("--erosion", type=_seconds, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
     merge.set_defaults(command=_merge)
     check = actions.add_parser(
@@ -119,7 +120,8 @@ def _merge(options: argparse.Namespace) -> int:
         planned = set(report.planned)
         earlier = load(Path(options.baseline))
         lost = {record.nodeid for record in earlier.records if cell_of(record) not in planned}
-        report = with_baseline(report, compare(report, earlier, options.baseline, options.erosion, lost.__contains__))
+        same = options.baseline_of == "same"
+        report = with_baseline(report, compare(report, earlier, options.baseline, options.erosion, lost.__contains__, same=same))
     if options.output:
         save(Path(options.output), report)
     unicode = (sys.stdout.encoding or "").lower().startswith("utf")

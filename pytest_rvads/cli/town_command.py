@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli import executor_options
-from pytest_rvads.cli.common import Subparsers, say, warn
+from pytest_rvads.cli.common import Subparsers, say, terminable, warn
 from pytest_rvads.cli.town_output import NOTHING, Order, written
 from pytest_rvads.errors import AutopilotError, RvadsError, ScenarioError
 
@@ -102,7 +102,7 @@ def _town(options: argparse.Namespace) -> int:
         if not order.town.simulated:
             return _nothing(order.town)
         _made(folder)
-        with executor_options.opened(options) as executor:
+        with terminable(), executor_options.opened(options) as executor:
             return _judged(order, options, folder, executor)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from hashlib import sha256
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,11 @@ KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "traffic", "re
 
 Traced = tuple[str, ...]
 """Identifiers of requirements."""
+
+
+def _digest(rule: Rule | None) -> str:
+    """Return what tells the formula of a rule, its tie window and who is bound by it from others; empty without a rule."""
+    return sha256(repr((rule.text, rule.tie, rule.bound)).encode()).hexdigest()[:8] if rule else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +57,8 @@ class Cell:
     @property
     def start(self) -> dict[str, str | int]:
         """What its record begins with."""
-        return {**self.keys, "orbit": self.scenario.orbit, "control": self.scenario.place.control.value}
+        place = self.scenario.place
+        return {**self.keys, "orbit": self.scenario.orbit, "control": place.control.value, "formula": _digest(self.rule)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +88,7 @@ class RecordedCell:
     @property
     def start(self) -> dict[str, str | int]:
         """What its record begins with."""
-        return {**self.keys, "control": self.control}
+        return {**self.keys, "control": self.control, "formula": _digest(self.rule)}
 
 
 @dataclass(slots=True)

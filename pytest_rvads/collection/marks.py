@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Never
@@ -10,6 +11,7 @@ import pytest
 
 from pytest_rvads.collection.cells import KEYS, Known
 from pytest_rvads.collection.misuse import caller, told_at
+from pytest_rvads.errors import ScenarioError, suggest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -158,7 +160,15 @@ def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | in
 
 
 def register_marks(config: pytest.Config) -> None:
-    """Tell pytest about the marks."""
+    """Tell pytest about the marks.
+
+    Raises:
+        ScenarioError: the expression of ``-m`` selects by a key that no item has, which pytest takes for one that never matches.
+    """
+    unquoted = re.sub(r"""'[^']*'|"[^"]*\"""", "", config.option.markexpr)
+    for key in re.findall(r"(\w+)\s*=", " ".join(re.findall(r"\brvads\s*\(([^)]*)", unquoted))):
+        if key not in KEYS:
+            raise ScenarioError(f"-m rvads(...) selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
     for line in (
         "rvads_scenario(junction, ...): run over scenarios; written as @rvads.scenario",
         "rvads_recorded(pattern, ...): run over recorded runs; written as @rvads.recorded",

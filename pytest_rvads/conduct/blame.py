@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pytest_rvads.conduct.bodies import tick_of
+from pytest_rvads.conduct.grounds import may_owe
 from pytest_rvads.conduct.lane import off_lane
 from pytest_rvads.conduct.priority import HEADWAY, MIN_GAP, WINDOW, brakes_hard, owes, unhindered
 from pytest_rvads.conduct.progress import idles, may_go
@@ -228,12 +229,16 @@ def _drove_on(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _braked_for_nothing(run: Run, agent: int, tick: int) -> bool:
-    """Whether `agent`, which could have gone on, braked hard within `HEADWAY` before the impact."""
+    """Whether `agent`, which could have gone on, braked hard within `HEADWAY` before the impact.
+
+    A vehicle that may owe the way brakes for its line, in order to look, before anybody is due.
+    """
     if run.speed is None:
         return False
     back, until = round(WINDOW / run.dt) or 1, tick - round(IMPACT / run.dt)
     try:
-        free = may_go(run, agent) & unhindered(run, agent)
+        looks = any(may_owe(run, agent, other) for other in range(len(run.agents)))
+        free = may_go(run, agent) & unhindered(run, agent) & ((run.zone[:, agent] >= Zone.JUNCTION) | (not looks))
     except RunError:
         return False
     straight = run.agents[agent].turn is Turn.STRAIGHT

@@ -27,7 +27,7 @@ from pytest_rvads.runs.periods import NEAR, NEAR_TIME
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 
-__all__ = ["judged", "last_seen", "near", "together", "window"]
+__all__ = ["crossed", "cut_off", "judged", "last_seen", "near", "together", "window"]
 
 
 def judged(run: Run) -> frozenset[int] | None:
@@ -97,3 +97,26 @@ def last_seen(run: Run, columns: Iterable[int]) -> tuple[str, int] | None:
     if column is None or run.spans[column, 1] >= run.steps:
         return None
     return run.agents[column].name, int(run.spans[column, 1]) - 1
+
+
+def cut_off(run: Run) -> bool:
+    """Return whether a simulated run lasted too short for its subject to cross.
+
+    That is so where the duration ended the run before the rear of the subject had left the junction. Not cut off are runs without
+    a subject, recordings, and runs that a collision, a fault or a vehicle off its route ended. Where positions or the size of the
+    subject are not recorded, its reference point stands for its rear.
+    """
+    if run.subject is None or run.excerpt is not None or run.fault or run.collisions or run.facts.strayed:
+        return False
+    column = next(k for k, agent in enumerate(run.agents) if agent.name == run.subject)
+    agent, zones = run.agents[column], run.zone[:, column]
+    if (zones == Zone.GONE).any():
+        return False
+    if run.station is None or agent.size is None:
+        return not (zones == Zone.EXIT).any()
+    return bool(run.station[:, column].max() - agent.size[0] <= agent.route.length)
+
+
+def crossed(run: Run) -> bool:
+    """Return whether the run shows how somebody crosses: a vehicle entered the junction, and the run is not `cut_off`."""
+    return bool((run.entered < run.steps).any()) and not cut_off(run)

@@ -208,7 +208,8 @@ class GiveWay:
     def _patience_ends(self, seen: Observation, waits_for: list[VehicleState]) -> bool:
         """Return whether to go although `waits_for`, who stand as well, go first: they wait for somebody, too, or do not go.
 
-        It ends while nobody moves whom they or one oneself would meet, and later the more that one meets have arrived before.
+        It ends while nobody moves whom they or one oneself would meet, and later the more have arrived before: of two that do not
+        meet, one alone breaks a circle, since the other one would take the way of a vehicle that may go by then.
         """
         me = seen.me
         if self._released and me.speed > MOVING:
@@ -220,7 +221,8 @@ class GiveWay:
         if self._quiet_since is None:
             self._quiet_since = seen.time
         since, mine = self._queue.since, (self._queue.since(me), seen.created)
-        there = [(k, o) for k, o in enumerate(seen.others) if self._queue.arrived(o) and self._meetings.of(o)]
+        unlit = seen.lights[me.entrance] is Colour.NONE
+        there = [(k, o) for k, o in enumerate(seen.others) if self._queue.arrived(o) and (unlit or self._meetings.of(o))]
         place = sum((since(other), k) < mine for k, other in there)
         patience = PATIENCE_STEP if all(self._held(seen, other) for other in waits_for) else WAIVER
         self._released = seen.time - self._quiet_since >= patience + PATIENCE_STEP * place

@@ -100,14 +100,15 @@ def _parts(jobs: Iterable[Any], size: int) -> Iterator[Part]:
 
 def _flown(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[Any]]]:
     """Yield parts with their answers, as they come back; lost ones have gone out again."""
-    flying: dict[Future[list[Any]], Part] = {}
-    back: SimpleQueue[Future[list[Any]]] = SimpleQueue()
+    flying: dict[Future[Any], Part] = {}
+    back: SimpleQueue[Future[Any]] = SimpleQueue()
     sent = count(1)
 
     def launch(part: Part) -> None:
         part = part._replace(sent=next(sent))
         future = team.submit(part)
-        flying[future] = part
+        if flying.setdefault(future, part) is not part:
+            raise RvadsError("submit of the executor returned one future for two calls, expected one for each")
         future.add_done_callback(back.put)
 
     try:
@@ -119,7 +120,7 @@ def _flown(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[Any]]
             future = back.get()
             part = flying.pop(future)
             try:
-                answers = future.result()
+                answers = team.answers(part, future)
             except (Exception, CancelledError) as error:
                 part = part._replace(losses=part.losses + 1)
                 if team.again(part, error):

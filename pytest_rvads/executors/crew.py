@@ -71,6 +71,7 @@ _doer: list[Callable[[Any], Any]] = []
 
 def _enter(begin: Callable[[], Callable[[Any], Any]]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal interrupts all of us; who hired us tells us when to end
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # that is how we are told
     threading.Thread(target=_watch, daemon=True).start()
     _doer[:] = [begin()]
 

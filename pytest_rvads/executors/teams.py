@@ -48,6 +48,14 @@ class Part(NamedTuple):
     """How many were handed out before it; another one each time, so that no executor takes what was lost for what it knows."""
 
 
+class Done(NamedTuple):
+    """What comes back from an executor of others."""
+
+    sent: int
+    """Number of the part, see `Part.sent`."""
+    answers: list[Any]
+
+
 class Own:
     """Processes of our own."""
 
@@ -70,6 +78,10 @@ class Own:
             raise RvadsError(f"a job or its result does not travel between processes: {_told(error)}") from error
         return part.losses < 2
 
+    def answers(self, _: Part, future: Future[list[Any]]) -> list[Any]:
+        """Return the answers to the jobs of a part."""
+        return future.result()
+
     def alone(self, job: Any) -> Any:
         """Return the answer to a job that may be what kills processes."""
         try:
@@ -88,20 +100,39 @@ class Foreign:
         self._sent = self._sound = 0
         """What was handed out last, and what had been when something was lost and something else was done after all."""
 
-    def submit(self, part: Part) -> Future[list[Any]]:
+    def submit(self, part: Part) -> Future[Any]:
         """Hand out a part.
 
         Raises:
             ExecutorGone: it takes nothing any more.
+            RvadsError: what it gives for that is no future.
         """
         self._sent = part.sent
         try:
-            return self._executor.submit(_all, self._work, part.jobs, part.sent)
+            future = self._executor.submit(_done, self._work, part.jobs, part.sent)
         except Exception as error:  # each has its own
             raise self._gone(error) from error
+        if not hasattr(future, "add_done_callback"):
+            raise RvadsError(f"submit of {self._name} returned {future!r:.60}, expected a concurrent.futures.Future")
+        return future
+
+    def answers(self, part: Part, future: Future[Any]) -> list[Any]:
+        """Return what `Own.answers` does.
+
+        Raises:
+            RvadsError: the executor answers something else.
+        """
+        found = future.result()
+        if not (isinstance(found, Done) and found.sent == part.sent):
+            raise RvadsError(
+                f"{self._name} answered {found!r:.60}, expected what the function given to its submit returns for these jobs"
+            )
+        return found.answers
 
     def again(self, part: Part, error: BaseException) -> bool:
         """Tell what `Own.again` does."""
+        if isinstance(error, RvadsError):
+            raise error
         if type(error).__name__ == "KilledWorker":  # Dask, after several workers; its class is there where Dask is
             return False
         if isinstance(error, CancelledError) and part.losses <= _TRIES:
@@ -121,10 +152,8 @@ class Foreign:
         for losses in range(1, _TRIES + 2):
             part = Part(0, (job,), losses, self._sent + 1)
             try:
-                return self.submit(part).result()[0]
+                return self.answers(part, self.submit(part))[0]
             except (Exception, CancelledError) as error:
-                if isinstance(error, RvadsError):
-                    raise
                 if not self.again(part, error):
                     break
         return _dead()
@@ -132,7 +161,7 @@ class Foreign:
     def _probe(self, error: BaseException) -> None:
         """See whether the executor does anything; what waits for a scheduler that is gone may wait for ever."""
         try:
-            self._executor.submit(_all, self._work, (), self._sent).result(_ANSWER)
+            self._executor.submit(_done, self._work, (), self._sent).result(_ANSWER)
         except (Exception, CancelledError):
             raise self._gone(error) from error
         self._sound = self._sent
@@ -160,8 +189,12 @@ def _opener(work: bytes) -> Callable[[bytes], list[Any]]:
     return lambda packed: _all(done, pickle.loads(packed))
 
 
-def _all(work: Callable[[Any], Any], jobs: Sequence[Any], _sent: int = 0) -> list[Any]:
+def _all(work: Callable[[Any], Any], jobs: Sequence[Any]) -> list[Any]:
     return [_fit(tried(work, job)) for job in jobs]
+
+
+def _done(work: Callable[[Any], Any], jobs: Sequence[Any], sent: int) -> Done:
+    return Done(sent, _all(work, jobs))
 
 
 def _fit(answer: Any) -> Any:

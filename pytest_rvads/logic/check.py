@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from pytest_rvads.conduct.memo import once
 from pytest_rvads.conduct.predicates import extract
+from pytest_rvads.conduct.presence import cut_off
 from pytest_rvads.conduct.sampling import without_jumps
 from pytest_rvads.conduct.validate import damage
 from pytest_rvads.errors import RunError, require
@@ -35,6 +36,8 @@ NOT_RECORDED = "not recorded"
 """Begins the reason of a verdict on what a run does not hold."""
 _QUIET = (Outcome.PASS, Outcome.NA)
 """Of what a rulebook says beside its worst verdict, these outcomes are only counted."""
+CUT_OFF = "cut off: the run reached its duration before the subject had left the junction"
+"""Reason of an NA verdict: the subject kept the rule up to the end of the run, which says nothing about its crossing."""
 _KINDS = {
     JunctionControl.STOP: "stop signs at all entrances",
     JunctionControl.LIGHTS: "lights at all entrances",
@@ -95,6 +98,8 @@ def check(
         return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason if run.fault else str(broken[0])))
     values = Values(without_jumps(run), window, standing=standing)
     story = _judged(rule, values, book, run, itinerary=itinerary, standing=standing)
+    if story.status is Status.PASS and cut_off(run):
+        story = Story(rule, run, Status.NA, reason=CUT_OFF, asked=False)
     if run.fault is None:
         return tell(story)
     if story.status is Status.FAIL and not (story.provoked or story.unavoidable):

@@ -24,7 +24,7 @@ _LONGEST = 1000
 
 
 def annotate(report: Report, root: Path, workspace: Path) -> list[str]:
-    """Return at most ten workflow commands, one per cause of failures, the most frequent first.
+    """Return at most ten workflow commands, one per cause of failures, the gravest first.
 
     They are errors, or warnings where the session lets the failures pass, as those that its baseline has.
 

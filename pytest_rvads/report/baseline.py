@@ -7,6 +7,7 @@ share its indicators, so that its first item stands for all of them.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
@@ -15,7 +16,7 @@ from msgspec import structs
 from pytest_rvads.report.outcome import BAD, Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Change, Comparison, Report
-from pytest_rvads.wording import first
+from pytest_rvads.wording import first, plural
 
 __all__ = ["MATTERS", "compare", "with_baseline"]
 
@@ -34,7 +35,9 @@ _Fall = tuple[float, float]
 """A margin before and now [s]."""
 
 
-def compare(report: Report, baseline: Report, name: str, erosion: float, gone: Callable[[str], bool]) -> Comparison:
+def compare(
+    report: Report, baseline: Report, name: str, erosion: float, gone: Callable[[str], bool], *, same: bool = True
+) -> Comparison:
     """Return what changed between a baseline and a session.
 
     Args:
@@ -45,15 +48,20 @@ def compare(report: Report, baseline: Report, name: str, erosion: float, gone: C
             its first item in which one fell, and not where something of the run is NEW. Its other items are UNCHANGED.
         gone: whether an item of the baseline that the session has no record of does not exist any more; otherwise it was
             not selected.
+        same: compare an item only where driver, junction and formula are those of the baseline. Elsewhere an item that
+            fails is NEW, and an item that was judged in the baseline and does not fail is LOST.
     """
     before = {record.nodeid: record for record in baseline.records}
     simulators = dict.fromkeys((before[r.nodeid].simulator, r.simulator) for r in report.records if r.nodeid in before)
     changes: list[Change] = []
     eroded: dict[str, _Eroded] = {}
     broken: set[str] = set()
+    others: Counter[str] = Counter()
     for record in report.records:
         earlier = before.pop(record.nodeid, None)
-        change = _change(record, earlier)
+        other = _other(record, earlier) if earlier else ""
+        others[other] += 1
+        change = _change(record, earlier, other if same else "")
         if change.kind == "NEW":
             broken.add(record.ran_as)
         elif (
@@ -75,6 +83,8 @@ def compare(report: Report, baseline: Report, name: str, erosion: float, gone: C
         if package in baseline.versions and baseline.versions[package] != version
     ]
     differences += [f"the simulator was {was} and is {now}" for was, now in simulators if was and now and was != now]
+    how = "not compared, which --rvads-baseline-of=any allows" if same else "compared all the same"
+    differences += [f"{plural(count, 'item')} {other}: {how}" for other, count in others.items() if other]
     return Comparison(name, tuple(changes), tuple(differences))
 
 
@@ -101,23 +111,32 @@ def _judged(record: Record | None) -> bool:
     return record is not None and _state(record) != "idle"
 
 
-def _change(record: Record, before: Record | None) -> Change:
-    """Return what became of an item that the session has a record of, but for its margins."""
+def _other(record: Record, before: Record) -> str:
+    """Return why what an item was is no basis for what it is, where both are known; else nothing."""
+    if record.place and before.place and record.place != before.place:
+        return "at a junction that is not the same any more"
+    if record.driver and before.driver and record.driver != before.driver:
+        return f"driven by {before.driver} then and by {record.driver} now"
+    if record.rule != before.rule or (record.formula and before.formula and record.formula != before.formula):
+        return f"by a rule {record.rule} that is not the same any more"
+    return ""
+
+
+def _change(record: Record, before: Record | None, other: str) -> Change:
+    """Return what became of an item that the session has a record of, but for its margins; `other` as of `_other`."""
     if record.status is Outcome.NOT_RUN:
         # A skip that somebody wrote into a test is a choice; being too late, or interrupted, is none.
         chosen = record.outcome == "skipped" and not record.message.startswith("NOT RUN: ")
         if before and chosen and _judged(before):
             return Change("LOST", record.nodeid, f"was {before.status}, is skipped")
         return Change("NOT RUN", record.nodeid)
-    # Another map under the same name is no basis.
-    moved = before is not None and None not in (record.place, before.place) and record.place != before.place
-    then, now = "absent" if moved else _state(before), _state(record)
+    then, now = "absent" if other else _state(before), _state(record)
     was = before.status.value if before else ""
     if now in BAD and then != now:
         changed = f"was {was}, is {record.status}: " if then in BAD else ""
         return Change("NEW", record.nodeid, changed + record.message.strip().partition("\n")[0])
-    if moved and now not in BAD and _judged(before):
-        return Change("LOST", record.nodeid, f"was {was}, at a junction that is not the same any more")
+    if other and now not in BAD and _judged(before):
+        return Change("LOST", record.nodeid, f"was {was}, {other}")
     kind, text = _kept(then, now)
     return Change(kind, record.nodeid, text.format(was=was, now=record.status, known=record.known))
 

@@ -51,7 +51,8 @@ def signature(record: Record) -> Hashable:
 def violated(record: Record) -> str:
     """Return what was violated or went wrong, in words."""
     if record.status is Outcome.FLAKY:
-        return "not deterministic: the same start gave another run"
+        repeated = record.flaky and record.flaky.what == "status"
+        return f"not deterministic: the same start gave another {'verdict' if repeated else 'run'}"
     if record.status is Outcome.UNSURE:
         return hanging(record)
     verdict = verdict_of(record)

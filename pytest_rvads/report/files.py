@@ -74,7 +74,8 @@ def read(path: Path) -> Report:
     """Read a JSON report, also an incomplete one.
 
     Raises:
-        RvadsError: not a report, or one of another version, or damaged: where, and what was expected there.
+        RvadsError: not a report, or one of another version, or damaged: where, and what was expected there; or with a record that
+            contradicts itself.
     """
     try:
         content = read_file(path, MOST)
@@ -86,6 +87,9 @@ def read(path: Path) -> Report:
     if (head.format, head.version) != ("rvads-report", VERSION):
         raise RvadsError(f"{path} is not a report of version {VERSION} written by --rvads-report=FILE.json")
     report = decode(content, Report, f"{path} is a damaged report, write it again", RvadsError)
+    for record in report.records:
+        if wrong := record.contradiction:
+            raise RvadsError(f"{path} is a damaged report, write it again: the record of {record.nodeid} {wrong}")
     return replace(report, records=tuple(report.records))
 
 

@@ -15,7 +15,7 @@ _MEANINGS = {
     Outcome.PROVOKED: "broken by the doing of the traffic, not of the vehicle under test",
     Outcome.OPEN: "still owed at the end of the run",
     Outcome.UNSURE: "the recording is not exact enough to tell",
-    Outcome.FLAKY: "the same start gave another run",
+    Outcome.FLAKY: "the same start gave another run, or the same run another verdict",
     Outcome.NOT_JUDGED: "the test judged nothing",
 }
 """What a legend says of the words in tables, where they occur."""

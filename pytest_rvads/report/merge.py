@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
+from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Cell, Extent, Report, in_order
+from pytest_rvads.report.steady import steady
 from pytest_rvads.wording import first
 
 __all__ = ["merge"]
@@ -27,7 +29,12 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
 
     Args:
         reports: with the name to call each by.
+
+    Raises:
+        RvadsError: a report has no records, or two are no parts of one session: their projects differ, or one name stands for
+            different maps, formulas or code.
     """
+    _refuse_strangers(reports)
     records: dict[str, tuple[str, Record]] = {}
     clashes: list[str] = []
     for name, report in reports:
@@ -43,7 +50,7 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
         notes.append(f"... and {len(clashes) - _SHOWN} more contradictions between the merged reports")
     versions, differences = _versions(reports)
     planned: dict[Cell, None] = dict.fromkeys(cell for _, report in reports for cell in report.planned)
-    merged = in_order([record for _, record in records.values()])
+    merged = in_order(list(steady(record for _, record in records.values())))
     return Report(
         merged,
         {ways: total for _, report in reports for ways, total in report.totals.items()},
@@ -56,11 +63,30 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
         unfit={test: count for _, report in reports for test, count in report.unfit.items()},
         extents=_extents([report for _, report in reports]),
         complete=all(report.complete for _, report in reports),
+        project=next((report.project for _, report in reports if report.project), ""),
         refused=_refused([report for _, report in reports]),
         drawn=tuple(dict.fromkeys(drawn for _, report in reports for drawn in report.drawn)),
         began=min((report.began for _, report in reports if report.began), default=""),
         command=first(list(dict.fromkeys(report.command for _, report in reports if report.command)), _COMMANDS),
     )
+
+
+def _refuse_strangers(reports: Sequence[tuple[str, Report]]) -> None:
+    known: dict[str, tuple[str, set[str]]] = {}
+    for name, report in reports:
+        if not report.records:
+            raise RvadsError(f"{name} has no items, so it is no part of a session: leave it out, or look why it has none")
+        told: dict[str, set[str]] = {"project": {report.project}}
+        for one in report.records:
+            test = one.nodeid.partition("[")[0]
+            told.setdefault(f"map of {one.junction} in {test}", set()).add(one.place or "")
+            told.setdefault(f"code of {one.driver} in {test}", set()).add(one.source)
+            told.setdefault(f"formula of {one.rule}", set()).add(one.formula)
+        for what, values in told.items():
+            if found := values - {""}:
+                there, before = known.setdefault(what, (name, found))
+                if not before & found:
+                    raise RvadsError(f"{there} and {name} are no parts of one session: they differ in the {what}")
 
 
 def _clash(one: tuple[str, Record], other: tuple[str, Record]) -> str:

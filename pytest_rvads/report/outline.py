@@ -111,7 +111,7 @@ class RollUp:
 
 @dataclass(frozen=True, slots=True)
 class Causes:
-    """What is behind failures, or behind what was no failure, the most frequent first."""
+    """What is behind failures, or behind what was no failure, the gravest first."""
 
     title: str
     causes: tuple[Cause, ...]

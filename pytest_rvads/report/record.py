@@ -190,6 +190,8 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What made the run, likewise."""
     requirements: tuple[str, ...]
     """Identifiers of what scenario and rule trace to."""
+    formula: str = ""
+    """Digest of the formula of the rule, of its tie window and of who is bound by it."""
     status: Outcome
     verdicts: tuple[VerdictRecord, ...]
     known: str | None
@@ -223,6 +225,19 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     scenario and no configuration: those are 0 and empty."""
 
     @property
+    def contradiction(self) -> str:
+        """What of the record can't be true at once, in words; empty for every record that a session writes."""
+        rules = {verdict.rule for verdict in self.verdicts} - {"", self.rule}
+        if self.rule and rules:
+            return f"is about {self.rule} and has a verdict of {min(rules)}"
+        worst = min((verdict.outcome for verdict in self.verdicts), key=lambda found: found.severity, default=None)
+        fits = self.status is (worst or self.status)
+        if self.outcome == "failed":
+            fits = self.status.bad or self.status is Outcome.UNSURE or (fits and self.status is Outcome.UNAVOIDABLE)
+        told = f"a verdict {worst}" if worst else "no verdict"
+        return "" if fits or self.status is Outcome.FLAKY else f"is {self.status}, {self.outcome or 'never ran'}, and has {told}"
+
+    @property
     def took_part(self) -> str:
         """The agents in words: ``car a0 from 0.0 to 2.0; truck a1 from 1.0 to 3.0``, arm and lane."""
         return "; ".join(map(str, self.agents))
@@ -254,8 +269,8 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def failed(self) -> bool:
-        """Whether the item failed."""
-        return self.outcome == "failed"
+        """Whether the item failed, or passed one time and not another."""
+        return self.outcome == "failed" or self.status is Outcome.FLAKY
 
     @property
     def shows(self) -> bool:

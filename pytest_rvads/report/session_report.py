@@ -166,6 +166,8 @@ class Report:
     """Date and time at which the session began, with its time zone (ISO 8601)."""
     command: str = field(default="", compare=False)
     """The command that it was started by."""
+    project: str = ""
+    """What tells the project of the tests from others: a digest of pytest's configuration file, or the name of the folder."""
     kept: str = field(default="", compare=False)
     """Folder in which all runs are kept, from the folder the session was started in; empty where they are not."""
 

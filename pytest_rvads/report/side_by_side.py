@@ -112,7 +112,7 @@ def side_by_side(a: tuple[str, Report], b: tuple[str, Report], erosion: float) -
         _side(*a),
         _side(*b),
         common,
-        compare(other, one, "A", erosion, lost.__contains__),
+        compare(other, one, "A", erosion, lost.__contains__, same=False),
         _matrices(one.records, other.records),
         _rules(one.records, other.records),
         _causes(one.records, other.records),

@@ -1,7 +1,7 @@
 """Causes of failures: which of many failing items have one thing behind them.
 
 One fault breaks several rules of a run: who enters too early also breaks the rules about those he meets. What broke first
-explains the rest, so the failures of a run belong together, and runs belong together in which the same was violated first,
+explains the rest, but for what other vehicles broke by themselves, and runs belong together in which the same was violated first,
 whoever it was. Grouping every failure by its own rule, violation and roles instead gave three times as many groups as faults,
 measured with mutants of the reference autopilot (tests/report/test_triage.py).
 
@@ -11,7 +11,7 @@ What no autopilot could have avoided explains nothing else and is a cause of its
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 
 from pytest_rvads.report.faults import explains, first_line, hanging, signature, time_of, verdict_of, violated
@@ -20,7 +20,7 @@ from pytest_rvads.report.record import Record, VerdictRecord
 from pytest_rvads.report.variants import Variant, Variants, variant_of
 from pytest_rvads.wording import first, plural
 
-__all__ = ["ByCause", "ByText", "Cause", "causes", "idle", "known", "provoked", "unavoidable", "unsure"]
+__all__ = ["ByCause", "ByText", "Cause", "causes", "gravity", "idle", "known", "provoked", "unavoidable", "unsure"]
 
 _RULES = 3
 """Rules named per cause; the rest is counted."""
@@ -34,12 +34,25 @@ _OPEN = 10_000
 """Runs that may go on failing: of one that fails once more when so many others have begun to, that is a cause of its own."""
 
 
+_SEATS = 3
+"""Seats of the subject that are named per cause, where no more are concerned."""
+_GRAVE = ("no_collision", "no_conflict", "red", "right_on_red", "left_yields", "yield_sign", "priority", "right_before_left")
+"""Rules that are told first, the gravest first: contact, meeting in the junction, then taking the way of others."""
+_OWN = (*_GRAVE[2:], "p4", "full_stop", "speed_limit", "keep_lane", "on_route", "on_lane_allowed")
+"""Rules that no vehicle breaks because another vehicle has broken a rule before."""
+
+
+def gravity(rules: Iterable[str]) -> int:
+    """Return the place of the gravest of these rules in the order of causes, the lower the graver."""
+    return min((_GRAVE.index(rule) for rule in rules if rule in _GRAVE), default=len(_GRAVE))
+
+
 @dataclass(frozen=True, slots=True)
 class Cause:
     """Failures that look alike: in their runs the same was violated first."""
 
     rules: tuple[str, ...]
-    """The rule that was violated first in the first of the runs, then the others."""
+    """The gravest first; of equally grave ones the rule that was violated first in the first of the runs."""
     text: str
     """What was violated first, without who did it."""
     nodeids: tuple[str, ...]
@@ -54,9 +67,11 @@ class Cause:
     junctions: int = 0
     """At how many, where that is told."""
     title: str = ""
-    """Of the rule that was violated first, in words."""
+    """Of the first of its rules, in words, where that was violated first."""
     variants: tuple[str, ...] = ()
     """The variants of tests it concerns, where it leaves out some of them."""
+    seats: tuple[int, ...] = ()
+    """The seats of the subject that it concerns, where they are few, and other seats are tested as well."""
 
     @property
     def rule(self) -> str:
@@ -72,6 +87,7 @@ class Cause:
         at = f" at {plural(self.junctions, 'junction')}" if self.junctions else ""
         where = f", in {plural(self.runs, 'run')}{at}" if self.runs > 1 else ""
         only = f", only {first(self.variants, _VARIANTS)}" if self.variants else ""
+        only += f", only {'seats' if len(self.seats) > 1 else 'seat'} {', '.join(map(str, self.seats))}" if self.seats else ""
         return f"{self.text}{where}{f', mostly {self.roles}' if self.roles else ''}{only}"
 
 
@@ -81,18 +97,22 @@ class _Part:
     def __init__(self, record: Record, signature: Hashable, text: str, verdict: VerdictRecord | None = None) -> None:
         self.signature, self.text = signature, text
         self.verdict, self.time = verdict is not None, time_of(record)
+        self.grave = -1 if record.status in (Outcome.ERROR, Outcome.FLAKY) else gravity((record.asks,))
+        self.who = set(verdict.responsible) if verdict else set()
+        self.begun = set(verdict.instances[0].responsible) if verdict and verdict.instances else self.who
+        """Who is to blame for any instance, and for the first one."""
+        self.seats = {record.seat} - {None}
         self.roles = verdict.roles if verdict else ""
         self.title = verdict.title if verdict else ""
         self.example, self.rule = record.nodeid, record.asks
         self.run, self.junction, self.places = record.ran_as, record.junction, {variant_of(record)}
         self.rules, self.ids, self.count, self.number = {record.asks: None}, [record.nodeid], 1, 0
 
-    def joined(self, other: _Part) -> _Part:
-        """Return this part and one that came later of the same run as one: what broke first tells it."""
-        teller = other if other.time < self.time else self
-        teller.rules, teller.ids, teller.count = self.rules | other.rules, self.ids + other.ids, self.count + other.count
-        teller.number, teller.places = self.number, self.places | other.places
-        return teller
+    def join(self, other: _Part) -> None:
+        """Take in what broke later in the same run, and follows from this."""
+        self.rules, self.ids, self.count = self.rules | other.rules, self.ids + other.ids, self.count + other.count
+        self.number, self.places = min(self.number, other.number), self.places | other.places
+        self.grave, self.begun, self.seats = min(self.grave, other.grave), self.begun | other.begun, self.seats | other.seats
 
 
 class _Group:
@@ -106,6 +126,8 @@ class _Group:
         self._runs: set[str] = set()
         self._junctions: set[str] = set()
         self._places: set[Variant] = set()
+        self._seats: set[int | None] = set()
+        self.grave = first.grave
         self._roles: Counter[str] = Counter()
 
     def take(self, part: _Part) -> None:
@@ -120,15 +142,19 @@ class _Group:
         self._runs.add(part.run)
         self._junctions.add(part.junction)
         self._places |= part.places
+        self._seats |= part.seats
+        self.grave = min(self.grave, part.grave)
 
-    def cause(self, junctions: bool, variants: Variants) -> Cause:
-        """Return what is told of them, and where `junctions` at how many."""
+    def cause(self, junctions: bool, variants: Variants, seats: set[int | None]) -> Cause:
+        """Return what is told of them, and where `junctions` at how many; `seats` are those of all records."""
         text, roles = self.first.text, self.first.roles
         if len(self._roles) == 1 and roles:
             text = f"{text} ({roles})"
         most = self._roles.most_common(1)[0][0] if len(self._roles) > 1 else ""
+        rules = sorted(dict.fromkeys((self.first.rule, *self._rules)), key=lambda rule: gravity((rule,)))
+        few = sorted(seat for seat in self._seats if seat is not None and len(self._seats) <= _SEATS and self._seats < seats)
         return Cause(
-            rules=tuple(dict.fromkeys((self.first.rule, *self._rules))),
+            rules=tuple(rules),
             text=text,
             nodeids=tuple(self._ids),
             count=self.count,
@@ -136,7 +162,8 @@ class _Group:
             example=self.first.example,
             roles=most,
             junctions=len(self._junctions) if junctions else 0,
-            title=self.first.title,
+            title=self.first.title if rules[0] == self.first.rule else "",
+            seats=tuple(few),
             variants=variants.only(self._places),
         )
 
@@ -152,11 +179,13 @@ class ByText:
         self._text = text
         self._groups: dict[Hashable, _Group] = {}
         self._variants = Variants()
+        self._seats: set[int | None] = set()
         self._number = 0
 
     def add(self, record: Record) -> None:
         """Take a record in."""
         self._variants.add(record)
+        self._seats.add(record.seat)
         text = self._text(record)
         if text is not None:
             self._take(self._numbered(_Part(record, text, text)))
@@ -173,9 +202,9 @@ class ByText:
         group.take(part)
 
     def causes(self, junctions: bool = False) -> list[Cause]:
-        """Return the causes, the most frequent first; where `junctions` with at how many."""
-        ranked = sorted(self._groups.values(), key=lambda group: (-group.count, group.first.number))
-        return [group.cause(junctions, self._variants) for group in ranked]
+        """Return the causes, the gravest first, then the most frequent; where `junctions` with at how many."""
+        ranked = sorted(self._groups.values(), key=lambda group: (group.grave, -group.count, group.first.number))
+        return [group.cause(junctions, self._variants, self._seats) for group in ranked]
 
 
 class ByCause(ByText):
@@ -188,29 +217,41 @@ class ByCause(ByText):
     def __init__(self, chosen: Callable[[Record], bool]) -> None:
         super().__init__(violated)
         self._chosen = chosen
-        self._open: dict[str, _Part] = {}
-        """By run what broke first in it so far, with all that this explains."""
+        self._open: dict[str, list[_Part]] = {}
+        """By run what broke in it so far."""
 
     def add(self, record: Record) -> None:
         """Take a record in."""
         self._variants.add(record)
+        self._seats.add(record.seat)
         if not self._chosen(record):
             return
         part = self._numbered(_Part(record, signature(record), violated(record), verdict_of(record)))
         if not explains(record):
             self._take(part)
-        elif known := self._open.get(part.run):
-            self._open[part.run] = known.joined(part)
         else:
-            self._open[part.run] = part
+            self._open.setdefault(part.run, []).append(part)
             if len(self._open) > _OPEN:
-                self._take(self._open.pop(next(iter(self._open))))
+                self._close(next(iter(self._open)))
+
+    def _close(self, run: str) -> None:
+        """Take in what broke in a run: what broke first explains the rest, but for what others broke by themselves, too."""
+        begun: list[_Part] = []
+        for part in sorted(self._open.pop(run), key=lambda part: part.time):
+            for earlier in begun:
+                own = part.rule in _OWN and earlier.rule in _OWN and part.who and earlier.begun
+                if not own or part.who & earlier.begun:
+                    earlier.join(part)
+                    break
+            else:
+                begun.append(part)
+        for part in begun:
+            self._take(part)
 
     def causes(self, junctions: bool = False) -> list[Cause]:
-        """Return the causes, the most frequent first; where `junctions` with at how many."""
-        for part in self._open.values():
-            self._take(part)
-        self._open.clear()
+        """Return the causes, the gravest first, then the most frequent; where `junctions` with at how many."""
+        for run in list(self._open):
+            self._close(run)
         return super().causes(junctions)
 
 

@@ -16,6 +16,7 @@ from typing import NamedTuple, Unpack
 import numpy as np
 
 from pytest_rvads.conduct.blame import cut_short_by
+from pytest_rvads.conduct.presence import crossed
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.errors import RunError, ScenarioError
@@ -48,7 +49,7 @@ class Found(NamedTuple):
     rule: str
     """Its name."""
     triggered: bool
-    """Whether it applied in any simulation."""
+    """Whether it applied in any simulation in which what drives got across."""
     simulations: int
 
 
@@ -136,7 +137,8 @@ class Search:
         if not any(found.triggered for found in known):
             raise ScenarioError(
                 f"{known[0].rule} was not triggered in any of {sum(found.simulations for found in known)} simulations at "
-                f"{self.place.name}, so nothing was tried: choose another rule or junction, or look elsewhere"
+                f"{self.place.name} in which what drives got across, so nothing was tried: choose another rule or junction, look "
+                "elsewhere, or give the runs more time"
             )
         return None
 
@@ -244,7 +246,7 @@ class _Trial:
         self.budget = budget
         self.simulations = 0
         self.triggered = False
-        """Whether the rule applied in any of them."""
+        """Whether the rule applied in any of them in which what drives got across; others try nothing."""
         self.first: int | None = None
         """Simulations up to the first counterexample."""
         self.counts: dict[Scenario, bool] = {}
@@ -270,7 +272,7 @@ class _Trial:
                 self.errors[scenario] = error
                 raise
             verdict = self.known[scenario] = check(run, self.rule)
-            self.triggered = self.triggered or verdict.status not in (Status.NA, Status.ERROR)
+            self.triggered = self.triggered or (verdict.status not in (Status.NA, Status.ERROR) and crossed(run))
             self.counts[scenario] = broken(run, verdict) and avoidable(run, self.rule)
             if self.first is None and (self.counts[scenario] or verdict.status is Status.ERROR):
                 self.first = self.simulations

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pytest_rvads.conduct.presence import crossed
 from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError, require
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import rules_for
@@ -86,7 +87,7 @@ def determinate(
 
     Raises:
         MetamorphicViolation: the continuation differs.
-        ScenarioError: lights, followers, or a time at which somebody is past the line or gone.
+        ScenarioError: lights, followers, a time at which somebody is past the line or gone, or nobody gets across.
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
@@ -102,6 +103,8 @@ def determinate(
         )
     chosen = rules_for(rules, junction)
     run, before = judged(case, chosen, simulator)
+    if not crossed(run):
+        raise ScenarioError(f"what drives does not get across in {case.scenario.name}, so nothing follows for what it remembers")
     other, after = judged(_restarted(case, run, at), chosen, simulator)
     what = f"restarted at {at:g} s"
     for rule in chosen:

@@ -75,6 +75,8 @@ for _shown in (NoVerdict, NotJudged, Unsure):
 RUN: pytest.StashKey[Run] = pytest.StashKey()
 SIMULATOR: pytest.StashKey[Simulator] = pytest.StashKey()
 """What made the run of an item."""
+EARLIER: pytest.StashKey[tuple[Outcome, str | None]] = pytest.StashKey()
+"""Status and hash of the run of an item when it ran before, which stays for as long as the item may be repeated."""
 REPEAT: pytest.StashKey[Callable[[], Divergence | None]] = pytest.StashKey()
 """Simulates the run of an item once more and tells where the two part."""
 
@@ -124,7 +126,7 @@ def attach(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestRe
                 raise
             except BaseException as error:  # no diagnosis is worth a verdict
                 report.sections.append(("rvads", f"no more can be told: {_named(error)}"))
-        _publish(item, record, report)
+        _publish(item, _steadied(item, record), report)
 
 
 def _unrecorded(item: pytest.Item, error: Exception, report: pytest.TestReport) -> Record:
@@ -221,6 +223,22 @@ def _repeated(item: pytest.Item, record: Record, report: pytest.TestReport) -> R
     cure = "\nAn autopilot has to be deterministic: no clock, no unseeded random numbers, no state kept between runs."
     report.sections.append(("rvads not deterministic", f"{said}First difference: {divergence}.{cure}"))
     return replace(record, status=Outcome.FLAKY, flaky=Difference(divergence.what, divergence.time, str(divergence)))
+
+
+def _steadied(item: pytest.Item, record: Record) -> Record:
+    """Return the record as FLAKY where a plugin repeats the item and its verdict or its run is another one than before."""
+    from msgspec.structs import replace
+
+    from pytest_rvads.report.record import Difference
+
+    status, run = item.stash.get(EARLIER, (record.status, record.hash))
+    if (status, run) != (record.status, record.hash):
+        what = "status" if run == record.hash else "hash"
+        told = "the same run" if what == "status" else "another run"
+        text = f"the item was repeated: {status} at first, {record.status} afterwards, of {told}"
+        record = replace(record, status=Outcome.FLAKY, flaky=Difference(what, None, text), known=None)
+    item.stash[EARLIER] = record.status, record.hash
+    return record
 
 
 def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Generator
 from dataclasses import replace
 from datetime import datetime
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +40,7 @@ class Session:
         self.baseline = _load(self.options.baseline)
         self.outputs = Outputs(config)
         self.records: dict[str, Record] = {}
-        """By node id, once the session is over; until then they are in the journal. A repeated item counts as it ended."""
+        """By node id, once the session is over; until then they are in the journal. Of a repeated item the last one counts."""
         self.seconds: dict[str, float] = {}
         """Node id to how long its phases took [s]."""
         self.lost: dict[str, str] = {}
@@ -95,7 +96,7 @@ class Session:
             self.lost[report.nodeid] = f"the record of this item can't be read: {told(error)}"
             self.others.add(report.nodeid)
             return
-        if record.failed and not report.failed:
+        if record.outcome == "failed" and not report.failed:
             self.turned.add(report.nodeid)
         try:
             self.config.hook.pytest_rvads_verdict(record=content, config=self.config)
@@ -134,9 +135,12 @@ class Session:
 
     def _finish(self, session: pytest.Session, exitstatus: int) -> None:
         """Write what was asked for, and keep the exit status honest."""
+        from pytest_rvads.report.steady import steady
+
         self.records = self.outputs.journal.records()
         budget = self.config.stash[BUDGET]
         missing = self._complete()
+        self.records = {record.nodeid: record for record in steady(self.records.values())}
         found = reasons(
             Ending(
                 exitstatus,
@@ -211,6 +215,7 @@ class Session:
             seconds=self._by_run(),
             began=self.began,
             command=printable(shlex.join(["pytest", *map(os.fspath, self.config.invocation_params.args)])),
+            project=self._project(),
             kept=self._kept(),
         )
         if self.baseline:
@@ -223,6 +228,11 @@ class Session:
             self.troubles.append(short)
             ended = ended or pytest.ExitCode.TESTS_FAILED
         return replace(report, notes=tuple(self.troubles), exitstatus=ended)
+
+    def _project(self) -> str:
+        """Return what tells the project from others, see `Report.project`."""
+        file = self.config.inipath
+        return sha256(file.read_bytes()).hexdigest()[:12] if file and file.is_file() else self.config.rootpath.name
 
     def _kept(self) -> str:
         """Return the folder in which all runs are kept, from where the session was started."""
@@ -245,7 +255,8 @@ class Session:
         from pytest_rvads.report.baseline import compare, with_baseline
 
         name = self.options.baseline.name if self.options.baseline else ""
-        return with_baseline(report, compare(report, baseline, name, self.options.erosion, self.planner.gone))
+        same = self.options.baseline_of == "same"
+        return with_baseline(report, compare(report, baseline, name, self.options.erosion, self.planner.gone, same=same))
 
     def _judge_changes(self, report: Report, ended: int, cut: bool) -> int:
         """Return the exit status where only some changes since the baseline are failures; what is `cut` is no success."""

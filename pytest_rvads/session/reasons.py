@@ -91,7 +91,8 @@ def _undriven(ending: Ending) -> Reason | None:
 
 
 def _unjudged(ending: Ending) -> Reason | None:
-    if not ending.records or any(record.status.judges for record in ending.records.values()):
+    judged = (record.status.judges or record.status is Outcome.FLAKY for record in ending.records.values())
+    if not ending.records or any(judged):
         return None
     said = "nothing was judged: no rule asked anything of what was to be tested, or no item ran"
     return Reason(said, _NOTHING, cut=False)
@@ -101,10 +102,19 @@ def _hushed(ending: Ending) -> Reason | None:
     """Items that failed, and that a plugin or conftest.py made pass."""
     fails = {outcome for outcome in Outcome if outcome.bad} - ({Outcome.OPEN} if ending.lets_open_pass else set())
     hidden = {name for name, r in ending.records.items() if r.status in fails and not r.failed and not r.known}
-    hushed = sorted(hidden | ending.turned)
+    hushed = sorted(hidden | {name for name in ending.turned if ending.records[name].status is not Outcome.FLAKY})
     if not hushed:
         return None
     return Reason(f"{plural(len(hushed), 'item')} passed though not kept: something catches failures, first {hushed[0]}")
+
+
+def _flaky(ending: Ending) -> Reason | None:
+    """Items that are FLAKY, and that pytest does not count as failed."""
+    flaky = [r for r in ending.records.values() if r.status is Outcome.FLAKY and r.outcome != "failed"]
+    if not flaky:
+        return None
+    told = f", first {flaky[0].nodeid}: {flaky[0].flaky.text}" if flaky[0].flaky else ""
+    return Reason(f"FLAKY, though nothing failed: {plural(len(flaky), 'item')}{told}", cut=False)
 
 
 def _unkept(ending: Ending) -> Reason | None:
@@ -118,4 +128,5 @@ def _late(ending: Ending) -> Reason | None:
     return Reason(said, exitstatus=0, cut=False) if late else None
 
 
-_CHECKS: tuple[Callable[[Ending], Reason | None], ...] = (_ended, _vanished, _undriven, _unjudged, _hushed, _unkept, _late)
+_Check = Callable[[Ending], Reason | None]
+_CHECKS: tuple[_Check, ...] = (_ended, _vanished, _undriven, _flaky, _unjudged, _hushed, _unkept, _late)

@@ -181,6 +181,14 @@ def test_in_a_circle_the_vehicle_that_came_first_goes_first_whoever_was_created_
     assert set(order[:4]) == {"a0", "a1", "a2", "a3"}, order
 
 
+def test_of_two_that_face_each_other_in_a_circle_one_alone_sets_off() -> None:
+    """Together they would take the way of a vehicle that may go as soon as the vehicle on its right has entered."""
+    run = drive(signed(*SIGNS["right before left"]), "2222", distance=(1, 30, 8, 14.5), speed=(1.7, 8, 3, 6.6))
+    ticks = sorted(np.argmax(run.zone >= Zone.JUNCTION, axis=0).tolist())
+    assert ticks[1] - ticks[0] > 200
+    assert wrong(run) == []
+
+
 def test_nobody_is_first_where_nobody_waits() -> None:
     """As after a collision that pushed everybody away from the entrances."""
     place = find("stop4")

@@ -181,3 +181,19 @@ def test_reference_goes_on_green_when_the_one_it_let_in_on_red_never_moves() -> 
     assert 20.0 <= entry < 26.0, "its light is green from 20 s on"
     verdict = check(run, "p5")
     assert (verdict.status, verdict.provoked) == ("FAIL", True), "the other one could have gone for five seconds"
+
+
+def test_who_brakes_for_its_line_in_order_to_look_is_not_to_blame_for_who_runs_into_it() -> None:
+    """At a yield sign, with nobody due yet: the paper's stack follows too closely."""
+    start = Scenario(find("yield4"), "2333", distance=(20, 75, 42, 42), speed=8, subject=0, followers=1)
+    run = simulate(Case(start, Reference, traffic=traffic("lgsvl")))
+    assert [hit.agents for hit in run.collisions] == [("a0", "a0+1")]
+    assert check(run, "no_collision").responsible == ("a0+1",)
+
+
+def test_a_subject_that_vehicles_stuck_in_the_junction_keep_at_its_line_does_not_hold_up_the_order() -> None:
+    start = Scenario(find("stop4"), "2332", distance=(46, 56, 21, 36), speed=8, subject=3, followers=2, duration=30)
+    run = simulate(Case(start, traffic("reference"), traffic=traffic("red_light_runner")))
+    assert run.entry(list(run.agents).index(next(a for a in run.agents if a.name == "a3"))) is None
+    verdict = check(run, "first_come")
+    assert verdict.provoked or verdict.status in ("PASS", "NA"), verdict.message

@@ -84,8 +84,9 @@ def test_a_stack_drives_from_the_folder_of_the_tests(pytester: pytest.Pytester, 
     lines = told(capsys, "rules", "--sut", f"{sys.executable} example.py --fast")
     assert not any("There is no program" in line for line in lines)
     result = pytester.runpytest("rules")  # from another folder than that of the program
-    assert result.parseoutcomes() == {"passed": 22, "failed": 1, "skipped": 7}, "it waits for a free junction, not for its turn"
-    result.stdout.fnmatch_lines(["FAILED *cfgS21-first_come*"])
+    # The example stops, but does not wait for a vehicle that came shortly before it.
+    assert result.parseoutcomes() == {"passed": 22, "failed": 1, "skipped": 7}
+    result.stdout.fnmatch_lines(["*cfgS21-first_come*"])
     result.stdout.fnmatch_lines(["driven by stack *example.py --fast*"])
 
 

@@ -86,7 +86,7 @@ NOWHERE = {
         at("stop4", "2000", duration=18), paced(lambda seen: 1.0 if seen.time % 5.0 > 4.0 else 0.0), {"progress": "FAIL a0"}
     ),
     "idle_at_green": Case(at("light4", "2000", distance=0.3, duration=13), gated(lambda _: False), {"progress": "FAIL a0"}),
-    "creep_inside": Case(ALONE, lawful_at(2.0, 0.3), {"keep_clear": "FAIL a0", "progress": "FAIL a0", "full_stop": "PASS"}),
+    "creep_inside": Case(ALONE, lawful_at(2.0, 0.3), {"keep_clear": "FAIL a0", "progress": "FAIL a0", "full_stop": "NA"}),
     "twenty_short_stops_inside": Case(
         at("stop4", "2000", duration=90), lawful(bit_by_bit), {"keep_clear": "FAIL a0", "progress": "FAIL a0"}
     ),

@@ -120,7 +120,7 @@ WAITS = {
     "wait_at_the_line_for_a_blocked_exit": Case(
         at("stop4", "3010", distance=(8, 20, 2, 20), duration=25),
         gated(lambda _: False),
-        {"progress": "PROVOKED a2", "full_stop": "PASS"},
+        {"progress": "PROVOKED a2", "full_stop": "NA"},
         ends_at(27.0),
     ),
     # a1 is on its way through when a2 turns right into the same exit road, ahead of it, and stops there.
@@ -133,7 +133,7 @@ WAITS = {
     "wait_for_who_blocks_the_junction": Case(
         at("stop4", "2200", distance=(20, 2, 20, 20), duration=30),
         REFERENCE,
-        {"keep_clear": "PROVOKED a1", "progress": "PROVOKED a1", "full_stop": "PASS"},
+        {"keep_clear": "PROVOKED a1", "progress": "PROVOKED a1", "full_stop": "NA"},
         ends_at(14.0),
     ),
     # a2 comes at 2.5 m/s: it is nearer than 4 s from 10 m before to its end of what both ways share, for longer than 4 s.

@@ -51,4 +51,4 @@ def test_braking_for_nothing_is_not_looked_at(drive: Make) -> None:
 @shows("slow_driving")
 def test_slow_driving_is_not_looked_at(drive: Make) -> None:
     """2 m/s where 11 m/s are allowed."""
-    assert "progress" in kept(drive("light4", {0: (2, -20.0, [(0, 2.0)])}, 2500, GREEN, subject="a0"))
+    assert "progress" in kept(drive("light4", {0: (2, -20.0, [(0, 2.0)])}, 3500, GREEN, subject="a0"))

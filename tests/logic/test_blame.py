@@ -10,6 +10,7 @@ import pytest
 from pytest_rvads.conduct.blame import cause_of
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import Colour, Zone
 
@@ -266,3 +267,12 @@ def test_a_subject_that_has_to_wait_itself_keeps_others_waiting_with_good_reason
     assert (check(run, "first_come").status, check(run, "first_come").provoked) == ("OPEN", True)
     run = drive("stop4", vehicles, 1500, **subject(1))
     assert check(run, "progress").status == "FAIL", "a1 may go and does not"
+
+
+@pytest.mark.parametrize(("strayed", "provoked"), [("a0", False), ("a1", True)])
+def test_obligation_is_open_by_the_subject_that_ended_the_run_itself(drive: Make, strayed: str, provoked: bool) -> None:
+    """Everybody has to get into the junction, and the subject, a0, has not when a vehicle off its route ends the run."""
+    vehicles = {0: (2, -20.0, [(0, 5.0)]), 1: (2, -20.0, [(0, 5.0)])}
+    run = drive("stop4", vehicles, 100, subject="a0", strayed=(strayed,))
+    verdict = check(run, Rule("arrives", "forall a. F a@j"))
+    assert (verdict.status, verdict.provoked) == ("OPEN", provoked)

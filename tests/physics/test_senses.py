@@ -172,6 +172,11 @@ class Brake:
         return Control(brake=float(seen.time >= 1.0 - 1e-9))
 
 
+def test_commands_are_late_by_jitter_alone() -> None:
+    run = simulate(Case(Scenario(find("stop4"), "2000", duration=2, speed=6, senses=Senses(jitter=0.3)), Brake))
+    assert 1.0 < np.flatnonzero(run.controls[:, 0, 1])[0] * DT <= 1.3
+
+
 @pytest.mark.parametrize("latency", [0.0, 0.05, 0.3])
 def test_commands_take_effect_after_the_latency(latency: float) -> None:
     run = simulate(Case(Scenario(find("stop4"), "2000", duration=2, speed=6, senses=Senses(latency=latency)), Brake))

@@ -93,6 +93,17 @@ def test_exact_selection_by_mark(pytester: pytest.Pytester, brackets: Names) -> 
     assert listed == ["stop4-class07-as1133-cfgD-p1"]
 
 
+@pytest.mark.parametrize("expression", ["not rvads(clas=7)", "slow or (rvads(cls=7) and not rvads (rule='x', clas=7))"])
+def test_unknown_key_of_the_selection_by_mark_is_refused(pytester: pytest.Pytester, expression: str) -> None:
+    result = collect(pytester, 'grid="C"', "-m", expression)
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines(["ERROR: -m rvads(...) selects by junction, cls, *, got 'clas'; did you mean 'cls'?"])
+
+
+def test_quoted_values_of_the_selection_by_mark_are_no_keys(pytester: pytest.Pytester) -> None:
+    assert collect(pytester, 'grid="C"', "-m", "not rvads(rule='p(x=1)')").ret == pytest.ExitCode.OK
+
+
 def test_a_test_without_rule_has_an_item_per_run(pytester: pytest.Pytester, brackets: Names) -> None:
     pytester.makepyfile(
         """

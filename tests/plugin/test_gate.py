@@ -64,6 +64,15 @@ def test_a_gate_out_of_range_is_refused(pytester: pytest.Pytester, value: str) -
     result.stderr.fnmatch_lines([f"*rvads_cov_fail_under must be a number from 0 to 100, got '{value}'*"])
 
 
+def test_shards_of_two_projects_are_not_merged(tests: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
+    tests.runpytest("-k", "class01 and p1 and cfgC", "--rvads-report=a.json")
+    tests.makeini("[pytest]\nrvads_autopilot = reference\naddopts = --strict-markers\n")
+    tests.runpytest("-k", "class02 and p1 and cfgC", "--rvads-report=b.json")
+    capsys.readouterr()
+    assert main(["report", "merge", str(tests.path / "a.json"), str(tests.path / "b.json")]) == 2
+    assert "are no parts of one session: they differ in the project" in capsys.readouterr().err
+
+
 @pytest.mark.extended
 def test_shards_merge_into_one_table(tests: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
     shards = {"a": "class01", "b": "class02 and cfgC", "c": "class02 and cfgE"}

@@ -225,6 +225,22 @@ def test_senses_that_mean_nothing_are_refused(pytester: pytest.Pytester, senses:
     pytester.runpytest("--continue-on-collection-errors").stdout.fnmatch_lines([says])
 
 
+def test_session_of_runs_cut_off_before_the_crossing_is_not_green(pytester: pytest.Pytester, reference: None) -> None:
+    pytester.makepyfile(
+        """
+        import pytest_rvads as rvads
+
+        @rvads.scenario("stop4", subject=0, scenarios="1133", grid="D", duration=1)
+        def test_it(monitor, rule):
+            monitor.check(rule)
+        """
+    )
+    result = pytester.runpytest("-rs")
+    result.assert_outcomes(skipped=10)
+    assert result.ret == pytest.ExitCode.NO_TESTS_COLLECTED
+    result.stdout.fnmatch_lines(["*NA: cut off: the run reached its duration before the subject had left the junction*"])
+
+
 def test_staggered_starts_on_short_approaches_are_told(pytester: pytest.Pytester, reference: None) -> None:
     approaches = opendrive(Layout(approach=40.0, stop=20.0))
     (pytester.path / "short.xodr").write_text(approaches, encoding="utf-8")

@@ -2,8 +2,16 @@
 
 import re
 import shlex
+from collections.abc import Callable
+from contextlib import nullcontext
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+
+from pytest_rvads.errors import RuleViolation
+from pytest_rvads.fixtures.monitoring import Monitor
+from pytest_rvads.runs.run import Run
 
 CONFTEST = """
     import pytest
@@ -54,6 +62,16 @@ def test_pass_fail_and_na(files: pytest.Pytester) -> None:
     result.stdout.fnmatch_lines(["*FAILED *test_racer*stop4-class07-as1133-cfgC-p1* - pytest_rvads.RuleViolation: p1 at t=*"])
     assert result.stdout.str().count("RuleViolation: p1") == 2, "once with the test, once in the short summary"
     result.stdout.no_fnmatch_line("*judging.py*")
+
+
+@pytest.mark.parametrize("unavoidable", ["pass", "fail"])
+def test_unavoidable_violation_raises_where_it_is_to_fail(make: Callable[..., Run], unavoidable: str) -> None:
+    """Four arrive at once; a0 goes first, before the vehicle on its right, then each that has nobody on its right any more."""
+    options: Any = SimpleNamespace(unavoidable=unavoidable, unsure="skip", open="fail")
+    run = make("stop4", {entrance: (2, 0, 100 * turn, 100 * turn + 100) for turn, entrance in enumerate((0, 3, 2, 1), 1)}, 600)
+    asked = Monitor(run, [], options, None)
+    with nullcontext() if unavoidable == "pass" else pytest.raises(RuleViolation, match="p2 at t="):
+        assert asked.check("p2").unavoidable
 
 
 @pytest.mark.extended

@@ -47,7 +47,7 @@ def test_from_outside_a_class_is_enough(pytester: pytest.Pytester) -> None:
             def control(self, seen):
                 return rvads.TargetSpeed(1.0)
 
-        @rvads.scenario("stop4", subject=0, traffic=Crawler, grid="C", scenarios="2200", rules="speed_limit", duration=1)
+        @rvads.scenario("stop4", subject=0, traffic=Crawler, grid="C", scenarios="2200", rules="speed_limit", duration=20)
         def test_it(run, rule, monitor):
             monitor.check(rule)
         """

@@ -1,5 +1,6 @@
 """What changed since a baseline, from records written by hand."""
 
+from fnmatch import fnmatchcase
 from typing import Any
 
 import pytest
@@ -177,3 +178,34 @@ def test_summary_and_report_tell_what_changed_before_the_causes() -> None:
     assert markdown(report).index("against old.json") < markdown(report).index("Causes")
     assert markdown(report).count("- NEW     ") == 12, "a file has room for all"
     assert [r.change for r in report.records] == ["NEW"] * 12 + ["ADDED"]
+
+
+OTHERS = {
+    "driver": (
+        {"driver": "mine.Old"},
+        {"driver": "mine.New"},
+        "1 item driven by mine.Old then and by mine.New now: not compared, which --rvads-baseline-of=any allows",
+    ),
+    "map": ({"place": "a1"}, {"place": "b2"}, "1 item at a junction that is not the same any more: not compared, which *"),
+    "formula": ({"formula": "a1"}, {"formula": "b2"}, "1 item by a rule p1 that is not the same any more: not compared, which *"),
+    "rule": ({"rule": "p2"}, {}, "1 item by a rule p1 that is not the same any more: not compared, which *"),
+}
+
+
+@pytest.mark.parametrize(("before", "now", "says"), OTHERS.values(), ids=OTHERS)
+def test_baseline_of_another_driver_map_or_formula_is_told_and_lets_nothing_pass(before: Any, now: Any, says: str) -> None:
+    old, new = replace(record("t", "FAIL"), **before), replace(record("t", "FAIL"), **now)
+    found = changes([old], [new])
+    assert [change.kind for change in found.changes] == ["NEW"]
+    assert len(found.versions) == 1
+    assert fnmatchcase(found.versions[0], says)
+    assert [change.kind for change in changes([old], [replace(record("t", "PASS"), **now)]).changes] == ["LOST"]
+    asked = compare(Report((new,)), Report((old,)), "old.json", 0.5, lambda _: False, same=False)
+    assert [change.kind for change in asked.changes] == ["UNCHANGED"]
+    assert asked.versions[0].endswith(": compared all the same")
+
+
+def test_baseline_of_which_driver_and_formula_are_not_known_is_compared() -> None:
+    """Reports of earlier versions hold no formulas, and nobody drives what was recorded."""
+    found = changes([record("t", "FAIL")], [replace(record("t", "FAIL"), driver="mine.Pilot", formula="a1")])
+    assert ([change.kind for change in found.changes], found.versions) == (["UNCHANGED"], ())

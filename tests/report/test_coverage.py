@@ -2,11 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import permutations
 from typing import Any
 
 import pytest
 from msgspec import structs
 
+from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.coverage import dropped, measure, shortfall
 from pytest_rvads.report.merge import merge
@@ -58,6 +60,12 @@ def test_what_is_unsure_exercises_nothing_and_is_no_success() -> None:
     unsure = report(record(1, "p1", "UNSURE"), planned=())
     assert str(measure(unsure)) == "0/1 cells exercised (0.0 %): 1 unsure"
     assert merge([("one", unsure), ("two", unsure)]).exitstatus == 5, "nothing was judged"
+
+
+@pytest.mark.parametrize("statuses", list(permutations(("PASS", "NA", "ERROR"))))
+def test_cell_is_exercised_by_any_of_its_records_whichever_comes_last(statuses: tuple[str, ...]) -> None:
+    records = [record(1, "p1", status, row=row) for row, status in enumerate(statuses)]
+    assert str(measure(report(*records, planned=PLANNED[:1]))) == "1/1 cells exercised (100.0 %)"
 
 
 def recorded(name: str, rule: str, status: str) -> Record:
@@ -131,8 +139,35 @@ def test_contradictions_are_said_and_are_no_success(one: Any, other: Any, says: 
     assert [found.status for found in whole.records] == [other.status], "the worse verdict counts"
 
 
+STRANGERS = {
+    "project": ({}, {}, {"project": "a1"}, {"project": "b2"}, "they differ in the project"),
+    "map": ({"place": "a1"}, {"place": "b2"}, {}, {}, "they differ in the map of stop4 in t.py::test"),
+    "formula": ({"formula": "a1"}, {"formula": "b2"}, {}, {}, "they differ in the formula of p1"),
+    "code": ({"driver": "P", "source": "a1"}, {"driver": "P", "source": "b2"}, {}, {}, "they differ in the code of P in t.py"),
+}
+
+
+@pytest.mark.parametrize(("one", "other", "here", "there", "says"), STRANGERS.values(), ids=STRANGERS)
+def test_reports_that_are_no_parts_of_one_session_are_not_merged(one: Any, other: Any, here: Any, there: Any, says: str) -> None:
+    first, second = structs.replace(record(1, "p1", "PASS"), **one), structs.replace(record(2, "p1", "PASS"), **other)
+    with pytest.raises(RvadsError, match=f"^a and b are no parts of one session: {says}"):
+        merge([("a", report(first, **here)), ("b", report(second, **there))])
+
+
+def test_tests_of_one_session_may_have_maps_and_drivers_of_their_own() -> None:
+    first = structs.replace(record(1, "p1", "PASS"), place="a1", driver="P", source="a1")
+    second = structs.replace(record(2, "p1", "PASS"), place="b2", driver="P", source="b2", nodeid="other.py::test[2-r0-p1]")
+    assert merge([("a", report(first)), ("b", report(second))]).exitstatus == 0
+
+
+def test_report_without_items_is_not_merged() -> None:
+    with pytest.raises(RvadsError, match=r"^b has no items, so it is no part of a session"):
+        merge([("a", report(record(1, "p1", "PASS"))), ("b", report())])
+
+
 def test_versions_that_differ_are_said() -> None:
-    one, other = report(versions={"numpy": "2.0", "python": "3.11"}), report(versions={"numpy": "2.1", "python": "3.11"})
+    made = record(1, "p1", "PASS")
+    one, other = (report(made, versions={"numpy": version, "python": "3.11"}) for version in ("2.0", "2.1"))
     whole = merge([("a", one), ("b", other)])
     assert whole.notes == ("versions differ: numpy 2.0 in a, 2.1 in b",)
     assert whole.versions == {"numpy": "2.0, 2.1", "python": "3.11"}
@@ -200,6 +235,7 @@ def test_what_did_not_fit_is_told_like_what_could_not_stop() -> None:
 
 def test_merged_sessions_tell_what_any_of_them_asked_for() -> None:
     lanes = Extent(turns=2, classes={"lanes": (3, 4, 4)})
-    whole = merge([("a", report(extents={"x": EXTENT}, unfit={"t": 1})), ("b", report(extents={"x": lanes}))])
+    made = record(1, "p1", "PASS")
+    whole = merge([("a", report(made, extents={"x": EXTENT}, unfit={"t": 1})), ("b", report(made, extents={"x": lanes}))])
     assert whole.extents == {"x": structs.replace(EXTENT, classes={**EXTENT.classes, **lanes.classes})}
     assert whole.unfit == {"t": 1}

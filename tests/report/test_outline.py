@@ -223,6 +223,7 @@ SUMMED_UP = {
     "seat": "rows are classes",
     "orbit": "rows are classes",
     "verdicts": "as causes, by what was violated",
+    "formula": "told where it is not that of the baseline",
     "outcome": "pytest tells it",
     "agents": "pictures and replays show them",
     "run": "those with extremes, and the slowest",

@@ -1,5 +1,6 @@
 """What tests asked for and did not run, as all forms of a report tell it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from pytest_rvads.report.files import FORMATS, load, save
 from pytest_rvads.report.merge import merge
 from pytest_rvads.report.outline import outline
+from pytest_rvads.report.record import planned_record
 from pytest_rvads.report.refused import refused
 from pytest_rvads.report.session_report import Drawn, Report
 
@@ -46,6 +48,7 @@ def test_every_form_tells_it(form: str, tmp_path: Path) -> None:
 
 def test_merged_shards_tell_it_once() -> None:
     other = Report((), refused={"it is odd": ("x.1", "x.2"), "it is new": ("y.1",)}, drawn=DRAWN[:1])
-    whole = merge([("a", REPORT), ("b", other)])
+    made = (planned_record("t.py::test_it[1]", 1, "test_it", {"junction": "stop4"}, 4),)
+    whole = merge([("a", replace(REPORT, records=made)), ("b", replace(other, records=made))])
     assert whole.refused == {**MANY, "it is odd": ("x.1", "x.2"), "it is new": ("y.1",)}
     assert whole.drawn == DRAWN

@@ -21,10 +21,12 @@ from pytest_rvads.report.figures import Extremes
 from pytest_rvads.report.files import load, save
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrices, Matrix
+from pytest_rvads.report.merge import merge
 from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Indicators, Record, conclude, planned_record, properties
 from pytest_rvads.report.session_report import Comparison, Report, cell_of
+from pytest_rvads.report.steady import steady
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.traceability import table
 from pytest_rvads.report.triage import Cause
@@ -449,3 +451,60 @@ def test_slow_runs_are_told_where_they_matter() -> None:
     assert "slowest: 11.0 s test[11], 10.0 s test[10], 9.0 s test[9]\n" in summary(slow, colour=False, width=100, unicode=False)
     assert "2.0 s test[2]\n" in summary(slow, colour=False, width=100, unicode=False, full=True)
     assert quick == slow, "how fast a machine is, is no difference between reports"
+
+
+def test_rules_of_one_start_on_two_runs_are_flaky_and_others_are_not() -> None:
+    start = [replace(record(1, "C", rule, "PASS"), run="start") for rule in ("p1", "p2", "p3")]
+    other, error = replace(start[1], hash="another"), replace(start[2], hash="another", status=Outcome.ERROR, outcome="failed")
+    assert [found.status for found in steady(start)] == ["PASS"] * 3
+    found = list(steady([start[0], other, error, replace(record(2, "C", "p1", "PASS"), run="next")]))
+    assert [one.status for one in found] == ["FLAKY", "FLAKY", "ERROR", "PASS"]
+    assert found[0].flaky is not None
+    assert found[0].flaky.text == f"it was judged on another run than {other.nodeid}"
+    assert [one.failed for one in found] == [True, True, True, False]
+
+
+def test_rules_of_one_start_on_two_runs_in_two_shards_are_flaky() -> None:
+    one, two = (replace(record(1, "C", rule, "PASS"), run="start", hash=rule) for rule in ("p1", "p2"))
+    merged = merge([("a.json", Report((one,))), ("b.json", Report((two,)))])
+    assert {found.status for found in merged.records} == {"FLAKY"}
+    assert merged.exitstatus == 1
+
+
+@pytest.mark.parametrize(
+    ("edited", "says"),
+    [
+        ({"status": "NOT RUN"}, "is NOT RUN, failed, and has a verdict FAIL"),
+        ({"status": "NOT RUN", "outcome": ""}, "is NOT RUN, never ran, and has a verdict FAIL"),
+        ({"status": "NOT RUN", "verdicts": []}, "is NOT RUN, failed, and has no verdict"),
+        ({"status": "PASS", "outcome": "passed"}, "is PASS, passed, and has a verdict FAIL"),
+        ({"rule": "p2"}, "is about p2 and has a verdict of p1"),
+    ],
+)
+def test_record_that_contradicts_itself_is_refused(tmp_path: Path, edited: dict[str, Any], says: str) -> None:
+    failed = record(1, "C", "p1", "FAIL")
+    path = tmp_path / "old.json"
+    save(path, Report((replace(failed, verdicts=(replace(failed.verdicts[0], rule="p1"),)),)))
+    content = json.loads(path.read_text(encoding="utf-8"))
+    assert load(path).records
+    content["records"][0] |= edited
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(RvadsError, match=re.escape(f"the record of {failed.nodeid} {says}")):
+        load(path)
+
+
+@pytest.mark.parametrize("error", [None, Outcome.ERROR, Outcome.NOT_JUDGED, Outcome.UNSURE])
+@pytest.mark.parametrize("status", ["PASS", "FAIL", "OPEN", "NA", "UNSURE"])
+@pytest.mark.parametrize("outcome", ["passed", "failed", "skipped"])
+def test_no_record_that_a_session_writes_contradicts_itself(outcome: str, status: str, error: Outcome | None) -> None:
+    start = planned_record("t", 3, "test", {"junction": "stop4", "rule": "p1"}, 4)
+    verdicts = [{"rule": "p1", "status": status, "unavoidable": flag} for flag in (False, True)]
+    for given in ([], verdicts[:1], verdicts):
+        for when in ("setup", "call"):
+            assert conclude(start, given, when, outcome, error=error).contradiction == ""
+
+
+def test_unavoidable_violation_that_is_to_fail_stays_unavoidable() -> None:
+    start = planned_record("t", 3, "test", {"junction": "stop4", "rule": "p2"}, 4)
+    verdict = {"rule": "p2", "status": "FAIL", "unavoidable": True}
+    assert conclude(start, [verdict], "call", "failed").status is Outcome.UNAVOIDABLE

@@ -121,6 +121,64 @@ def test_what_broke_first_explains_the_rest_of_its_run() -> None:
     assert found[0].example == "t.py::test[one-red]", "the item that tells it, not one that follows from it"
 
 
+def by(*vehicles: str) -> dict[str, Any]:
+    """Return what a verdict says of who is to blame; each vehicle broke the rule once."""
+    return {"responsible": vehicles, "instances": [{"responsible": (vehicle,)} for vehicle in vehicles]}
+
+
+def test_two_faults_of_two_vehicles_in_one_run_are_two_causes() -> None:
+    found = causes(
+        [
+            failed("one", "red", "against red", 3.0, **by("a0")),
+            failed("one", "no_conflict", "both on the way", 4.0, **by("a0", "a2")),
+            failed("one", "full_stop", "not stopped", 8.0, **by("a2")),
+            failed("one", "keep_clear", "stands", 9.0, **by("a0")),
+        ]
+    )
+    assert [(cause.text, cause.rules) for cause in found] == [
+        ("against red", ("no_conflict", "red", "keep_clear")),
+        ("not stopped", ("full_stop",)),
+    ]
+
+
+def test_one_fault_of_two_vehicles_in_one_run_is_one_cause() -> None:
+    (cause,) = causes(
+        [failed("one", rule, "not stopped", time, **by("a0", "a2")) for rule, time in (("full_stop", 3.0), ("p1", 4.0))]
+    )
+    assert cause.count == 2
+
+
+def test_grave_causes_come_first_however_few() -> None:
+    few = [failed("crash", rule, "touches", 2.0) for rule in ("speed_limit", "no_collision")]
+    many = [failed(f"run{number}", "full_stop", "not stopped", 1.0) for number in range(9)]
+    against = [failed(f"light{number}", "red", "against red", 1.0) for number in range(2)]
+    found = causes([*many, *against, *few])
+    assert [(cause.rule, cause.count) for cause in found] == [("no_collision, speed_limit", 2), ("red", 2), ("full_stop", 9)]
+
+
+def test_no_collision_hides_behind_the_rules_that_a_title_only_counts() -> None:
+    rules = ("full_stop", "first_come", "progress", "keep_clear", "no_collision")
+    (cause,) = causes([failed("one", rule, f"{rule} broken", float(time)) for time, rule in enumerate(rules)])
+    assert cause.rule == "no_collision, full_stop, first_come and 2 more"
+    assert cause.text == "full_stop broken", "what broke first"
+
+
+@pytest.mark.parametrize(
+    ("broken", "kept", "told"),
+    [
+        ((2,), (0, 1), ", only seat 2"),
+        ((3, 1), (0,), ", in 2 runs, only seats 1, 3"),
+        ((0, 1, 2, 3), (4,), ", in 4 runs"),
+        ((1,), (), ""),
+    ],
+)
+def test_few_seats_are_named(broken: Sequence[int], kept: Sequence[int], told: str) -> None:
+    records = [replace(failed(str(seat), "red", "against red", 1.0), seat=seat) for seat in broken]
+    passes = [replace(one, seat=seat, outcome="passed", status=Outcome.PASS) for one in records[:1] for seat in kept]
+    (cause,) = causes([*records, *passes])
+    assert cause.line == f"against red{told}"
+
+
 def test_the_unavoidable_explains_nothing_else() -> None:
     cycle = failed("one", "p2", "a cycle", 1.0, unavoidable=True)
     found = causes([cycle, failed("one", "p1", "both in", 6.0)])

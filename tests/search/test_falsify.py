@@ -56,8 +56,8 @@ def test_what_nobody_could_have_avoided_is_no_counterexample() -> None:
 
 def test_what_traffic_provoked_is_no_counterexample() -> None:
     starts: dict[str, Any] = {"distance": (16.4, 16.8, 10.4, 10.0), "speed": (0.0, 0.0, 3.8, 3.8), "wait": 2.48}
-    scenario = rvads.Scenario(rvads.find("stop4"), "3233", subject=1, **starts)
-    run = rvads.simulate(rvads.Case(scenario, rvads.Reference, rvads.traffic("hesitant")))
+    scenario = rvads.Scenario(rvads.find("stop4"), "3233", subject=1, duration=12, **starts)
+    run = rvads.simulate(rvads.Case(scenario, rvads.Reference, rvads.traffic("stopped")))
     verdict = rvads.check(run, "p3")
     assert (verdict.status, verdict.provoked) == (rvads.Status.OPEN, True)
     assert not broken(run, verdict)
@@ -79,6 +79,19 @@ def test_the_pasteable_test_names_all_that_is_not_usual() -> None:
         "@rvads.scenario('light4', scenarios='0110', distances=(20, 3.5, 5, 20), speeds=(0, 0, 1.25, 0), rules='p5', wait=2.5)"
         in text
     )
+
+
+class Parked(rvads.Autopilot):
+    """It brakes all the time."""
+
+    def control(self, seen: Observation) -> Control:
+        return Control(0.0, 1.0, 0.0)
+
+
+def test_driver_that_never_crosses_survives_no_search() -> None:
+    """It waits at the red light for the whole run, with reason, so p4 applies and is never broken."""
+    with pytest.raises(rvads.ScenarioError, match=r"p4 was not triggered in any of .* in which what drives got across"):
+        look_for("light4", Parked, "p4", subject=0, duration=5, budget=15)
 
 
 FAULTY = """
@@ -249,7 +262,8 @@ def test_a_search_starts_no_vehicle_faster_than_it_can_stop() -> None:
             asked.append(case.scenario)
             return usual()(case)
 
-    look_for("stop4", rvads.Reference, "speed_limit", fleet=rvads.Fleet(bus), simulator=Watched(), budget=8, duration=1.0)
+    with pytest.raises(rvads.ScenarioError, match="in which what drives got across"):  # nobody does within a second
+        look_for("stop4", rvads.Reference, "speed_limit", fleet=rvads.Fleet(bus), simulator=Watched(), budget=8, duration=1.0)
     assert 0 < max(max(scenario.speeds) for scenario in asked) <= 1.0
 
 

@@ -47,6 +47,18 @@ def test_what_can_t_be_asked_is_refused() -> None:
         rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2200"), rvads.Reference), at=1000)
 
 
+class Parked(rvads.Autopilot):
+    """It brakes all the time."""
+
+    def control(self, seen: Observation) -> Control:
+        return Control(0.0, 1.0, 0.0)
+
+
+def test_driver_that_never_crosses_is_not_determinate() -> None:
+    with pytest.raises(rvads.ScenarioError, match="what drives does not get across in stop4-"):
+        rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2200", distance=5, duration=5), Parked))
+
+
 def test_bisection_finds_the_edges_of_an_interval() -> None:
     asked: list[float] = []
 

@@ -96,7 +96,7 @@ def test_nor_can_what_is_derived_from_them(run: Run, name: str) -> None:
 
 
 def test_a_simulated_run_is_a_value_too() -> None:
-    run = simulate(Case(Scenario(find("stop4"), "2000", distance=10, duration=5, subject=0), Reference, traffic=Reference))
+    run = simulate(Case(Scenario(find("stop4"), "2000", distance=10, duration=20, subject=0), Reference, traffic=Reference))
     assert run.facts == Facts(subject="a0", speed_limit=11.176)
     assert run.agents[0].size == (4.6, 1.86)
     assert run.subject == "a0"

@@ -66,8 +66,8 @@ def test_errors_stay_beside_verdicts(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(TESTS)
     sut = command("crash", scenario=2)
     result = pytester.runpytest("--rvads-sut", sut, "--rvads-report=out.json")
-    # Eight runs: in every process the second scenario crashes, so every second run is an error.
-    result.assert_outcomes(passed=8, errors=8)
+    # Eight runs: in every process the second scenario crashes, so every second run is an error. The others are cut off after 1 s.
+    result.assert_outcomes(skipped=8, errors=8)
     result.stdout.fnmatch_lines(
         [
             "*ERROR at setup of test_rules?stop3-class02-as112-s0-cfgC-speed_limit?*",
@@ -77,7 +77,7 @@ def test_errors_stay_beside_verdicts(pytester: pytest.Pytester) -> None:
         ]
     )
     records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
-    assert sorted(r["status"] for r in records) == ["ERROR"] * 8 + ["PASS"] * 8
+    assert sorted(r["status"] for r in records) == ["ERROR"] * 8 + ["NA"] * 8
 
 
 def test_tests_of_ones_own_are_preferred(pytester: pytest.Pytester) -> None:

@@ -1,8 +1,11 @@
 """``rvads town``: what it prints, leaves behind and returns, and that what it prints can be pasted."""
 
 import json
+import os
 import shlex
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -150,6 +153,21 @@ def test_what_was_judged_before_an_interrupt_is_kept_and_gone_on_from(
     assert status == 0
     assert "INCOMPLETE" not in out
     assert len({record.run for record in load(folder / "rvads-town/town.json").records}) == 3
+
+
+@pytest.mark.extended
+@pytest.mark.parametrize("number", ["SIGTERM", "SIGHUP"])
+def test_terminated_town_leaves_its_page_and_report(folder: Path, number: str) -> None:
+    ends = DRIVER.format(last=4).replace("raise KeyboardInterrupt", f"os.kill(os.getpid(), signal.{number})")
+    (folder / "impatient.py").write_text(f"import os, signal\n{ends}", encoding="utf-8")
+    path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
+    words = ["-c", "from pytest_rvads.cli import main; raise SystemExit(main())", "town", "stop3.xodr", *SHORT]
+    command = [sys.executable, *words, "--autopilot", "impatient:Impatient"]
+    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "rvads: interrupted" in done.stderr
+    assert "INCOMPLETE" in (folder / "rvads-town/town.html").read_text(encoding="utf-8")
+    assert json.loads((folder / "rvads-town/town.json").read_text(encoding="utf-8"))["complete"] is False
 
 
 def test_a_driver_that_drives_otherwise_every_time_is_flaky(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pytest_rvads.conduct.blame import Cause, blame, cause_of, stuck, surprised
 from pytest_rvads.conduct.bodies import contacts
 from pytest_rvads.conduct.grounds import may_owe
+from pytest_rvads.conduct.progress import may_go
 from pytest_rvads.conduct.rights import WAIVER, waives
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.judging.judge import Judgement
@@ -48,7 +49,7 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
         return False
     if awaited := _awaited(j):
         owed = (run.steps - 1 if j.ended is None else j.ended) - (j.trigger or 0)
-        return me in awaited and owed * run.dt >= WAIVER
+        return me in awaited and owed * run.dt >= WAIVER and _could_go(run, me)
     return any(e.index == me for e in _waiting(j)) and not any(stuck(run, k) for k in range(len(run.agents)) if k != me)
 
 
@@ -63,6 +64,14 @@ def _forfeited(j: Judgement, run: Run) -> bool:
         return all(k in waiving or any(may_owe(run, k, other) for other in waiving) for k in awaited)
     except RunError:
         return False
+
+
+def _could_go(run: Run, agent: int) -> bool:
+    """Return whether an agent could go when the run ends; also where the run does not record enough to tell."""
+    try:
+        return bool(may_go(run, agent)[-1])
+    except RunError:
+        return True
 
 
 def waits(j: Judgement, subject: str) -> bool:
