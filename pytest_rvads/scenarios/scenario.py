@@ -316,9 +316,7 @@ class Scenario:
         return {"junction": self.place.name, "map": self.place.map, **values, "senses": self.senses.record()}
 
 
-def started(
-    point: Configuration, place: Junction, rotation: int, subject: int | None, followers: int
-) -> dict[str, Any]:
+def started(point: Configuration, place: Junction, rotation: int, subject: int | None, followers: int) -> dict[str, Any]:
     """Return the arguments of a scenario that say how its vehicles start in a configuration.
 
     Args:
