@@ -88,7 +88,7 @@ def not_applicable() -> str:
 
 def still_open() -> str:
     """Return a run that ends while a vehicle has to wait."""
-    return _judged(_run("stop4", "2200", Stands, distance=(10, 20, 1, 1), subject=0, duration=12), "first_come", 1199, ["a0"])
+    return _judged(_run("stop4", "2200", Stands, distance=(10, 20, 1, 1), subject=0, duration=10), "p3", 999, ["a0"])
 
 
 def provoked() -> str:
