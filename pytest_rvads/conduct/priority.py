@@ -117,6 +117,7 @@ class Meeting(NamedTuple):
     bound: bool
     """Whether it has to give way to the other vehicle, which is due."""
     touching: bool
+    """Whether the bodies of the two vehicles touch."""
     front: float
     """Station of the front of the agent [m]."""
     rear: float

@@ -34,7 +34,6 @@ __all__ = [
     "idles",
     "inside",
     "losses",
-    "lost_time",
     "may_go",
     "part",
 ]
@@ -110,11 +109,6 @@ def part(run: Run, agent: int) -> NDArray[np.int8]:
     (_, rear), (_, behind) = position(run, agent), before_exit(run, agent)
     found: NDArray[np.int8] = np.maximum.accumulate((rear > PASSED).astype(np.int8) + (behind > PASSED).astype(np.int8))
     return found
-
-
-def lost_time(run: Run) -> NDArray[np.float64]:
-    """Return the time that every agent loses in each state although it could go, shape ``(steps, agents)`` [s]."""
-    return _waiting(run).lost
 
 
 def blocks(run: Run, agent: int) -> NDArray[np.bool_]:

@@ -30,8 +30,8 @@ MARGIN = 1.6
 MOVING = 0.15
 """Who is faster than this moves [m/s]."""
 PATIENCE_STEP = 0.5
-"""How long the first one waits where all wait for one another, and how much longer each next one [s]: as long as it takes to see
-that one has set off."""
+"""Where all vehicles wait for one another: how long the first vehicle waits, and how much longer each next vehicle [s]. In this
+time a driver sees that another vehicle has set off."""
 EARLY = 6.0
 """How long before braking would begin a decision is not needed yet [m]."""
 _GENTLE = 1.5
@@ -101,7 +101,7 @@ class GiveWay:
         return colour is not _RED or (self._on_red and self._stood_since is not None)
 
     def _came_first(self, seen: Observation, one: VehicleState) -> list[VehicleState]:
-        """Return who has arrived at an all-way stop and enters before `one`, of those that `one` may meet."""
+        """Return the vehicles that have arrived at an all-way stop, may meet the vehicle `one`, and enter before it."""
         junction, found = seen.junction, []
         for other in seen.everybody():
             if self._queue.arrived(other) and may_meet(junction, (one.entrance, one.turn), (other.entrance, other.turn)):
@@ -153,9 +153,9 @@ class GiveWay:
         return self._queue.setting_off(other) and not self._queue.setting_off(seen.me) and self._queue.stood(seen.me)
 
     def _leaves_time(self, seen: Observation, other: VehicleState, meeting: Meeting) -> bool:
-        """Return whether one has passed before `other`, which goes first, needs the place; or it has when one comes.
+        """Return whether this vehicle passes before `other`, which goes first, comes to the place, or after `other` has left it.
 
-        Nobody passes before who is first at its line: that one may set off.
+        No vehicle passes in front of a vehicle that is first at its line: the vehicle at the line may set off.
         """
         return (not self._queue.arrived(other) and self._before(seen, other, meeting, MARGIN)) or (
             other.speed > ROLLING and not self._will_stop(other) and self._after(seen, other, meeting)
@@ -229,7 +229,7 @@ class GiveWay:
         return self._released
 
     def _held(self, seen: Observation, other: VehicleState) -> bool:
-        """Return whether `other`, at its line, has to let somebody go first that has arrived as well."""
+        """Return whether `other`, at its line, has to let another vehicle go first that has arrived as well."""
         if self._all_stop:
             return bool(self._came_first(seen, other))
         junction, way, arrived = seen.junction, (other.entrance, other.turn), self._queue.arrived
@@ -237,7 +237,7 @@ class GiveWay:
         return unlit and any(arrived(one) and may_yield(junction, way, (one.entrance, one.turn)) for one in seen.everybody())
 
     def _concerns(self, seen: Observation, moving: VehicleState, waits_for: list[VehicleState]) -> bool:
-        """Return whether one may be waiting because of `moving`: one meets it, or one of those does that one waits for."""
+        """Return whether this vehicle may be waiting for `moving`, directly or by way of a vehicle that it waits for."""
         if any(moving.station - moving.length < meeting.shared.yours.end for meeting in self._meetings.of(moving)):
             return True
         way = moving.entrance, moving.turn

@@ -19,7 +19,7 @@ PATIENCE, PATIENCE_STEP = 1.0, 0.7
 the next one waits for the first to make use of its turn. Next is who was created next, so that rotating a scenario changes
 nothing."""
 WAIVER = 3.5
-"""How long one waits for a vehicle that is to go first, could go, and stands [s]: after 3 s it has waived its right."""
+"""How long a driver waits for a standing vehicle that may go first [s]: after 3 s that vehicle has waived its right."""
 
 
 class StopSign:

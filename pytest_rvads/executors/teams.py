@@ -49,7 +49,7 @@ class Part(NamedTuple):
 
 
 class Done(NamedTuple):
-    """What comes back from an executor of others."""
+    """The answers to the jobs of one part, as an executor from outside returns them."""
 
     sent: int
     """Number of the part, see `Part.sent`."""
@@ -117,7 +117,7 @@ class Foreign:
         return future
 
     def answers(self, part: Part, future: Future[Any]) -> list[Any]:
-        """Return what `Own.answers` does.
+        """Return the answers to the jobs of a part, one for each job.
 
         Raises:
             RvadsError: the executor answers something else.

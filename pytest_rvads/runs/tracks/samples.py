@@ -33,12 +33,13 @@ _MOST_SAMPLES = 20_000_000
 """Of a log: they take a gigabyte; an hour of a hundred vehicles at a time at 50 Hz."""
 _MOST_VEHICLES = 200_000
 _FASTEST, _JUMP = 60.0, 4.0
-"""Between two samples no vehicle gets on faster [m/s], with a jump of so many metres beside: where it does, the id is another
-vehicle's from there on. A simulator that knows lanes only lets vehicles jump from one lane to the next."""
+"""Fastest vehicle between two samples [m/s], on top of a jump of `_JUMP`. After a faster step the id belongs to another vehicle.
+The jump is allowed because simulators of lanes move a vehicle from one lane to the next in one step."""
 _UNSEEN = 1.0
-"""Of a vehicle that was not seen for longer [s], size and class are looked at again: its id may be another vehicle's by then."""
+"""Longest time between two samples after which size and class are not compared [s]. After a longer time the id may belong to
+another vehicle."""
 _OTHER = 0.3
-"""A length or width that differs by more [m] is that of another vehicle; the boxes of a detector vary by less."""
+"""Largest difference of length or width between two samples of one vehicle [m]; the boxes of a detector vary by less."""
 _LONGEST = 100.0
 """Longest vehicle [m]."""
 _KINDS = {
