@@ -1,0 +1,220 @@
+"""Dump what the package says of runs, maps and examples, and compare two dumps.
+
+``python tools/oracle.py dump FILE [SECTION ...]`` writes one JSON object; ``python tools/oracle.py compare OLD NEW`` prints one
+line per section and exits with 1 if anything differs. A change that must not alter a verdict is proven by two equal dumps, one of
+each side of the change. All sections together take about ten minutes of processor time; recordings and maps of others are read
+from ``../shared`` and are left out where that folder is absent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from hashlib import sha256
+from io import StringIO
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import pytest_rvads as rvads
+from pytest_rvads.cli import main as command
+from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.runs.recording import zones
+from pytest_rvads.scenarios.configurations import grid
+from pytest_rvads.scenarios.selection import Selection
+from pytest_rvads.studies.experiment import TABLES, Setup, entries, run_entry
+
+__all__ = ["SECTIONS", "compare", "dump"]
+
+SHARED = Path(__file__).parents[2] / "shared"
+BOOKS = ("paper", "road")
+JUNCTIONS = ("stop3", "stop4", "light3", "light4", "yield4", "right4", "lanes4")
+STARTS = 3
+"""Simulated starts per junction and traffic policy; seven junctions, seven policies and the rules of both books make some 1,800
+verdicts."""
+CROWD_STEPS, CROWD_STEP = 500, 0.1
+"""States of one random crowd, and the time between two of them [s]; four crowds hold 2,000 states."""
+
+Entry = dict[str, Any]
+Entries = Iterator[tuple[str, Entry]]
+
+
+def digest(text: str) -> str:
+    """Return the first 16 hexadecimal digits of the SHA-256 of a text."""
+    return sha256(text.encode()).hexdigest()[:16]
+
+
+def verdicts(name: str, run: rvads.Run) -> Entries:
+    """Judge a run by every rule of both books that concerns the junction of the run.
+
+    Args:
+        name: of the run, unique within the section.
+        run: the run.
+
+    Yields:
+        ``"name rule"`` and the verdict, with ticks of instances, the hash of the run, and a digest of the explanation.
+    """
+    for rule in rules_for(BOOKS, run.junction):
+        verdict = rvads.check(run, rule)
+        yield (
+            f"{name} {rule.name}",
+            {
+                "status": verdict.outcome.value,
+                "instances": [[sorted(i.binding), i.status, i.trigger, i.failed, i.responsible] for i in verdict.instances],
+                "hash": run.hash,
+                "message": verdict.message,
+                "explanation": digest(verdict.explanation),
+            },
+        )
+
+
+def recorded() -> Entries:
+    """Judge the recorded runs of the paper's authors."""
+    for file in sorted((SHARED / "runs").glob("*.json")):
+        for number, run in enumerate(rvads.read_recorded(file)):
+            yield from verdicts(f"{file.stem}#{number} {run.label}", run)
+
+
+def maps() -> Entries:
+    """Read every map of others as ``rvads map --json`` does: one entry per junction, one for the rest of the output."""
+    for file in sorted((SHARED / "maps").glob("*.xodr")):
+        with redirect_stdout(StringIO()) as output, redirect_stderr(StringIO()) as errors:
+            status = command(["map", "--json", str(file)])
+        # A map without junctions is refused, with a message and no JSON.
+        description = json.loads(output.getvalue() or '{"junctions": []}')
+        for junction in description.pop("junctions"):
+            yield f"{file.name} {junction['id']}", junction
+        message = errors.getvalue().replace(str(file), file.name)
+        yield file.name, {**description, "file": file.name, "exit": status, "errors": message}
+
+
+def cells() -> Entries:
+    """Run and judge the tables of the paper."""
+    for table in TABLES:
+        for entry in entries(table):
+            yield from verdicts(f"{table.name} {entry.number} {entry.row} {entry.configuration}", run_entry(entry, Setup()))
+
+
+def examples() -> Entries:
+    """Run ``pytest examples`` in a process of its own and take the records of its report."""
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder, "report.json")
+        session = [sys.executable, "-m", "pytest", "examples", "-q", f"--rvads-report={report}", "-o", f"cache_dir={folder}"]
+        subprocess.run(session, capture_output=True, check=False, cwd=Path(__file__).parents[1])
+        for record in json.loads(report.read_text())["records"]:
+            told = {key: record.get(key) for key in ("status", "hash", "message", "duration")}
+            yield record["nodeid"], {**told, "verdicts": digest(json.dumps(record.get("verdicts"), sort_keys=True))}
+
+
+def subjects() -> Entries:
+    """Simulate the reference as the subject among each traffic policy, and judge every start by both books."""
+    policies = ("reference", "hesitant", "rolling_stop", "late_yielder", "red_light_runner", "stopped", "lgsvl")
+    for place in map(rvads.find, JUNCTIONS):
+        points = grid(("arrivals", "A", "C", "D"), len(place.entrances), place.control)
+        starts = list(Selection(place, points, subject="all", followers=(0, 1)))
+        for shift, policy in enumerate(policies):
+            # Every policy meets other starts, which lie evenly among all.
+            step = len(starts) // STARTS
+            for scenario in islice(starts, shift * step // len(policies), None, step):
+                case = rvads.Case(scenario, rvads.Reference, rvads.traffic(policy))
+                yield from verdicts(f"{scenario.name} {policy}", rvads.simulate(case))
+
+
+def crowd(place: str, seed: int) -> rvads.Run:
+    """Return a recorded run of seven vehicles that drive along random ways at random speeds and heed nobody."""
+    junction, rng = rvads.find(place), np.random.default_rng(seed)
+    ways, shape = sorted(junction.movements), (CROWD_STEPS, 7)
+    zone = np.full(shape, rvads.Zone.ABSENT, dtype=np.int8)
+    station, speed, pose = np.full(shape, np.nan), np.full(shape, np.nan), np.full((*shape, 3), np.nan)
+    agents = []
+    for vehicle, first in enumerate(np.sort(rng.integers(0, CROWD_STEPS // 2, shape[1])).tolist()):
+        way = rvads.Itinerary.through(junction, *ways[rng.integers(len(ways))])
+        speeds = np.repeat(rng.choice([0.0, 0.05, 1.0, 3.0, 5.0, 9.0], 200), rng.integers(3, 25, 200))[: CROWD_STEPS - first]
+        along = way.line - 14.0 + np.concatenate(([0.0], np.cumsum(speeds[:-1]) * CROWD_STEP))
+        present = slice(first, first + int(np.searchsorted(along, way.leave)))
+        along = along[: present.stop - first]
+        zone[present, vehicle], station[present, vehicle] = zones(way, along), along
+        speed[present, vehicle] = speeds[: len(along)]
+        pose[present, vehicle] = [way.pose(float(s)) for s in along]
+        agents.append(rvads.Agent(f"v{vehicle}", junction.movements[way.entrance, way.exit], size=(4.6, 1.8)))
+    lights = np.zeros((CROWD_STEPS, len(junction.entrances)), dtype=np.int8)
+    for entrance in (entrance for group in junction.phase_groups for entrance in group):
+        colours = rng.choice([rvads.Colour.GREEN, rvads.Colour.YELLOW, rvads.Colour.RED], CROWD_STEPS // 20)
+        lights[:, entrance] = np.repeat(colours, 20)
+    name, vehicles = f"crowd {place}", tuple(agents)
+    return rvads.Run(name, junction, vehicles, zone, lights, station=station, speed=speed, pose=pose, dt=CROWD_STEP)
+
+
+def crowds() -> Entries:
+    """Judge random crowds as whole runs, and state by state with a live monitor."""
+    for place in ("stop4", "light4", "yield4", "right4"):
+        run = crowd(place, seed=7)
+        yield from verdicts(f"{place} whole", run)
+        monitor = rvads.RuleMonitor(BOOKS, run.junction, dt=run.dt)
+        for tick in range(run.steps):
+            state = zip(run.agents, run.need("station")[tick], run.need("speed")[tick], run.need("pose")[tick], strict=True)
+            seen = [rvads.Seen(agent, float(s), float(v), *map(float, pose)) for agent, s, v, pose in state if s == s]
+            for decided in monitor.see(seen, run.lights[tick]):
+                binding = sorted(decided.binding.items())
+                yield f"{place} live {decided.rule} {binding}", {"tick": tick, "verdict": str(decided.verdict)}
+
+
+SECTIONS: dict[str, Callable[[], Entries]] = {
+    function.__name__: function for function in (recorded, maps, cells, examples, subjects, crowds)
+}
+
+
+def dump(names: list[str]) -> dict[str, dict[str, Entry]]:
+    """Return the entries of the named sections, all of them where none is named."""
+    return {name: dict(SECTIONS[name]()) for name in names or SECTIONS}
+
+
+def compare(old: dict[str, dict[str, Entry]], new: dict[str, dict[str, Entry]]) -> list[str]:
+    """Return one line per section that is in either dump: how many entries differ, in which fields, and the first difference."""
+    lines = []
+    for section in old | new:
+        before, after = old.get(section, {}), new.get(section, {})
+        differences = [
+            (key, field, before.get(key, {}).get(field), after.get(key, {}).get(field))
+            for key in before | after
+            for field in before.get(key, {}) | after.get(key, {})
+            if before.get(key, {}).get(field) != after.get(key, {}).get(field)
+        ]
+        line = f"{section}: {len({key for key, *_ in differences})} of {len(before | after)} entries differ"
+        if differences:
+            fields = ", ".join(f"{field} {count}" for field, count in Counter(d[1] for d in differences).most_common())
+            key, field, was, becomes = differences[0]
+            line += f" ({fields}); first: {key}: {field} {was!r} -> {becomes!r}"
+        lines.append(line)
+    return lines
+
+
+def main() -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(dest="action", required=True)
+    dumping = commands.add_parser("dump", help="write what the package says into a JSON file")
+    dumping.add_argument("file", type=Path)
+    dumping.add_argument("sections", nargs="*", choices=[*SECTIONS, []], metavar="SECTION", help=", ".join(SECTIONS))
+    comparing = commands.add_parser("compare", help="say in one line per section what differs")
+    comparing.add_argument("old", type=Path)
+    comparing.add_argument("new", type=Path)
+    options = parser.parse_args()
+    if options.action == "dump":
+        options.file.write_text(json.dumps(dump(options.sections), default=str))
+        return 0
+    old, new = json.loads(options.old.read_text()), json.loads(options.new.read_text())
+    print(*compare(old, new), sep="\n")
+    return 0 if old == new else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
