@@ -329,6 +329,19 @@ def test_those_that_all_came_in_on_red_have_no_excuse(drive: Make) -> None:
     assert status(run, "progress") == ("FAIL", ("a0", "a1"))
 
 
+@pytest.mark.parametrize(("start", "blamed"), [(0, ("a2",)), (200, ("a2", "a3"))])
+def test_vehicle_that_came_in_on_the_way_of_a_vehicle_with_priority(drive: Make, start: int, blamed: tuple[str, ...]) -> None:
+    """a2 has a yield sign and enters at 2.8 s, a3 has priority and enters at 1.4 s or at 3.4 s. Each stands on the other's way.
+
+    The vehicle with priority has an excuse if it was inside first.
+    """
+    both = stretches("yield4")[(2, 0), (3, 2)]
+    head, tail = [(0, 0.0), (start, 5.0), (start + 400, 0.0)], [(0, 5.0), (400, 0.0)]
+    run = drive("yield4", {2: (2, both.mine.start - 19.0, tail), 3: (3, both.yours.start - 19.0, head)}, 2000)
+    assert (run.entered * run.dt).tolist() == pytest.approx([2.8, 1.4 + start / 100], abs=0.02)
+    assert [status(run, rule) for rule in ("progress", "keep_clear")] == [("FAIL", blamed)] * 2
+
+
 # Blocking the junction
 
 
