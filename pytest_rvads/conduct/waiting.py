@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.grounds import ground_of, may_owe
 from pytest_rvads.conduct.memo import once
-from pytest_rvads.conduct.predicates import ticks
 from pytest_rvads.conduct.presence import near, window
-from pytest_rvads.conduct.rights import DUE, PACE, close_behind, comes_first, due, first_at_line, has_way, waives, yields
-from pytest_rvads.conduct.standing import TIE, arrivals, waited
+from pytest_rvads.conduct.rights import DUE, PACE, came_first, close_behind, due, first_at_line, has_way, waives, yields
 from pytest_rvads.conduct.stretches import ALWAYS, ahead_by, on_stretch, position, shared
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Key, Shared
@@ -216,7 +214,9 @@ def _lets_pass(run: Run, agent: int, other: int, common: Shared | None, when: sl
     zone, theirs = run.zone[when, agent], run.zone[when, other]
     before = at_line(run, agent, when)
     if run.junction.control is JunctionControl.STOP:
-        first = comes_first(run, agent, other, when) if common else _came_earlier(run, agent, other, when)
+        first = came_first(run, agent, other, when)
+        if common is None and first.any():
+            first &= ~waives(run)[when, other]
         found: NDArray[np.bool_] = before & (theirs == Zone.JUNCTION) | first
     else:
         found = before & _may_turn(run, agent, other, when)
@@ -265,10 +265,3 @@ def since(amounts: NDArray[Any], restarts: NDArray[np.bool_], before: Any = 0.0)
     gone = np.maximum.accumulate(np.where(restarts, total[:-1], 0.0), axis=0)
     # Rounded, so that three hundred steps at rest are three seconds, whatever went before.
     return np.round(total[1:] - gone, 9)
-
-
-def _came_earlier(run: Run, agent: int, other: int, when: slice) -> NDArray[np.bool_]:
-    """Whether both have arrived, the other one clearly earlier, and it has not waived its right."""
-    found: NDArray[np.bool_] = arrivals(run).arrived[when, agent] & arrivals(run).arrived[when, other]
-    found &= waited(run, other)[when] - waited(run, agent)[when] > ticks(run, TIE)
-    return found & ~waives(run)[when, other] if found.any() else found

@@ -268,6 +268,15 @@ def test_earlier_arrival_is_a_reason_until_it_is_waived(drive: Make) -> None:
     assert status(meets, "progress") == ("FAIL", ("a0",)), "nobody must use a waiver of a vehicle that it meets"
 
 
+def test_vehicle_on_the_right_at_equal_arrival_is_a_reason_until_it_waives(drive: Make) -> None:
+    """Both turn right and never meet; a1 stands to the right of a0."""
+    run = drive("stop4", {0: stands(1), 1: stands(1)}, 1200)
+    assert not may_go(run, 0)[:300].any()
+    assert may_go(run, 0)[301:].all()
+    assert may_go(run, 1).all()
+    assert status(run, "progress") == ("FAIL", ("a1",))
+
+
 def test_vehicle_with_priority_that_could_still_turn_is_a_reason_before_a_sign(drive: Make) -> None:
     # On yield4 a0 has a yield sign. a3 has priority and turns right, away from a0, but it might go straight on across its way.
     start = stretches("yield4")[(0, 1), (3, 1)].yours.start
