@@ -33,7 +33,7 @@ from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
 
-__all__ = ["STOOD", "Cause", "blame", "cause_of", "cut_short_by", "stuck", "surprised"]
+__all__ = ["STOOD", "Cause", "blame", "cause_of", "cut_short_by", "pushed", "stuck", "surprised"]
 
 STOOD = 0.5
 """A vehicle that has stood still for this long before the impact was stood into [s]."""
@@ -97,6 +97,13 @@ def surprised(run: Run, agent: int, other: int, tick: int) -> bool:
         if len(guilty) == 1:
             return guilty[0] == other
     return False
+
+
+def pushed(run: Run, agent: int, tick: int) -> bool:
+    """Return whether another vehicle, alone to blame, ran into `agent`, a column, less than `REACTION` before `tick`."""
+    name, most = run.agents[agent].name, round(REACTION / run.dt)
+    hits = (c for c in run.collisions or () if name in c.agents and 0 <= tick - tick_of(run, c) < most)
+    return any(name not in cause_of(run, c).agents for c in hits)
 
 
 def cut_short_by(run: Run) -> tuple[str, ...]:

@@ -2,8 +2,8 @@
 
 A vehicle may wait for a body ahead in its lane, for a vehicle on the stretch that their movements share, for a vehicle with the
 better right that is due or first at its line, and in a queue before a light that is not green. Vehicles that wait for each other
-have no such excuse, but for a vehicle that came in on red. A vehicle that could go loses time as far as it is slower than walking
-pace.
+have no such excuse, but for an intruder, see `waiting.circles`. A vehicle that could go loses time as far as it is slower than
+walking pace.
 """
 
 from __future__ import annotations

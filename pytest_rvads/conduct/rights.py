@@ -27,6 +27,7 @@ __all__ = [
     "PACE",
     "ROOM",
     "WAIVER",
+    "came_first",
     "close_behind",
     "comes_first",
     "due",
@@ -141,14 +142,19 @@ def _find_held(run: Run) -> NDArray[np.bool_]:
 
 
 def comes_first(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """Both have arrived and take turns, and the other one goes first: it arrived clearly earlier, or at once from the right."""
-    both = arrivals(run).arrived[when, agent] & arrivals(run).arrived[when, other]
-    if not (both.any() and in_turn(run.junction, run.agents[agent].route.key, run.agents[other].route.key)):
-        return np.zeros(len(both), dtype=np.bool_)
-    later = waited(run, other)[when] - waited(run, agent)[when]
-    tie = ticks(run, TIE)
-    right = (run.agents[other].entrance, run.agents[agent].entrance) in run.junction.right_of
-    found: NDArray[np.bool_] = both & ((later > tie) | (right & (later >= -tie)))
+    """Both have arrived and take turns, and the other one goes first, see `came_first`."""
+    if not in_turn(run.junction, run.agents[agent].route.key, run.agents[other].route.key):
+        return np.zeros_like(run.here[when, agent])
+    return came_first(run, agent, other, when)
+
+
+def came_first(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
+    """Both have arrived, on any arms, the other one clearly earlier, or at about the same time from the right."""
+    found: NDArray[np.bool_] = arrivals(run).arrived[when, agent] & arrivals(run).arrived[when, other]
+    if found.any():
+        later, tie = waited(run, other)[when] - waited(run, agent)[when], ticks(run, TIE)
+        right = (run.agents[other].entrance, run.agents[agent].entrance) in run.junction.right_of
+        found &= (later > tie) | (right & (later >= -tie))
     return found
 
 

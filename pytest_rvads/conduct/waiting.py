@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.grounds import ground_of, may_owe
 from pytest_rvads.conduct.memo import once
-from pytest_rvads.conduct.predicates import ticks
 from pytest_rvads.conduct.presence import near, window
-from pytest_rvads.conduct.rights import DUE, PACE, close_behind, comes_first, due, first_at_line, has_way, waives, yields
-from pytest_rvads.conduct.standing import TIE, arrivals, waited
+from pytest_rvads.conduct.rights import DUE, PACE, came_first, close_behind, due, first_at_line, has_way, waives, yields
 from pytest_rvads.conduct.stretches import ALWAYS, ahead_by, on_stretch, position, shared
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Key, Shared
@@ -125,11 +123,11 @@ def circles(run: Run, found: Sequence[Reason]) -> tuple[NDArray[np.bool_], ...]:
 
     A held vehicle waits, by itself or by way of others, for a vehicle that does not wait for it. In a circle vehicles wait for
     each other, and for nobody else. A stuck vehicle lets nobody pass, and is close behind a vehicle that left it no room when it
-    entered. A vehicle that came in on red is in the way of vehicles that did not, whatever they do to each other.
+    entered. An intruder is in the way of vehicles that are none, whatever they do to each other.
     """
     result = tuple(np.zeros((run.steps, len(run.agents)), dtype=np.bool_) for _ in range(3))
-    red = (run.zone >= Zone.JUNCTION) & (run.facing == Colour.RED)
-    moments = _changes(run, found, red)
+    intruders = _intruders(run, found)
+    moments = _changes(run, found, intruders)
     for first in range(0, len(moments), _CHUNK):
         now = moments[first : first + _CHUNK]
         until = int(moments[first + _CHUNK]) if first + _CHUNK < len(moments) else run.steps
@@ -148,7 +146,7 @@ def circles(run: Run, found: Sequence[Reason]) -> tuple[NDArray[np.bool_], ...]:
         reach = waits.copy()
         for via in range(len(who)):
             reach |= reach[:, via, None] & reach[None, via, :]
-        late = red[now][:, who].T
+        late = intruders[now][:, who].T
         one_way = ~(reach & reach.swapaxes(0, 1)) | (late[None] & ~late[:, None])
         lasts = np.diff(now, append=until)
         held, giving, behind = (np.any(of & one_way, axis=1).T for of in (reach, yielding, blocked))
@@ -158,11 +156,22 @@ def circles(run: Run, found: Sequence[Reason]) -> tuple[NDArray[np.bool_], ...]:
     return result
 
 
-def _changes(run: Run, found: Sequence[Reason], red: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the ticks, increasing from 0 on, in which it changes who waits for whom or who came in on red."""
+def _intruders(run: Run, found: Sequence[Reason]) -> NDArray[np.bool_]:
+    """Return which vehicle came in on red, or on the way of a vehicle inside that it owed the way, shape ``(steps, agents)``."""
+    intruders: NDArray[np.bool_] = (run.zone >= Zone.JUNCTION) & (run.facing == Colour.RED)
+    for r in found:
+        if run.entered[r.agent] < run.entered[r.other] and may_owe(run, r.other, r.agent):
+            when = slice(r.begin, r.begin + len(r.yielding))
+            inside = run.zone[when, r.other] == Zone.JUNCTION
+            intruders[when, r.other] |= inside & r.yielding & yields(run, r.other, r.agent, when)
+    return intruders
+
+
+def _changes(run: Run, found: Sequence[Reason], intruders: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the ticks, increasing from 0 on, in which it changes who waits for whom or who is an intruder."""
     changed = np.zeros(run.steps + 1, dtype=np.bool_)
     changed[0] = True
-    changed[1:-1] = (red[1:] != red[:-1]).any(axis=1)
+    changed[1:-1] = (intruders[1:] != intruders[:-1]).any(axis=1)
     for r in found:
         changed[[r.begin, r.begin + len(r.queued)]] = True
         changed[r.begin + 1 : r.begin + len(r.queued)] |= np.diff(r.queued) | np.diff(r.yielding)
@@ -205,7 +214,9 @@ def _lets_pass(run: Run, agent: int, other: int, common: Shared | None, when: sl
     zone, theirs = run.zone[when, agent], run.zone[when, other]
     before = at_line(run, agent, when)
     if run.junction.control is JunctionControl.STOP:
-        first = comes_first(run, agent, other, when) if common else _came_earlier(run, agent, other, when)
+        first = came_first(run, agent, other, when)
+        if common is None and first.any():
+            first &= ~waives(run)[when, other]
         found: NDArray[np.bool_] = before & (theirs == Zone.JUNCTION) | first
     else:
         found = before & _may_turn(run, agent, other, when)
@@ -254,10 +265,3 @@ def since(amounts: NDArray[Any], restarts: NDArray[np.bool_], before: Any = 0.0)
     gone = np.maximum.accumulate(np.where(restarts, total[:-1], 0.0), axis=0)
     # Rounded, so that three hundred steps at rest are three seconds, whatever went before.
     return np.round(total[1:] - gone, 9)
-
-
-def _came_earlier(run: Run, agent: int, other: int, when: slice) -> NDArray[np.bool_]:
-    """Whether both have arrived, the other one clearly earlier, and it has not waived its right."""
-    found: NDArray[np.bool_] = arrivals(run).arrived[when, agent] & arrivals(run).arrived[when, other]
-    found &= waited(run, other)[when] - waited(run, agent)[when] > ticks(run, TIE)
-    return found & ~waives(run)[when, other] if found.any() else found

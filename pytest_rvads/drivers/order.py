@@ -81,15 +81,18 @@ class Queue:
 
         Returns:
             Those that have to wait for nobody, then, unless turns are the paper's, those that wait for no others than these; or
-            all, where everybody has somebody to let go first. Who came earlier stands first, of those that came at once who was
-            created earlier. Of several behind each other at one entrance only the first counts.
+            all, where everybody has somebody to let go first. Who came earlier stands first, of those that came in the same tick
+            who has nobody to the right, then who was created earlier: drivers agree on this order also where one of them takes
+            turns with all others. Of several behind each other at one entrance only the first counts.
         """
         since, junction = self._outside, seen.junction
         waiting = [s for s in seen.everybody() if self.arrived(s)]
         if len({s.entrance for s in waiting}) < len(waiting):
             heads = {s.entrance: s.name for s in sorted(waiting, key=lambda s: s.station)}
             waiting = [s for s in waiting if heads[s.entrance] == s.name]
-        waiting.sort(key=lambda s: since[s.name])
+        at = {(since[s.name], s.entrance) for s in waiting}
+        right = {s.name: any((since[s.name], e) in at for e, to in junction.right_of if to == s.entrance) for s in waiting}
+        waiting.sort(key=lambda s: (since[s.name], right[s.name]))
 
         def waits_for(s: VehicleState, other: VehicleState) -> bool:
             if self._tie and not may_meet(junction, (s.entrance, s.turn), (other.entrance, other.turn)):

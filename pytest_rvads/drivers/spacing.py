@@ -198,7 +198,7 @@ def stop_before(speed: float, distance: float) -> float:
     if distance < 0.1 and speed < 0.3:
         return -math.inf
     needed = _needed(speed, max(distance, 0.1))
-    return -needed if needed > COMFORT / 2.0 else math.inf
+    return -needed if needed > COMFORT / 2.0 or distance < 0.1 else math.inf
 
 
 def _needed(speed: float, distance: float) -> float:

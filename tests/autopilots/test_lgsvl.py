@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike, ZoneBox
-from pytest_rvads.drivers.lgsvl.zone import Box, frame, zone_of
+from pytest_rvads.drivers.lgsvl.zone import Box, Whole, frame, zone_of
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import Run
@@ -128,6 +128,10 @@ def test_a_t_junction_works_too() -> None:
 def test_a_zone_needs_an_extent() -> None:
     with pytest.raises(AutopilotError, match="positive extents"):
         ZoneBox(0.0, 0.0, 0.0, 1.0)
+
+
+def test_junction_with_an_arm_without_entrances_has_no_box() -> None:
+    assert isinstance(zone_of(find("roundabout4"), Constants(), hidden=True), Whole)
 
 
 def test_the_zone_reaches_towards_exits_0_and_1() -> None:

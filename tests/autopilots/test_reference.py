@@ -271,6 +271,15 @@ def test_who_goes_out_of_turn_is_let_in(verdicts: Judge) -> None:
     assert not run.collisions
 
 
+@pytest.mark.parametrize("seat", [0, 1])
+def test_traffic_and_subject_whose_ways_do_not_meet_agree_on_the_order_at_equal_arrival(verdicts: Judge, seat: int) -> None:
+    """The subject keeps the paper's rules and takes turns with all others, the traffic only with vehicles that it meets."""
+    run = simulate(Case(scenario("stop3", (1, 2, 0), "A", subject=seat), Reference))
+    assert run.entry(0) != run.entry(1)
+    assert verdicts(run)["p1"] == "PASS"
+    assert run.provenance["end"] == "left", "nobody waits for ever"
+
+
 # Distances at 5 m/s; the vehicle to the right arrives a tenth, or half a second and more, after the other one.
 @pytest.mark.parametrize(("distances", "turns"), [((20.0, 20.8), "right"), ((20.0, 25.0), "first"), ((20.8, 20.0), "both")])
 def test_with_a_tie_window_the_right_one_of_two_that_arrive_together_goes_first(

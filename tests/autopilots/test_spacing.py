@@ -140,7 +140,7 @@ def test_who_is_first_where_ways_cross_is_let_through(other: VehicleState, creat
         (7.5, 4.0, math.inf),  # 1.14 m/s^2
         (7.4, 4.0, -16.0 / 13.8),
         (0.55, 0.2, -math.inf),
-        (0.55, 0.3, math.inf),  # 0.45 m/s^2 on the last 0.1 m
+        (0.55, 0.3, -0.45),  # at the place: an even stop on 0.1 m, and no creeping on
         (0.4, 1.0, -5.0),  # too late for the half metre: an even stop on 0.1 m
         (0.0, 4.0, math.inf),  # it is there itself
     ],

@@ -269,6 +269,15 @@ def test_a_subject_that_has_to_wait_itself_keeps_others_waiting_with_good_reason
     assert check(run, "progress").status == "FAIL", "a1 may go and does not"
 
 
+@pytest.mark.parametrize(("hit", "provoked"), [(199, True), (101, True), (100, False), (None, False)])
+def test_vehicle_that_is_pushed_over_its_line_does_not_enter_on_red(drive: Make, hit: int | None, provoked: bool) -> None:
+    """a1 stands at its red light and is over the line at 2 s; a1+1 ran into it less than 1 s before, earlier, or not at all."""
+    vehicles = {1: (2, -0.01, [STAND, (199, 2.0)]), (1, 1): (2, -8.6, [(0, 2.0), (200, 0.0)])}
+    run = drive("light4", vehicles, 202, CROSS, [(hit, "a1", "a1+1")] if hit else [], subject="a1")
+    verdict = check(run, "red")
+    assert (verdict.status, verdict.time, verdict.provoked) == ("FAIL", 2.0, provoked)
+
+
 @pytest.mark.parametrize(("strayed", "provoked"), [("a0", False), ("a1", True)])
 def test_obligation_is_open_by_the_subject_that_ended_the_run_itself(drive: Make, strayed: str, provoked: bool) -> None:
     """Everybody has to get into the junction, and the subject, a0, has not when a vehicle off its route ends the run."""

@@ -66,7 +66,7 @@ def waiting(drive: Make) -> list[Run]:
 
 
 DRIVES = (
-    (Scenario(find("stop4"), "2332", distance=(8, 12, 9, 14), speed=4, duration=7), RedLightRunner),
+    (Scenario(find("stop4"), "2332", distance=(8, 12, 9, 14), speed=8, duration=7), RedLightRunner),
     (Scenario(find("light4"), "3122", distance=(12, 0.3, 14, 8), speed=(6, 0, 6, 6), duration=7), RedLightRunner),
     (Scenario(find("light4"), "3231", distance=(12, 15, 10, 5), speed=6, duration=7), RollingStop),
 )

@@ -268,6 +268,15 @@ def test_earlier_arrival_is_a_reason_until_it_is_waived(drive: Make) -> None:
     assert status(meets, "progress") == ("FAIL", ("a0",)), "nobody must use a waiver of a vehicle that it meets"
 
 
+def test_vehicle_on_the_right_at_equal_arrival_is_a_reason_until_it_waives(drive: Make) -> None:
+    """Both turn right and never meet; a1 stands to the right of a0."""
+    run = drive("stop4", {0: stands(1), 1: stands(1)}, 1200)
+    assert not may_go(run, 0)[:300].any()
+    assert may_go(run, 0)[301:].all()
+    assert may_go(run, 1).all()
+    assert status(run, "progress") == ("FAIL", ("a1",))
+
+
 def test_vehicle_with_priority_that_could_still_turn_is_a_reason_before_a_sign(drive: Make) -> None:
     # On yield4 a0 has a yield sign. a3 has priority and turns right, away from a0, but it might go straight on across its way.
     start = stretches("yield4")[(0, 1), (3, 1)].yours.start
@@ -327,6 +336,19 @@ def test_those_that_all_came_in_on_red_have_no_excuse(drive: Make) -> None:
     )
     assert (run.facing[500] == R).all()
     assert status(run, "progress") == ("FAIL", ("a0", "a1"))
+
+
+@pytest.mark.parametrize(("start", "blamed"), [(0, ("a2",)), (200, ("a2", "a3"))])
+def test_vehicle_that_came_in_on_the_way_of_a_vehicle_with_priority(drive: Make, start: int, blamed: tuple[str, ...]) -> None:
+    """a2 has a yield sign and enters at 2.8 s, a3 has priority and enters at 1.4 s or at 3.4 s. Each stands on the other's way.
+
+    The vehicle with priority has an excuse if it was inside first.
+    """
+    both = stretches("yield4")[(2, 0), (3, 2)]
+    head, tail = [(0, 0.0), (start, 5.0), (start + 400, 0.0)], [(0, 5.0), (400, 0.0)]
+    run = drive("yield4", {2: (2, both.mine.start - 19.0, tail), 3: (3, both.yours.start - 19.0, head)}, 2000)
+    assert (run.entered * run.dt).tolist() == pytest.approx([2.8, 1.4 + start / 100], abs=0.02)
+    assert [status(run, rule) for rule in ("progress", "keep_clear")] == [("FAIL", blamed)] * 2
 
 
 # Blocking the junction

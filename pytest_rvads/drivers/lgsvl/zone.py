@@ -78,7 +78,8 @@ def zone_of(junction: Junction, constants: Constants, hidden: bool) -> Box | Who
         constants: the boxes.
         hidden: whether it is a box (I2) instead of the junction.
     """
-    if not hidden or junction.ways not in (3, 4) or not junction.drivable:
+    both = all(arm.entrances and arm.exits for arm in junction.arms)
+    if not (hidden and both and junction.ways in (3, 4) and junction.drivable):
         return Whole(junction)
     return Box(constants.zone4 if junction.ways == 4 else constants.zone3, frame(junction))
 

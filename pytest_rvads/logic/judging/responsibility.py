@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pytest_rvads.conduct.blame import Cause, blame, cause_of, stuck, surprised
+from pytest_rvads.conduct.blame import Cause, blame, cause_of, pushed, stuck, surprised
 from pytest_rvads.conduct.bodies import contacts
 from pytest_rvads.conduct.grounds import may_owe
 from pytest_rvads.conduct.progress import may_go
@@ -34,16 +34,15 @@ def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
 def is_about(j: Judgement, run: Run, subject: str) -> bool:
     """Return whether `subject` is to blame for what is violated or open.
 
-    It is not where it met somebody in the junction who had to wait and left it no time to react, nor where it went before
-    a vehicle that waived its right. An obligation that is still
-    open is kept by whoever waits; what keeps it open is the vehicle that is waited for, if any, or one that stands in
-    everybody's way.
+    It is not where it met somebody in the junction who had to wait and left it no time to react, where another vehicle has just
+    pushed it, nor where it went before a vehicle that waived its right. An obligation that is still open is kept by whoever
+    waits; what keeps it open is the vehicle that is waited for, if any, or one that stands in everybody's way.
     """
     me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
     if j.failed is not None:
         meets = j.template.shape.kind is Kind.STATE and cause_between(j, run) is None
         others = [e.index for e in agents_of(j.template.formula) if e.index != me] if meets else []
-        excused = len(others) == 1 and surprised(run, me, others[0], j.failed)
+        excused = (len(others) == 1 and surprised(run, me, others[0], j.failed)) or pushed(run, me, j.failed)
         return not (excused or _forfeited(j, run)) and any(e.index == me for e in responsible(j, run))
     if j.status is not Status.OPEN:
         return False
