@@ -12,11 +12,11 @@ class Doubt(StrEnum):
     """Kinds of warnings about a map."""
 
     GAP = "gap"
-    """Two linked lanes, or two pieces of a reference line, do not meet."""
+    """Two linked lanes, or two pieces of a reference line, do not meet; overlaps were cut, steps to the side blended."""
     LENGTH = "length"
     """The drawn reference line is not as long as the road says, or there is none and the road was left out."""
     KINK = "kink"
-    """A reference line bends sharply at a joint; the lane on the inner side was cut there."""
+    """A reference line bends sharply; the lane on the inner side would run backwards there and was cut."""
     ORIENTATION = "orientation"
     """The orientation of a signal contradicts the traffic it is for, and was ignored."""
     TABLE = "table"
