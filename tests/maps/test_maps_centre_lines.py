@@ -158,7 +158,7 @@ def test_step_of_more_than_a_metre_on_an_approach_ends_the_approach(read: Read, 
 
 def test_step_of_more_than_a_metre_in_a_junction_costs_the_movement(read: Read, tree: Tree) -> None:
     root = tree()
-    offset(road(root, "102"), (12.0, 1.2))
+    offset(road(root, "102"), (12.0, 1.2), (18.0, 0.6), (24.0, 0.0))
     offset(road(root, "101"), (9.0, 0.8))
     road_map = read(root)
     assert set(lengths(read(tree()))) - set(lengths(road_map)) == {(0, 2)}
