@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from pytest_rvads.maps.segment import GAP_LIMIT
 
-__all__ = ["GAP_WARNING", "chained", "continued", "taper", "unfolded"]
+__all__ = ["GAP_WARNING", "TAPER", "chained", "continued", "unfolded"]
 
 Array = NDArray[np.float64]
 
 GAP_WARNING = 0.1
 """Gap between linked lanes from which on a warning is given, and a step to the side from which on it becomes a taper [m]."""
-_TAPER = 25**2 / 60
+TAPER = 25**2 / 60
 """Length of a taper per metre that it leads to the side: W S^2 / 60 at S = 25 mph (MUTCD 2009, table 6C-4)."""
 _SPACING = 0.5
 """Between the points of a taper [m]."""
@@ -33,11 +33,6 @@ _MOST_FOLDS = 100
 """Most folds of a lane that are cut: cost grows with their number, and what folds more often is no lane."""
 _OVERLAP = 0.01
 """Overlaps up to this are no repair: where lanes meet within a centimetre the joint is one point [m]."""
-
-
-def taper(step: float) -> float:
-    """Return over which length a line that is moved to the side by `step` gets back to its place [m]."""
-    return _TAPER * step
 
 
 def chained(parts: list[Array]) -> tuple[Array, float]:
@@ -111,7 +106,7 @@ def _at(line: Array, stations: float | Array) -> Array:
 def _moved(line: Array, step: Array) -> Array:
     """Return a line that begins `step` away and is back in its place at the end of a taper, or of the line."""
     along = _along(line)
-    reach = min(taper(math.hypot(*step)), float(along[-1]))
+    reach = min(TAPER * math.hypot(*step), float(along[-1]))
     stations = np.union1d(along, np.arange(0.0, reach, _SPACING))
     moved, share = _at(line, stations), np.clip(stations / reach, 0.0, 1.0)
     moved[:, :2] += np.outer(1.0 - share**2 * (3.0 - 2.0 * share), step)

@@ -11,7 +11,7 @@ import numpy as np
 
 from pytest_rvads.maps.doubts import Doubt
 from pytest_rvads.maps.segment import GAP_LIMIT
-from pytest_rvads.opendrive.centre_lines import GAP_WARNING, chained, taper, unfolded
+from pytest_rvads.opendrive.centre_lines import GAP_WARNING, TAPER, chained, unfolded
 from pytest_rvads.opendrive.draft import Chain, Draft
 from pytest_rvads.opendrive.lanes import LaneLine, lane_lines
 from pytest_rvads.opendrive.records import Road
@@ -136,7 +136,7 @@ def _edge(draft: Draft, road: Road, chain: list[_Node], lines: list[LaneLine], f
         return None
     if widest:
         message = (
-            f"lane {name} jumps by {widest:.2f} m between two lane sections; it was blended over up to {taper(widest):.1f} m"
+            f"lane {name} jumps by {widest:.2f} m between two lane sections; it was blended over up to {TAPER * widest:.1f} m"
         )
         draft.warn(Doubt.GAP, message, road.id)
     if cut:

@@ -13,17 +13,45 @@ import numpy as np
 
 from pytest_rvads.maps.doubts import Doubt
 from pytest_rvads.maps.segment import GAP_LIMIT
-from pytest_rvads.opendrive.centre_lines import GAP_WARNING, continued, taper
+from pytest_rvads.opendrive.centre_lines import GAP_WARNING, TAPER, continued
 from pytest_rvads.opendrive.draft import Chain, Draft, LaneEnd
 from pytest_rvads.opendrive.records import Document
 
-__all__ = ["complete", "mend_joints"]
+__all__ = ["complete", "mend_joints", "turn_links"]
 
 _AHEAD = 0.5
 """Most change of heading from a lane to one that goes on without a lane link [rad]."""
 _MOST_NEIGHBOURS = 32
 """Most road ends that are looked at around one; a junction has 16 at most."""
+_TURNED_GAP = 0.5
+"""Widest gap across which a link is moved to the other end of a road [m]."""
+_OTHER = {"start": "end", "end": "start"}
 RoadEnd = tuple[str, str]
+
+
+def turn_links(draft: Draft) -> None:
+    """Move lane links that name the wrong end of a road to its other end, where just one lane there goes on from the first lane.
+
+    Links in doubt are those across a gap that nobody can drive across, and those that no traffic passes.
+    """
+    reach, leave = _by_end(draft.arriving), _by_end(draft.departing)
+    doubtful: list[tuple[list[tuple[str, str]], list[tuple[str, str] | None]]] = []
+    for one, other in draft.links.edges:
+        edge, after = draft.edges[one], draft.edges[other]
+        if math.dist(edge.points[-1], after.points[0]) > GAP_LIMIT:
+            (road, end), (beyond, there) = edge.head, after.tail
+            turned = [(one, id) for id in leave[beyond, _OTHER[there]]] + [(id, other) for id in reach[road, _OTHER[end]]]
+            doubtful.append(([(one, other)], [*turned]))
+    for (road, end, lane), (beyond, there, target) in draft.idle:
+        far = (road, _OTHER[end], lane), (beyond, _OTHER[there], target)
+        doubtful.append(([], [draft.pair((road, end, lane), far[1]), draft.pair(far[0], (beyond, there, target))]))
+    for wide, pairs in doubtful:
+        for one, other in _only(draft, [pair for pair in pairs if pair is not None], _TURNED_GAP):
+            if wide or not draft.links.has_edge(one, other):
+                draft.links.remove_edges_from(wide)
+                draft.links.add_edge(one, other)
+                message = f"a link names the wrong end of a road; lane {one} leads to lane {other}"
+                draft.warn(Doubt.LINK, message, draft.edges[one].road, draft.edges[one].junction or draft.edges[other].junction)
 
 
 def complete(draft: Draft) -> None:
@@ -98,12 +126,12 @@ def _ends(road: str, end: str) -> list[RoadEnd]:
     return [(road, end)] if end in ("start", "end") else [(road, "start"), (road, "end")]
 
 
-def _only(draft: Draft, pairs: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Return the pair of lanes of which one goes on from the other, if just one does."""
+def _only(draft: Draft, pairs: list[tuple[str, str]], gap: float = GAP_WARNING) -> list[tuple[str, str]]:
+    """Return the pair of lanes of which one goes on from the other within `gap` [m], if just one does."""
     near = []
     for one, two in ((draft.edges[a], draft.edges[b]) for a, b in pairs):
         turn = math.remainder(two.start_heading - one.end_heading, math.tau)
-        if math.dist(one.points[-1], two.points[0]) <= GAP_WARNING and abs(turn) < _AHEAD:
+        if math.dist(one.points[-1], two.points[0]) <= gap and abs(turn) < _AHEAD:
             near.append((one.id, two.id))
     return near if len(near) == 1 else []
 
@@ -149,6 +177,8 @@ def _mend(draft: Draft, edge: Chain, after: Chain) -> str | None:
             length = float(np.hypot(*np.diff(line[:, :2], axis=0).T).sum())
             draft.edges[lane.id] = replace(lane, points=line[:, :2], s=line[:, 2], length=length)
             overlap = f"overlaps lane {fixed.id} by {cut:.2f} m and was cut" if cut else ""
-            beside = f"lies {aside:.2f} m beside lane {fixed.id} and was blended over up to {taper(aside):.1f} m" if aside else ""
+            beside = (
+                f"lies {aside:.2f} m beside lane {fixed.id} and was blended over up to {TAPER * aside:.1f} m" if aside else ""
+            )
             return f"lane {lane.id} {overlap}{', and ' * bool(cut and aside)}{beside}"
     return None
