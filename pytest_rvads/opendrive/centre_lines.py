@@ -106,7 +106,7 @@ def _at(line: Array, stations: float | Array) -> Array:
 def _moved(line: Array, step: Array) -> Array:
     """Return a line that begins `step` away and is back in its place at the end of a taper, or of the line."""
     along = _along(line)
-    reach = min(TAPER * math.hypot(*step), float(along[-1]))
+    reach = max(min(TAPER * math.hypot(*step), float(along[-1])), _NUDGE)
     stations = np.union1d(along, np.arange(0.0, reach, _SPACING))
     moved, share = _at(line, stations), np.clip(stations / reach, 0.0, 1.0)
     moved[:, :2] += np.outer(1.0 - share**2 * (3.0 - 2.0 * share), step)
