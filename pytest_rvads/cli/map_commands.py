@@ -39,6 +39,7 @@ def declare(commands: Subparsers) -> None:
     map_.add_argument("--json", action="store_true", help="print one JSON object")
     map_.add_argument("--svg", metavar="OUT", help="also draw the junctions into this file")
     map_.add_argument("--uturns", action="store_true", help="keep U-turns, which are left out otherwise")
+    map_.add_argument("--no-clusters", dest="clusters", action="store_false", help="keep junctions of a cluster apart")
     map_.set_defaults(command=_map)
 
 
@@ -76,7 +77,7 @@ def _map(options: argparse.Namespace) -> int:
     from pytest_rvads.draw.map_picture import draw_map
     from pytest_rvads.junctions.road_map import describe, read_map
 
-    road_map = read_map(options.file, uturns=options.uturns)
+    road_map = read_map(options.file, uturns=options.uturns, clusters=options.clusters)
     found = describe(road_map)
     if options.svg:
         write_file(Path(options.svg), draw_map(road_map).encode())

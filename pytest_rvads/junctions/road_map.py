@@ -11,6 +11,7 @@ from typing import Any
 
 from pytest_rvads.errors import MapError, suggest
 from pytest_rvads.junctions.analysis import JunctionReport, analyse, cut, joints_of, lifted
+from pytest_rvads.junctions.clusters import clustered
 from pytest_rvads.junctions.formats import read_file
 from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
@@ -165,23 +166,25 @@ class RoadMap:
         return segment
 
 
-def read_map(path: str | os.PathLike[str], *, uturns: bool = False) -> RoadMap:
+def read_map(path: str | os.PathLike[str], *, uturns: bool = False, clusters: bool = True) -> RoadMap:
     """Read a map file, by its suffix.
 
     Args:
         path: of the file.
         uturns: keep U-turns at all junctions, which are left out otherwise.
+        clusters: read junctions whose ways lead into each other as one, where that one has 3 to 8 arms.
 
     Raises:
         MapError: the file cannot be used at all; the message is one sentence.
     """
     graph = MetricGraph(read_file(path))
-    network = graph.network
-    warnings = [*network.warnings]
-    objects: dict[str, list[MapObject]] = {id: [] for id in network.junctions}
-    for item in network.objects:
-        objects[item.junction].append(item)
     try:
+        graph = clustered(graph) if clusters else graph
+        network = graph.network
+        warnings = [*network.warnings]
+        objects: dict[str, list[MapObject]] = {id: [] for id in network.junctions}
+        for item in network.objects:
+            objects[item.junction].append(item)
         cuts = {id: cut(graph, id) for id in objects}
         joints = joints_of(cuts.values())
         reports = tuple(analyse(graph, cuts[id], items, warnings, joints=joints, uturns=uturns) for id, items in objects.items())

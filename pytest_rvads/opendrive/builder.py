@@ -12,7 +12,7 @@ from pytest_rvads.opendrive.lanes import sample_count
 from pytest_rvads.opendrive.links import link_roads, link_table
 from pytest_rvads.opendrive.reader import read
 from pytest_rvads.opendrive.records import Document, JunctionRecord
-from pytest_rvads.opendrive.repairs import check_gaps, complete
+from pytest_rvads.opendrive.repairs import complete, mend_joints, turn_links
 from pytest_rvads.opendrive.sides import directions, kept_sides
 from pytest_rvads.opendrive.signals import attach
 
@@ -52,8 +52,9 @@ def build(document: Document) -> Network:
         link_roads(draft, road)
     for junction in document.junctions:
         link_table(draft, junction)
+    turn_links(draft)
     complete(draft)
-    check_gaps(draft)
+    mend_joints(draft)
     sides = kept_sides(draft, leftward)
     objects = attach(draft)
     return Network(

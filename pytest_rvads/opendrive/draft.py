@@ -54,6 +54,8 @@ class Draft:
         """Per junction, the links into it that its connection table has."""
         self.linked: dict[str, set[tuple[str, str]]] = defaultdict(set)
         """Per junction, the links into it that its connecting roads have."""
+        self.idle: list[tuple[LaneEnd, LaneEnd]] = []
+        """Lane links that no traffic passes."""
         self.left_out: set[str] = set()
         """Roads whose lanes have no place."""
 

@@ -135,7 +135,7 @@ def _section(road: Road, section: Section, start: float, end: float, warnings: l
                 offset = shift + math.copysign(0.5, id) * (inner + outer)
                 lines[id], cut = _line(road, id, samples, offset, outer - inner)
                 if cut:
-                    message = f"lane {id} of road {road.id!r} folds at a kink of the reference line and was cut there"
+                    message = f"lane {id} of road {road.id!r} folds where the reference line bends; {cut:.2f} m of it were cut"
                     warnings.append(MapWarning(Doubt.KINK, message, road.id))
             inner = outer
     return lines
@@ -211,24 +211,37 @@ def _pieces(shapes: Sequence[Shape], start: float, end: float) -> Iterator[tuple
         yield max((shape for shape in shapes if shape.s <= start + _EPS), default=shapes[0]), start, end
 
 
-def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -> tuple[LaneLine, bool]:
-    """Return the centre line of a lane, and whether it was cut at a kink."""
+def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -> tuple[LaneLine, float]:
+    """Return the centre line of a lane, and how much of it was cut at kinks and at its ends [m]."""
     s, line, heading, joints = samples
     points = np.column_stack((line.x - offset * np.sin(line.heading), line.y + offset * np.cos(line.heading)))
     if not np.isfinite(points).all():
         raise MapError(f"lane {id} of road {road.id!r} has widths or offsets that are not finite")
     slope = np.diff(offset) / np.maximum(np.diff(s), _MERGE)
     turning = float(heading[-1] - heading[0] + math.atan(slope[-1]) - math.atan(slope[0]))
-    keep = np.ones(len(s), dtype=bool)
+    keep, length = np.ones(len(s), dtype=bool), _length(points)
     for joint in joints:
         if abs(heading[joint] - heading[joint - 1]) > _KINK:
             _mitre(points, keep, samples, offset, joint)
+    _advance(points, keep, heading)
+    _advance(points[::-1], keep[::-1], heading[::-1] + math.pi)
     points, s = points[keep], s[keep]
+    cut = 0.0 if keep.all() else length - _length(points)
     far = np.concatenate(([True], np.hypot(*np.diff(points, axis=0).T) > _MERGE))
     if not far[-1] and len(far) > 2:
         far[-2:] = False, True
     far[-1] = True
-    return LaneLine(points[far], s[far], turning, float(width[len(width) // 2])), not keep.all()
+    return LaneLine(points[far], s[far], turning, float(width[len(width) // 2])), cut
+
+
+def _length(points: Array) -> float:
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def _advance(points: Array, keep: NDArray[np.bool_], heading: Array) -> None:
+    """Drop the points after the first one from which a lane would have to run back: it lies inside of a tight bend there."""
+    ahead = (points - points[0]) @ (math.cos(heading[0]), math.sin(heading[0])) > -_EPS
+    keep[1 : int(ahead[1:].argmax()) + 1 if ahead[1:-1].any() else 1] = False
 
 
 def _mitre(points: Array, keep: NDArray[np.bool_], samples: _Samples, offset: Array, joint: int) -> None:

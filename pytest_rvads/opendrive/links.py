@@ -27,8 +27,10 @@ def link_roads(draft: Draft, road: Road) -> None:
             continue
         for lane in road.lanes_at(contact).values():
             for target in lane.onward(contact):
-                pair = draft.pair((road.id, contact, lane.id), (other.id, link.contact, target))
+                one, two = (road.id, contact, lane.id), (other.id, link.contact, target)
+                pair = draft.pair(one, two)
                 if pair is None:
+                    draft.idle.append((one, two))
                     continue
                 draft.links.add_edge(*pair)
                 if road.junction is not None and draft.edges[pair[1]].road == road.id:
@@ -46,6 +48,7 @@ def link_table(draft: Draft, id: str) -> None:
             one, two = (row.incoming, end, source), (row.connecting, row.contact, target)
             pair = draft.pair(one, two)
             if pair is None:
+                draft.idle.append((one, two))
                 if one[:2] != two[:2]:
                     _check(draft, id, one, two)
             elif junction.type == "direct":

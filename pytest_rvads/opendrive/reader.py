@@ -77,7 +77,10 @@ def read(path: str | os.PathLike[str]) -> Document:
 
 
 def _adopt(roads: dict[str, Road], junctions: dict[str, JunctionRecord], warnings: list[MapWarning]) -> None:
-    """Put connecting roads into the junction whose table names them, and take roads out of junctions that do not exist."""
+    """Put connecting roads into the junction whose table names them, and take roads out of junctions that do not exist.
+
+    A road that a junction follows at one of its ends lies outside, whatever a table says.
+    """
     for road in list(roads.values()):
         if road.junction is not None and road.junction not in junctions:
             roads[road.id] = replace(road, junction=None)
@@ -86,9 +89,15 @@ def _adopt(roads: dict[str, Road], junctions: dict[str, JunctionRecord], warning
             )
             warnings.append(MapWarning(Doubt.LINK, message, road.id))
     for junction in junctions.values():
-        for row in junction.connections if junction.made_of_roads else ():
-            connecting = roads.get(row.connecting)
-            if connecting is not None and connecting.junction is None:
+        for name in dict.fromkeys(row.connecting for row in junction.connections if junction.made_of_roads):
+            connecting = roads.get(name)
+            if connecting is None or connecting.junction is not None:
+                continue
+            if any(link is not None and link.junction for _, link in connecting.contacts):
+                what = f"names road {connecting.id!r} as connecting, which ends at a junction; it was taken as outside"
+                message = f"junction {junction.id!r} {what}"
+                warnings.append(MapWarning(Doubt.TABLE, message, connecting.id, junction.id))
+            else:
                 roads[connecting.id] = replace(connecting, junction=junction.id)
                 message = f"road {connecting.id!r} connects roads in junction {junction.id!r} but does not say that it lies in it"
                 warnings.append(MapWarning(Doubt.TABLE, message, connecting.id, junction.id))

@@ -1,25 +1,57 @@
-"""Repairs of a linked network: lanes that meet without a lane link, and links across gaps."""
+"""Repairs of a linked network: lanes that meet without a lane link, links across gaps, lanes that overlap."""
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import islice
+from operator import itemgetter
+
+import numpy as np
 
 from pytest_rvads.maps.doubts import Doubt
 from pytest_rvads.maps.segment import GAP_LIMIT
-from pytest_rvads.opendrive.chains import GAP_WARNING
-from pytest_rvads.opendrive.draft import Draft, LaneEnd
+from pytest_rvads.opendrive.centre_lines import GAP_WARNING, TAPER, continued
+from pytest_rvads.opendrive.draft import Chain, Draft, LaneEnd
 from pytest_rvads.opendrive.records import Document
 
-__all__ = ["check_gaps", "complete"]
+__all__ = ["complete", "mend_joints", "turn_links"]
 
 _AHEAD = 0.5
 """Most change of heading from a lane to one that goes on without a lane link [rad]."""
 _MOST_NEIGHBOURS = 32
 """Most road ends that are looked at around one; a junction has 16 at most."""
+_TURNED_GAP = 0.5
+"""Widest gap across which a link is moved to the other end of a road [m]."""
+_OTHER = {"start": "end", "end": "start"}
 RoadEnd = tuple[str, str]
+
+
+def turn_links(draft: Draft) -> None:
+    """Move lane links that name the wrong end of a road to its other end, where just one lane there goes on from the first lane.
+
+    Links in doubt are those across a gap that nobody can drive across, and those that no traffic passes.
+    """
+    reach, leave = _by_end(draft.arriving), _by_end(draft.departing)
+    doubtful: list[tuple[list[tuple[str, str]], list[tuple[str, str] | None]]] = []
+    for one, other in draft.links.edges:
+        edge, after = draft.edges[one], draft.edges[other]
+        if math.dist(edge.points[-1], after.points[0]) > GAP_LIMIT:
+            (road, end), (beyond, there) = edge.head, after.tail
+            turned = [(one, id) for id in leave[beyond, _OTHER[there]]] + [(id, other) for id in reach[road, _OTHER[end]]]
+            doubtful.append(([(one, other)], [*turned]))
+    for (road, end, lane), (beyond, there, target) in draft.idle:
+        far = (road, _OTHER[end], lane), (beyond, _OTHER[there], target)
+        doubtful.append(([], [draft.pair((road, end, lane), far[1]), draft.pair(far[0], (beyond, there, target))]))
+    for wide, pairs in doubtful:
+        for one, other in _only(draft, [pair for pair in pairs if pair is not None], _TURNED_GAP):
+            if wide or not draft.links.has_edge(one, other):
+                draft.links.remove_edges_from(wide)
+                draft.links.add_edge(one, other)
+                message = f"a link names the wrong end of a road; lane {one} leads to lane {other}"
+                draft.warn(Doubt.LINK, message, draft.edges[one].road, draft.edges[one].junction or draft.edges[other].junction)
 
 
 def complete(draft: Draft) -> None:
@@ -94,25 +126,59 @@ def _ends(road: str, end: str) -> list[RoadEnd]:
     return [(road, end)] if end in ("start", "end") else [(road, "start"), (road, "end")]
 
 
-def _only(draft: Draft, pairs: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Return the pair of lanes of which one goes on from the other, if just one does."""
+def _only(draft: Draft, pairs: list[tuple[str, str]], gap: float = GAP_WARNING) -> list[tuple[str, str]]:
+    """Return the pair of lanes of which one goes on from the other within `gap` [m], if just one does."""
     near = []
     for one, two in ((draft.edges[a], draft.edges[b]) for a, b in pairs):
         turn = math.remainder(two.start_heading - one.end_heading, math.tau)
-        if math.dist(one.points[-1], two.points[0]) <= GAP_WARNING and abs(turn) < _AHEAD:
+        if math.dist(one.points[-1], two.points[0]) <= gap and abs(turn) < _AHEAD:
             near.append((one.id, two.id))
     return near if len(near) == 1 else []
 
 
-def check_gaps(draft: Draft) -> None:
-    """Warn of linked lanes that do not meet; outside junctions undo links that are too wide to drive across."""
-    for edge in draft.edges.values():
-        for id in list(draft.links.succ[edge.id]):
-            other = draft.edges[id]
-            gap = math.dist(edge.points[-1], other.points[0])
-            if gap <= GAP_WARNING:
-                continue
-            junction = edge.junction or other.junction
-            draft.warn(Doubt.GAP, f"lanes {edge.id} and {other.id} are linked but {gap:.2f} m apart", edge.road, junction)
-            if gap > GAP_LIMIT and junction is None:
-                draft.links.remove_edge(edge.id, id)
+def mend_joints(draft: Draft) -> None:
+    """Let linked lanes go on from each other; outside junctions undo links that are too wide to drive across."""
+    for one, other in list(draft.links.edges):
+        edge, after = draft.edges[one], draft.edges[other]
+        gap = math.dist(edge.points[-1], after.points[0])
+        junction = edge.junction or after.junction
+        what = f"lanes {one} and {other} are linked but {gap:.2f} m apart"
+        if gap <= GAP_LIMIT:
+            repair = _mend(draft, edge, after)
+            if repair is None:
+                draft.links.remove_edge(one, other)
+                what = f"lane {other} lies behind the end of lane {one}, which leads to it; the link was left out"
+            elif repair or gap <= GAP_WARNING:
+                what = repair
+        elif junction is None:
+            draft.links.remove_edge(one, other)
+            what += "; the link was left out"
+        if what:
+            draft.warn(Doubt.GAP, what, edge.road, junction)
+
+
+def _mend(draft: Draft, edge: Chain, after: Chain) -> str | None:
+    """Let a lane go on from another one, and return what was repaired; None where one lies behind the end of the other.
+
+    The lane that is changed is the one that is linked to nothing else at that end, or else the one inside a junction.
+    """
+    ends = [
+        (draft.links.in_degree(after.id), after.junction is None, after, edge, 1, edge.end_heading),
+        (draft.links.out_degree(edge.id), edge.junction is None, edge, after, -1, after.start_heading + math.pi),
+    ]
+    for _, _, lane, fixed, step, heading in sorted(ends, key=itemgetter(0, 1)):
+        rows = np.column_stack((lane.points, lane.s))[::step]
+        repaired = continued(rows, fixed.points[::step][-1], heading)
+        if repaired is not None:
+            line, cut, aside = repaired
+            if not cut and not aside:
+                return ""
+            line = line[::step]
+            length = float(np.hypot(*np.diff(line[:, :2], axis=0).T).sum())
+            draft.edges[lane.id] = replace(lane, points=line[:, :2], s=line[:, 2], length=length)
+            overlap = f"overlaps lane {fixed.id} by {cut:.2f} m and was cut" if cut else ""
+            beside = (
+                f"lies {aside:.2f} m beside lane {fixed.id} and was blended over up to {TAPER * aside:.1f} m" if aside else ""
+            )
+            return f"lane {lane.id} {overlap}{', and ' * bool(cut and aside)}{beside}"
+    return None
