@@ -106,6 +106,8 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
     ways = [movement["entrance"] for movement in junction["movements"]]
     owed = sorted({(ways[one], ways[two]) for one, two in junction["yields"]})
     parts = [f"arm {one} to {_listed([two for _, two in pairs])}" for one, pairs in groupby(owed, key=itemgetter(0))]
+    open_ = sorted({tuple(sorted((ways[one], ways[two]))) for one, two in junction["undecided"]})
+    parts += [f"arms {one} and {two} undecided" for one, two in open_]
     yield f"gives way: {'; '.join(parts) or 'nobody'}"
 
 

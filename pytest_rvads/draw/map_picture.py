@@ -41,6 +41,8 @@ _REASONS = {
     Reason.SIGN: "by signs",
     Reason.TURN: "turning {1}",
     Reason.RIGHT: "{0} before {1}",
+    Reason.MERGE: "joining",
+    Reason.UNDECIDED: "undecided at a flat angle",
 }
 
 Project = Callable[[float, float], tuple[float, float]]

@@ -45,6 +45,7 @@ def test_all_fields() -> None:
         "conflicts": [[0, 5], [1, 2], [1, 3], [1, 5], [2, 4], [2, 5]],
         # On the same green the left turn from arm 1 lets oncoming traffic from arm 2 go.
         "yields": [[2, 4], [2, 5]],
+        "undecided": [],
         "approach": [120.0, 120.0, 120.0],
         "right_of": [[0, 2], [1, 0]],
         "opposite": [[1, 2], [2, 1]],
