@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from pytest_rvads.displayed import shown
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.bends import LEAST_RADIUS, least_radius
-from pytest_rvads.junctions.conflicts import Key, Shared, stretches
+from pytest_rvads.junctions.conflicts import JunctionKind, Key, Shared, stretches
 from pytest_rvads.junctions.yielding import Precedence, Reason
 from pytest_rvads.maps.control import JunctionControl, Sign, control_of
 from pytest_rvads.maps.segment import Segment, Turn
@@ -206,6 +206,16 @@ class Junction:
     def conflicts(self) -> frozenset[tuple[Key, Key]] | None:
         """Pairs of movements, in both orders, that two vehicles can't make at the same time; None without centre lines."""
         return None if self.stretches is None else frozenset(self.stretches)
+
+    @cached_property
+    def kind(self) -> JunctionKind | None:
+        """How its movements meet; None without centre lines."""
+        if self.stretches is None:
+            return None
+        if not self.stretches:
+            return JunctionKind.CONFLICT_FREE
+        merge = all(shared.merges for shared in self.stretches.values())
+        return JunctionKind.MERGING if merge else JunctionKind.CROSSING
 
     @cached_property
     def tight(self) -> Mapping[Key, float]:

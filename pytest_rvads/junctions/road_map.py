@@ -214,6 +214,7 @@ def _describe(report: JunctionReport, junction: Junction | None) -> dict[str, An
         "ways": report.ways,
         "control": report.control.value,
         "usable": report.usable,
+        "kind": junction.kind if junction else None,
         "usable_from": round(report.usable_from, 4) if report.usable else None,
         "reason": None if report.reason is None else f"{report.reason[0].upper()}{report.reason[1:]}.",
         "entrances": [f"e{i}" for i in entering],

@@ -47,8 +47,8 @@ def road(  # noqa: PLR0913 - what the roads differ in
     return (
         f'<road id="{id}" length="{length}" {inside}><link>{links}</link><type s="0" type="{type}"/><planView>'
         f'<geometry s="0" x="{start.x}" y="{start.y}" hdg="{start.heading}" length="{length}">{shape}</geometry></planView>'
-        f'<lanes><laneOffset s="0" a="0" b="{-taper / length / 2}" c="0" d="0"/><laneSection s="0"><center><lane id="0" type="none"/></center>'
-        f'<right><lane id="-1" type="{lane}">{ids}'
+        f'<lanes><laneOffset s="0" a="0" b="{-taper / length / 2}" c="0" d="0"/><laneSection s="0">'
+        f'<center><lane id="0" type="none"/></center><right><lane id="-1" type="{lane}">{ids}'
         f'<width sOffset="0" a="3.5" b="{-taper / length}" c="0" d="0"/></lane></right></laneSection></lanes></road>'
     )
 
