@@ -18,6 +18,7 @@ from pytest_rvads.draw.scene import Scene, body, inks, label
 from pytest_rvads.draw.still import course, draw_ways, still
 from pytest_rvads.errors import RunError, RvadsError
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Verdict
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import ARRAYS, Run
@@ -85,7 +86,8 @@ def _junction(junction: Junction) -> str:
         ways = sorted((m.exit, m.turn) for m in junction.movements.values() if m.entrance == entrance)
         others = None
         if junction.yields is not None:
-            others = sorted({label(junction, other[0]) for one, other in junction.yields if one[0] == entrance})
+            decided = (pair for pair, reason in junction.yields.items() if reason is not Reason.UNDECIDED)
+            others = sorted({label(junction, other[0]) for one, other in decided if one[0] == entrance})
         rows.append(
             (
                 label(junction, entrance),

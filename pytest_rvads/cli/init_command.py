@@ -127,16 +127,18 @@ def _command(text: str) -> list[str]:
 
 
 def _place(file: str, wanted: str | None) -> dict[str, object]:
-    """Return a junction of a map, the one that is asked for or the first that can be used, and where its vehicles begin."""
+    """Return a junction of a map and where its vehicles begin: the junction asked for, or the first one where ways meet."""
+    from pytest_rvads.junctions.conflicts import JunctionKind
     from pytest_rvads.junctions.finder import find
     from pytest_rvads.junctions.road_map import describe, read_map
     from pytest_rvads.maps.control import JunctionControl
     from pytest_rvads.scenarios.classes import label
     from pytest_rvads.scenarios.selection import alone
 
-    usable = [wanted] if wanted else [str(one["id"]) for one in describe(read_map(file))["junctions"] if one["usable"]]
+    junctions = describe(read_map(file))["junctions"] if wanted is None else ()
+    usable = [wanted] if wanted else [one["id"] for one in junctions if one["kind"] not in (None, JunctionKind.CONFLICT_FREE)]
     if not usable:
-        raise MapError(f"{file} has no junction that can be used: rvads map {shlex.quote(file)} tells why")
+        raise MapError(f"{file} has no usable junction where ways meet: rvads map {shlex.quote(file)} tells why")
     place = find(usable[0], file)
     return {
         "junction": usable[0],

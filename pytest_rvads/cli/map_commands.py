@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from itertools import groupby, islice
 from operator import itemgetter
@@ -14,10 +15,12 @@ from typing import Any
 
 from pytest_rvads.cli.common import Subparsers, say, warn
 from pytest_rvads.storage import write_file
+from pytest_rvads.wording import plural
 
 __all__ = ["declare"]
 
 _SHOWN = 100
+_START = "vehicles start up to {:.0f} m before the line"
 
 
 def declare(commands: Subparsers) -> None:
@@ -84,16 +87,31 @@ def _map(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(found, indent=1))
         return 0
-    count = len(found["junctions"])
-    say(f"{os.path.basename(options.file)}: {count} junction{'s' if count > 1 else ''}")
+    say(f"{os.path.basename(options.file)}: {plural(len(found['junctions']), 'junction')}")
+    say(f"  {_summed(found['junctions'])}")
     for junction in found["junctions"]:
-        state = f"usable, from {junction['usable_from']:.0f} m on" if junction["usable"] else f"not usable: {junction['reason']}"
+        state = f"not usable: {junction['reason']}"
+        if junction["usable"]:
+            state = f"{junction['kind']}; {_START.format(junction['usable_from'])}"
         say(f"  {junction['id']:>6}  {junction['ways']}-way {junction['control']:<7} {state}")
         for line in _details(junction) if junction["usable"] else ():
             say(f"  {'':>6}  {line}")
     for warning in found["warnings"]:
         warn(f"warning: {warning['message']}")
     return 0
+
+
+def _summed(junctions: list[dict[str, Any]]) -> str:
+    """Return how many junctions are usable, of which kinds, and from where on at the one with the longest approaches."""
+    from pytest_rvads.junctions.conflicts import JunctionKind
+
+    usable = [junction for junction in junctions if junction["usable"]]
+    said = f"{len(usable)} of {len(junctions)} usable"
+    if not usable:
+        return said
+    counts = Counter(junction["kind"] for junction in usable)
+    kinds = ", ".join(f"{counts[kind]} {kind}" for kind in JunctionKind if counts[kind])
+    return f"{said}: {kinds}; {_START.format(max(junction['usable_from'] for junction in usable))}"
 
 
 def _details(junction: dict[str, Any]) -> Iterator[str]:
@@ -107,6 +125,8 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
     ways = [movement["entrance"] for movement in junction["movements"]]
     owed = sorted({(ways[one], ways[two]) for one, two in junction["yields"]})
     parts = [f"arm {one} to {_listed([two for _, two in pairs])}" for one, pairs in groupby(owed, key=itemgetter(0))]
+    open_ = sorted({tuple(sorted((ways[one], ways[two]))) for one, two in junction["undecided"]})
+    parts += [f"arms {one} and {two} undecided" for one, two in open_]
     yield f"gives way: {'; '.join(parts) or 'nobody'}"
 
 

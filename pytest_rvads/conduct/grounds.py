@@ -31,6 +31,8 @@ class Ground(StrEnum):
     """The other one comes from the near side: the right, where traffic keeps right."""
     TURN = "turn"
     """It turns across the way of oncoming traffic."""
+    MERGE = "merge"
+    """It joins the traffic of the other one, as the map shows."""
 
 
 def lit(junction: Junction, entrance: int) -> bool:
@@ -60,6 +62,8 @@ def ground_of(junction: Junction, one: Key, other: Key) -> Ground | None:
             return Ground.SIDE
         case Reason.TURN:
             return Ground.TURN
+        case Reason.MERGE:
+            return Ground.MERGE
     return None
 
 

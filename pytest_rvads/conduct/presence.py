@@ -6,8 +6,8 @@ somewhere that they might touch. No shipped rule is violated by others:
 - p1, p2, p3, p5, p6, p6g, first_come, right_first speak of two in their stop places or in the junction at the same time, and a
   vehicle there is near. What one of them owes to the other since then ends while both are there, see `window`.
 - no_conflict: who meets is on a stretch of its movement, so that part of its body is in the junction.
-- left_yields, yield_sign, priority, right_before_left, right_on_red: a way is owed by who is at its entrance or inside to who is
-  there, too, or would reach a stretch after the entrance within `priority.DUE`, 4 s: nearer than `NEAR_TIME`.
+- left_yields, yield_sign, priority, right_before_left, merge, right_on_red: a way is owed by who is at its entrance or inside to
+  who is there, too, or would reach a stretch after the entrance within `priority.DUE`, 4 s: nearer than `NEAR_TIME`.
 - no_collision: bodies that touch come closer than any others.
 - p4, red, full_stop, keep_clear, progress, keep_lane, on_lane_allowed, on_route and speed_limit speak of one vehicle. Whom it
   waits for, or is followed by, is looked up on the run, not among instances.

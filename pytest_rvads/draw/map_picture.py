@@ -41,6 +41,8 @@ _REASONS = {
     Reason.SIGN: "by signs",
     Reason.TURN: "turning {1}",
     Reason.RIGHT: "{0} before {1}",
+    Reason.MERGE: "joining",
+    Reason.UNDECIDED: "undecided at a flat angle",
 }
 
 Project = Callable[[float, float], tuple[float, float]]
@@ -176,7 +178,8 @@ def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None)
     parts += _painted(road_map, report, place, reach)
     for edge in roads:
         parts += _directions(edge, place, x, y, reach)
-    yielding = {one for one, _ in _yields(junction)} if junction else set()
+    yields = _yields(junction).items() if junction else ()
+    yielding = {one for (one, _), reason in yields if reason is not Reason.UNDECIDED}
     for way in report.movements:
         line = [place(*p) for id in way.path.edges for p in edges[id].points]
         style: dict[str, str | float] = {"stroke": _TURNS[way.turn], "stroke_width": 1.5, "marker_end": f"url(#{way.turn.value})"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Set
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.way_ahead import track
 from pytest_rvads.junctions.conflicts import Key, Shared
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION, VehicleState
@@ -69,13 +71,18 @@ class Meetings:
 
     def _find(self, other: VehicleState) -> tuple[Meeting, ...]:
         mine, junction = self._key, self._junction
-        shared, yields = junction.stretches or {}, junction.yields or {}
+        shared, yields = junction.stretches or {}, _settled(junction)
         keys = [way.key for way in junction.by_turn[other.entrance, other.turn]]
         return tuple(
             Meeting(shared[mine, key], (mine, key) in yields, (key, mine) in yields, _bend_speed(junction, key))
             for key in keys
             if (mine, key) in shared
         )
+
+
+def _settled(junction: Junction) -> Set[tuple[Key, Key]]:
+    """Return the pairs of movements of which the first gives way; of the undecided pairs, whoever is nearer goes first."""
+    return {pair for pair, reason in (junction.yields or {}).items() if reason is not Reason.UNDECIDED}
 
 
 @lru_cache(maxsize=4096)
@@ -118,7 +125,7 @@ def may_meet(junction: Junction, one: tuple[int, Turn], other: tuple[int, Turn])
 @lru_cache(maxsize=4096)
 def may_yield(junction: Junction, one: tuple[int, Turn], other: tuple[int, Turn]) -> bool:
     """Return whether the first of two vehicles, as for `may_meet`, may have to give way to the second."""
-    known, ways = junction.yields or {}, junction.by_turn
+    known, ways = _settled(junction), junction.by_turn
     return any((mine.key, yours.key) in known for mine in ways[one] for yours in ways[other])
 
 

@@ -75,6 +75,8 @@ class JunctionReport:
     """Per entrance, distance of its stop sign before the vertex, where that is not at the stopping line [m]."""
     stated: frozenset[tuple[Key, Key]]
     """Pairs of movements of which the file says that the first gives way to the second."""
+    joining: frozenset[tuple[Key, Key]]
+    """Pairs of movements into one exit of which the first joins the second, as the file shows by its lanes and roads."""
     objects: tuple[MapObject, ...]
     left_hand: bool
 
@@ -228,6 +230,7 @@ def analyse(
         tuple(map(setback_of, here)),
         tuple(map(sign_setback_of, here)),
         _stated(network, id, kept, graph),
+        _joining(kept, graph),
         tuple(objects),
         left_hand,
     )
@@ -334,6 +337,20 @@ def _stated(network: Network, id: str, ways: Sequence[Way], graph: MetricGraph) 
             if low in yielding and high in prior and one.entrance != two.entrance
         }
     return frozenset(found - {(two, one) for one, two in found})
+
+
+def _joining(ways: Sequence[Way], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
+    """Return the pairs of movements into one exit of which the first joins the second.
+
+    It does from a ramp, an entry or exit lane, or a lane that ends; or onto a motorway, where the second comes along one.
+    """
+
+    def rank(way: Way) -> tuple[bool, bool]:
+        edges = [graph.edges[edge] for edge in (way.path.entrance, *way.path.edges)]
+        return not any(edge.joins for edge in edges), edges[0].road in graph.network.motorways
+
+    ranks = {(way.entrance, way.exit): rank(way) for way in reversed(ways)}  # of several the shortest comes first
+    return frozenset((one, two) for one, two in permutations(ranks, 2) if one[1] == two[1] and ranks[one] < ranks[two])
 
 
 def _doubts(

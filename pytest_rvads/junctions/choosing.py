@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pytest_rvads.errors import MapError, require
 from pytest_rvads.junctions.analysis import JunctionReport
 from pytest_rvads.junctions.builtin import path_of
+from pytest_rvads.junctions.conflicts import JunctionKind
 from pytest_rvads.junctions.finder import find, load, name_of, names, offer
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.kinds import Kinds
@@ -18,12 +19,13 @@ __all__ = ["EVERY", "Choice", "Kinds", "Refused", "choose", "choose_among", "som
 
 EVERY = "*"
 """All junctions of a map."""
+_FREE = "no two of its movements meet, so nobody has to give way there: ask for it by its id to drive there all the same"
 Map = str | os.PathLike[str] | None
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A junction that was asked for among others, and can't be used."""
+    """A junction that was asked for among others, and can't be used, or where no ways meet."""
 
     junction: str
     """Its id."""
@@ -102,8 +104,8 @@ def choose_among(
     junctions = []
     for one in found.values():
         try:
-            junctions.append(find(one.id, one.map))
-        except MapError as error:  # its roads can't be joined, which is not known before
+            junctions.append(_offered(one))
+        except MapError as error:
             if one.alone:
                 raise
             refused[one.map, one.id] = _refused(one, str(error))
@@ -130,6 +132,18 @@ def _texts(wanted: str | Iterable[str]) -> tuple[str, ...]:
 def _refused(one: _Candidate, reason: str) -> Refused:
     control = one.report.control.value if one.report.entrances else ""
     return Refused(one.id, None if one.map is None else os.fspath(one.map), one.report.ways, control, reason)
+
+
+def _offered(one: _Candidate) -> Junction:
+    """Return a junction that was named, or where ways meet.
+
+    Raises:
+        MapError: its roads can't be joined, which is not known before, or no ways meet.
+    """
+    place = find(one.id, one.map)
+    if place.kind is JunctionKind.CONFLICT_FREE and not one.alone:
+        raise MapError(_FREE)
+    return place
 
 
 def _kind(junction: Junction) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.maps.segment import Segment
 
-__all__ = ["CONFLICT_WIDTH", "Key", "Shared", "Stretch", "stretches"]
+__all__ = ["CONFLICT_WIDTH", "JunctionKind", "Key", "Shared", "Stretch", "stretches"]
 
 CONFLICT_WIDTH = 2.6
 """Two movements whose centre lines come nearer than this are in conflict [m]: the width of a car and what its body sweeps
@@ -19,6 +20,17 @@ _SPACING = 0.5
 
 Key = tuple[int, int]
 """A movement: numbers of its entrance and its exit."""
+
+
+class JunctionKind(StrEnum):
+    """How the ways through a junction meet."""
+
+    CROSSING = "crossing"
+    """Some movements cross, or come too near to each other."""
+    MERGING = "merging"
+    """Movements meet only where they lead into one exit."""
+    CONFLICT_FREE = "conflict-free"
+    """No two movements from different entrances meet."""
 
 
 class Stretch(NamedTuple):

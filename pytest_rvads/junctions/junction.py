@@ -10,7 +10,6 @@ from __future__ import annotations
 import copyreg
 import hashlib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,7 +19,7 @@ from typing import Any, NamedTuple
 from pytest_rvads.displayed import shown
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.bends import LEAST_RADIUS, least_radius
-from pytest_rvads.junctions.conflicts import Key, Shared, stretches
+from pytest_rvads.junctions.conflicts import JunctionKind, Key, Shared, stretches
 from pytest_rvads.junctions.yielding import Precedence, Reason
 from pytest_rvads.maps.control import JunctionControl, Sign, control_of
 from pytest_rvads.maps.segment import Segment, Turn
@@ -124,6 +123,9 @@ class Junction:
     """File it was read from; None for a built-in one, or one from no map. No part of what is compared."""
     stated: frozenset[tuple[Key, Key]] = frozenset()
     """Pairs of movements of which the map says that the first gives way to the second."""
+    joining: frozenset[tuple[Key, Key]] = frozenset()
+    """Pairs of movements into one exit of which the map shows that the first joins the second: from a ramp, an entry or exit
+    lane or one that ends, or onto a motorway."""
 
     def __post_init__(self) -> None:
         arms = {entrance.arm for entrance in self.entrances} | {exit.arm for exit in self.exits}
@@ -206,6 +208,16 @@ class Junction:
         return None if self.stretches is None else frozenset(self.stretches)
 
     @cached_property
+    def kind(self) -> JunctionKind | None:
+        """How its movements meet; None without centre lines."""
+        if self.stretches is None:
+            return None
+        if not self.stretches:
+            return JunctionKind.CONFLICT_FREE
+        merge = all(shared.merges for shared in self.stretches.values())
+        return JunctionKind.MERGING if merge else JunctionKind.CROSSING
+
+    @cached_property
     def tight(self) -> Mapping[Key, float]:
         """Turning movements that bend with a smaller radius [m] than a car can steer, of those with a known centre line."""
         turning = [(m.key, m.path) for m in self.movements.values() if m.turn is not Turn.STRAIGHT]
@@ -216,7 +228,8 @@ class Junction:
     def yields(self) -> Mapping[tuple[Key, Key], Reason] | None:
         """Pairs (one, other) of conflicting movements of which the first gives way to the second, and why.
 
-        Of two that have lights but never green together there is none: the light says who goes. None without centre lines. See
+        Of two that have lights but never green together there is none: the light says who goes. A pair of which nobody can say
+        who gives way is in it in both orders, with the reason ``undecided``. None without centre lines. See
         `pytest_rvads.junctions.yielding`.
         """
         if self.conflicts is None:
@@ -224,14 +237,12 @@ class Junction:
         precedence = Precedence(
             [entrance.sign for entrance in self.entrances],
             [entrance.arm for entrance in self.entrances],
-            [
-                next((_outward(m.path) for m in self.movements.values() if m.path and m.entrance == number), 0.0)
-                for number in range(len(self.entrances))
-            ],
+            {m.entrance: m.path.pose(0.0) for m in reversed([*self.movements.values()]) if m.path},
             {key: movement.turn for key, movement in self.movements.items()},
             self.right_of,
             self.opposite,
             self.stated,
+            self.joining,
             self.left_hand,
         )
         phases = [entrance.phase if entrance.sign is Sign.LIGHTS else None for entrance in self.entrances]
@@ -280,7 +291,8 @@ class Junction:
         relations = sorted(self.right_of), sorted(self.opposite)
         # What most junctions don't have comes in only where there is some, so that digests of the others stay as they were.
         signs = [e.sign_setback for e in self.entrances] if any(e.sign_setback is not None for e in self.entrances) else None
-        rare = [item for item in (signs, sorted(self.stated)) if item]
+        joining = self.joining and {"joining": sorted(self.joining)}
+        rare = [item for item in (signs, sorted(self.stated), joining) if item]
         found.update(json.dumps([entrances, exits, ways, relations, self.left_hand, self.drivable, *rare]).encode())
         if self.drivable:
             paths = (self.movements[key].path for key in sorted(self.movements))
@@ -375,12 +387,6 @@ class Junction:
     def far(self) -> Turn:
         """The turn across oncoming traffic: left where traffic keeps right."""
         return Turn.RIGHT if self.left_hand else Turn.LEFT
-
-
-def _outward(path: Segment) -> float:
-    """Return the direction from the start of a movement against its traffic [rad]."""
-    (x, y), (u, v) = path.points[:2].tolist()
-    return math.pi + math.atan2(v - y, u - x)
 
 
 def _image(lanes: Sequence[Entrance | Exit], arms: int, ways: int) -> tuple[int, ...] | None:

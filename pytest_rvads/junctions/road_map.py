@@ -17,6 +17,7 @@ from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
 from pytest_rvads.junctions.projection import Locator, Track
 from pytest_rvads.junctions.ways import walk
+from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.maps.control import MapObject, sign_of_arm
 from pytest_rvads.maps.doubts import MapWarning
 from pytest_rvads.maps.segment import Segment, join
@@ -144,6 +145,7 @@ class RoadMap:
             math.fsum(edge.width for edge in edges) / len(edges),
             self.path,
             report.stated,
+            report.joining,
         )
 
     def _road(self, start: str, *, upstream: bool) -> Segment:
@@ -208,12 +210,14 @@ def _describe(report: JunctionReport, junction: Junction | None) -> dict[str, An
     # Of several from one lane to another the shortest, which comes first, is driven.
     numbers = {(way.entrance, way.exit): k for k, way in reversed([*enumerate(report.movements)])}
     by_arm = {i: [k for k, end in enumerate(report.entrances) if end.arm == i] for i in range(report.ways)}
-    conflicts, yields = (junction.conflicts or (), junction.yields or ()) if junction else ((), ())
+    conflicts, yields = (junction.conflicts or (), junction.yields or {}) if junction else ((), {})
+    undecided = {pair for pair, reason in yields.items() if reason is Reason.UNDECIDED}
     return {
         "id": report.id,
         "ways": report.ways,
         "control": report.control.value,
         "usable": report.usable,
+        "kind": junction.kind if junction else None,
         "usable_from": round(report.usable_from, 4) if report.usable else None,
         "reason": None if report.reason is None else f"{report.reason[0].upper()}{report.reason[1:]}.",
         "entrances": [f"e{i}" for i in entering],
@@ -237,7 +241,8 @@ def _describe(report: JunctionReport, junction: Junction | None) -> dict[str, An
             for way in report.movements
         ],
         "conflicts": sorted([numbers[one], numbers[two]] for one, two in conflicts if numbers[one] < numbers[two]),
-        "yields": sorted([numbers[one], numbers[two]] for one, two in yields),
+        "yields": sorted([numbers[one], numbers[two]] for one, two in yields.keys() - undecided),
+        "undecided": sorted([numbers[one], numbers[two]] for one, two in undecided if numbers[one] < numbers[two]),
         "approach": [round(min(report.approach[k] for k in by_arm[i]), 4) for i in entering],
         "right_of": sorted([list(pair) for pair in report.right_of]),
         "opposite": sorted([list(pair) for pair in report.opposite]),

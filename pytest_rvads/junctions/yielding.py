@@ -1,9 +1,10 @@
 """Who gives way to whom where two movements of a junction cross or merge, and why.
 
 Where the map itself says which movement has priority, that decides; then signs; then, of two that come from opposite sides, the
-turn across the other's way gives way; else right before left (Vienna Convention on Road Traffic 1968, Art. 16(1)(b) and 18; StVO,
-sections 8(1), 9(3) and 9(4); Uniform Vehicle Code 11-401 to 11-405). At an all-way stop this is who goes first in a tie; at
-lights, who gives way while both have green.
+turn across the other's way gives way; then the lane that joins another one, where the map shows that; else right before left
+(Vienna Convention on Road Traffic 1968, Art. 16(1)(b), 18 and 25(2); StVO, sections 8(1), 9(3), 9(4) and 18(3); Uniform Vehicle
+Code 11-401 to 11-405). Two lanes at a flat angle come together, and where the map does not show which joins which, nobody can say
+who gives way. At an all-way stop this is who goes first in a tie; at lights, who gives way while both have green.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from enum import StrEnum
 
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.maps.control import Sign
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.maps.segment import Pose, Turn
 
 __all__ = ["Precedence", "Reason"]
 
@@ -23,6 +24,9 @@ _RANK = {Sign.STOP: 0, Sign.YIELD: 0, Sign.NONE: 1, Sign.LIGHTS: 1, Sign.PRIORIT
 """Whoever comes past a sign of lower rank gives way (Vienna Convention on Road Signs and Signals 1968, signs B,1 to B,3). Stop
 and yield signs both say to give way to the road ahead; between two who come past them, sides decide."""
 _AHEAD = 1e-6
+_FLAT = math.radians(50.0)
+"""Entrances whose directions differ by less come together, and do not cross [rad]: roads that cross do so at 60 degrees or more
+(AASHTO, A Policy on Geometric Design: angle of intersection), and what a lane bends in the junction is left room for."""
 
 
 class Reason(StrEnum):
@@ -36,6 +40,10 @@ class Reason(StrEnum):
     """It turns across the way of the other one, which comes from the opposite side."""
     RIGHT = "right"
     """The other one comes from the right; from the left, where traffic keeps left."""
+    MERGE = "merge"
+    """It joins the traffic of the other one, as the map shows."""
+    UNDECIDED = "undecided"
+    """Both come together at a flat angle, and the map does not show which joins which: nobody can say who gives way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +54,15 @@ class Precedence:
     """Per entrance."""
     arms: Sequence[int]
     """The arm of every entrance."""
-    outward: Sequence[float]
-    """Direction of every entrance against its traffic [rad]."""
+    starts: Mapping[int, Pose]
+    """Where the movements of an entrance begin, and in which direction."""
     turns: Mapping[Key, Turn]
     right_of: Collection[tuple[int, int]]
     opposite: Collection[tuple[int, int]]
     stated: Collection[tuple[Key, Key]]
     """Pairs of movements of which the map says that the first gives way to the second."""
+    joining: Collection[tuple[Key, Key]]
+    """Pairs of movements of which the map shows that the first joins the second."""
     left_hand: bool
 
     def why(self, one: Key, other: Key) -> Reason | None:
@@ -75,14 +85,34 @@ class Precedence:
                 return None
         elif self.signs[mine] is self.signs[yours] is Sign.LIGHTS:
             return None
+        return self._among_equals(one, other)
+
+    def _among_equals(self, one: Key, other: Key) -> Reason | None:
+        mine, yours = one[0], other[0]
+        if set(self.signs) != {Sign.STOP}:  # at an all-way stop, lanes that come together take turns like any others
+            if (one, other) in self.joining or (other, one) in self.joining:
+                return Reason.MERGE if (one, other) in self.joining else None
+            if abs(math.remainder(self.starts[yours].heading - self.starts[mine].heading, math.tau)) < _FLAT:
+                return Reason.UNDECIDED
         return Reason.RIGHT if self._from_right(mine, yours) else None
 
     def _across(self, key: Key) -> bool:
         return self.turns[key] is (Turn.RIGHT if self.left_hand else Turn.LEFT)
 
     def _from_right(self, mine: int, yours: int) -> bool:
-        """Whether the other entrance lies to the right: by the angle of the arms where the relation of the paper says nothing."""
+        """Whether the other one comes from the right; from the left, where traffic keeps left.
+
+        The place of the other entrance tells, where each then has the other one on another side. Else, as with two that come head
+        on, the relation of the paper tells, then the angle of the entrances.
+        """
+        right = self._right_by_place(mine, yours)
+        if right != self._right_by_place(yours, mine):
+            return right != self.left_hand
         if (yours, mine) in self.right_of or (mine, yours) in self.right_of:
             return (yours, mine) in self.right_of
-        ahead = (self.outward[yours] - self.outward[mine]) % math.tau
-        return (ahead < math.pi - _AHEAD) != self.left_hand
+        turned = (self.starts[yours].heading - self.starts[mine].heading) % math.tau
+        return (turned < math.pi - _AHEAD) != self.left_hand
+
+    def _right_by_place(self, mine: int, yours: int) -> bool:
+        (x, y, heading), (u, v, _) = self.starts[mine], self.starts[yours]
+        return math.sin(heading) * (u - x) - math.cos(heading) * (v - y) > 0.0

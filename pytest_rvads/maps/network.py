@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import networkx as nx
 import numpy as np
@@ -36,6 +36,8 @@ class Edge:
     """At mid-length [m]."""
     length: float
     """Arc length [m]."""
+    joins: bool = field(default=False, kw_only=True)
+    """Whether it is a ramp or an entry or exit lane, or too narrow for a car at its end: its traffic joins other traffic."""
 
     @property
     def start_heading(self) -> float:
@@ -98,6 +100,8 @@ class Network:
     """By id, in file order."""
     left_hand: frozenset[str] = frozenset()
     """Roads where traffic keeps left."""
+    motorways: frozenset[str] = field(default=frozenset(), kw_only=True)
+    """Roads that are motorways."""
     objects: tuple[MapObject, ...] = ()
     """Stop signs, lights and stop lines with the entrances they are for."""
     controllers: tuple[tuple[str, ...], ...] = ()

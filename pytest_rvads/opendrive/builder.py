@@ -68,6 +68,7 @@ def build(document: Document) -> Network:
         tuple(objects),
         tuple(document.controllers.values()),
         tuple(draft.warnings),
+        motorways=frozenset(road.id for road in document.roads.values() if road.motorway),
     )
 
 

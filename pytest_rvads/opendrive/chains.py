@@ -19,6 +19,8 @@ from pytest_rvads.opendrive.records import Road
 __all__ = ["add_edges"]
 
 _MERGE = 1e-3
+_ENDED = 1.0
+"""A lane that is narrower than this at its end has ended [m]: every car is wider."""
 _Node = tuple[int, int]
 """Section index and lane id."""
 
@@ -143,4 +145,6 @@ def _edge(draft: Draft, road: Road, chain: list[_Node], lines: list[LaneLine], f
         draft.warn(Doubt.KINK, f"lane {name} runs backwards in a fold; {cut:.3f} m of it were cut", road.id)
     turning = step * math.fsum(line.turning for line in lines)
     width = lines[len(lines) // 2].width
-    return Chain(name, road.id, road.junction, forward, points, turning, width, length, tuple(chain), s)
+    section, lane = chain[-1]
+    joins = road.sections[section].lanes[lane].ramp or lines[-1].ends[forward] < _ENDED
+    return Chain(name, road.id, road.junction, forward, points, turning, width, length, tuple(chain), s, joins=joins)

@@ -47,6 +47,8 @@ class LaneLine(NamedTuple):
     """Total unwrapped change of heading [rad]."""
     width: float
     """At mid-length [m]."""
+    ends: tuple[float, float]
+    """Width at its first and its last station [m]."""
 
 
 class _Samples(NamedTuple):
@@ -231,7 +233,8 @@ def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -
     if not far[-1] and len(far) > 2:
         far[-2:] = False, True
     far[-1] = True
-    return LaneLine(points[far], s[far], turning, float(width[len(width) // 2])), cut
+    first, middle, last = (float(width[k]) for k in (0, len(width) // 2, -1))
+    return LaneLine(points[far], s[far], turning, middle, (first, last)), cut
 
 
 def _length(points: Array) -> float:

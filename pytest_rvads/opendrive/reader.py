@@ -143,6 +143,7 @@ def _road(element: Element, place: str, warnings: list[MapWarning]) -> Road:
         _link(links, "predecessor"),
         _link(links, "successor"),
         tuple(_signals(element, id, place, warnings)),
+        any(part.get("type") == "motorway" for part in element.iterfind("type")),
     )
 
 

@@ -10,8 +10,11 @@ from pytest_rvads.maps.doubts import MapWarning
 
 __all__ = ["Connection", "Cubic", "Document", "JunctionRecord", "Lane", "Road", "RoadLink", "Section", "Shape", "Signal"]
 
-_DRIVABLE = frozenset({"driving", "entry", "exit", "mwyentry", "mwyexit", "onramp", "offramp", "connectingramp", "sliplane"})
-"""Lane types (in lower case) that vehicles drive on; mwyEntry and mwyExit are entry and exit before version 1.4."""
+_RAMPS = frozenset({"entry", "exit", "mwyentry", "mwyexit", "onramp", "offramp", "connectingramp"})
+"""Lane types (in lower case) of lanes whose traffic joins other traffic; mwyEntry and mwyExit are entry and exit before version
+1.4."""
+_DRIVABLE = _RAMPS | {"driving", "sliplane"}
+"""Lane types that vehicles drive on."""
 
 
 class Cubic(NamedTuple):
@@ -59,6 +62,11 @@ class Lane(NamedTuple):
     def drivable(self) -> bool:
         """Lane 0 is never a lane, though some writers type it driving."""
         return self.id != 0 and self.type in _DRIVABLE
+
+    @property
+    def ramp(self) -> bool:
+        """Whether it is a ramp, or an entry or exit lane."""
+        return self.type in _RAMPS
 
     def onward(self, end: str) -> tuple[int, ...]:
         """Return the lanes that this one is linked to at ``start`` or ``end`` of its section."""
@@ -124,6 +132,7 @@ class Road:
     predecessor: RoadLink | None
     successor: RoadLink | None
     signals: tuple[Signal, ...]
+    motorway: bool = False
 
     @property
     def drivable(self) -> bool:

@@ -36,7 +36,8 @@ _OPEN = 10_000
 
 _SEATS = 3
 """Seats of the subject that are named per cause, where no more are concerned."""
-_GRAVE = ("no_collision", "no_conflict", "red", "right_on_red", "left_yields", "yield_sign", "priority", "right_before_left")
+_YIELDING = ("left_yields", "yield_sign", "priority", "right_before_left", "merge")
+_GRAVE = ("no_collision", "no_conflict", "red", "right_on_red", *_YIELDING)
 """Rules that are told first, the gravest first: contact, meeting in the junction, then taking the way of others."""
 _OWN = (*_GRAVE[2:], "p4", "full_stop", "speed_limit", "keep_lane", "on_route", "on_lane_allowed")
 """Rules that no vehicle breaks because another vehicle has broken a rule before."""

@@ -83,6 +83,7 @@ class JunctionRecord(msgspec.Struct, frozen=True, omit_defaults=True):
     lane_width: Size
     stated: Annotated[list[tuple[Key, Key]], msgspec.Meta(max_length=_MOST_PAIRS)] = []
     """Likewise."""
+    joining: Annotated[list[tuple[Key, Key]], msgspec.Meta(max_length=_MOST_PAIRS)] = []
 
 
 def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
@@ -105,6 +106,7 @@ def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
         junction.left_hand,
         junction.lane_width,
         sorted(junction.stated),
+        sorted(junction.joining),
     )
 
 
@@ -146,7 +148,7 @@ def _made(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junctio
     if length > _LONGEST:
         raise ValueError(f"its movements are {length:,.0f} m long together, expected at most {_LONGEST:,} m")
     ways = {m.key: m for m in movements}
-    if unknown := [key for pair in record.stated for key in pair if key not in ways]:
+    if unknown := [key for pair in (*record.stated, *record.joining) for key in pair if key not in ways]:
         raise ValueError(f"its junction states a priority of movements that lead somewhere, got {unknown[0]}, where none leads")
     return Junction(
         record.name,
@@ -159,4 +161,5 @@ def _made(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junctio
         record.left_hand,
         record.lane_width,
         stated=frozenset(record.stated),
+        joining=frozenset(record.joining),
     )

@@ -170,6 +170,12 @@ CHEATS = (
         "`left_yields`, `no_conflict`, `no_collision` FAIL, and it is to blame",
     ),
     Entry(
+        "join_so_near_ahead_that_others_must_brake",
+        CONFLICTS,
+        "joins from a ramp so near ahead of a vehicle that this has to brake hard",
+        "`merge` FAIL",
+    ),
+    Entry(
         "right_on_red_without_looking",
         CONFLICTS,
         "stops at the red light, turns right, and is hit by who has green",

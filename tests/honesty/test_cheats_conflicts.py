@@ -5,6 +5,7 @@ who comes from entrance 0. The subject is a0 if nothing else is said. Ways that 
 """
 
 import math
+from dataclasses import replace
 
 import pytest_rvads as rvads
 from pytest_rvads.search.remap import mirrored
@@ -16,6 +17,8 @@ from .shown import shows_each
 BLIND = paced(lambda _: 8.0)
 HESITANT = rvads.traffic("hesitant")
 CRASH = {"no_collision": "FAIL a0", "no_conflict": "FAIL a0", "end": "collision"}
+JOINING = replace(rvads.find("right4"), joining=frozenset({((0, 1), (3, 1))}))
+"""From entrance 0 a ramp leads to exit 1."""
 
 
 # Stops at the sign, turns right, and stops when its rear has left the junction by 2 m.
@@ -42,6 +45,12 @@ TAKES_THE_WAY = {
         stops_at(0.0, go=0.5),
         {"left_yields": "FAIL a0", **CRASH},
         BLIND,
+    ),
+    # a0 turns right, into the way of a3, which comes from its left, so that without the lane that joins a3 would give way.
+    "join_so_near_ahead_that_others_must_brake": Case(
+        at(JOINING, "1002", distance=(0.3, 20, 20, 24), speed=(0, 0, 0, 8), duration=15),
+        stops_at(-0.3, go=1.0, speed=6.0),
+        {"merge": "FAIL a0"},
     ),
     # a0 comes from the left of a1, straight on at green.
     "right_on_red_without_looking": Case(

@@ -105,7 +105,7 @@ def test_much_goes_wrong_in_these_runs(traffic: dict[str, Run], waiting: list[Ru
     runs = (*traffic.values(), *waiting, *simulated)
     failed = {r.name for r in RULES for run in runs if check(run, r).status is Status.FAIL}
     elsewhere = {r.name for r in RULES if not any(r.concerns(run.junction) for run in runs)}
-    assert elsewhere == {"yield_sign", "priority", "right_before_left", "on_lane_allowed"}
+    assert elsewhere == {"yield_sign", "priority", "right_before_left", "merge", "on_lane_allowed"}
     assert failed >= {r.name for r in RULES} - elsewhere - {"p2", "right_first", "p5", "p6", "p6g", "on_route"}
 
 

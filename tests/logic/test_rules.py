@@ -34,7 +34,7 @@ def test_rulebooks_hold_the_rules_of_the_plan() -> None:
     assert [r.name for r in rulebook("paper")] == ["p1", "p2", "p3", "p4", "p5", "p6"]
     assert {r.name for r in rulebook("road")} == {
         *("full_stop", "first_come", "right_first", "red", "right_on_red", "left_yields"),
-        *("yield_sign", "priority", "right_before_left", "on_lane_allowed"),
+        *("yield_sign", "priority", "right_before_left", "merge", "on_lane_allowed"),
         *("no_collision", "no_conflict", "keep_clear", "progress", "keep_lane", "on_route", "speed_limit"),
     }
     assert {r.tie for r in rulebook("paper")} == {0.0}
@@ -59,7 +59,7 @@ def test_a_specification_is_a_rulebook_a_rule_or_a_mixture() -> None:
     assert names("p4", JunctionControl.STOP) == ["p4"], "named outright, it always runs"
     assert names(["p3", "paper", "p3"], JunctionControl.STOP) == ["p3", "p1", "p2"]
     assert names((get_rule("p6g"), "p1")) == ["p6g", "p1"]
-    assert len(names(["paper", "road"])) == 23
+    assert len(names(["paper", "road"])) == 24
 
 
 @pytest.mark.parametrize(

@@ -303,7 +303,7 @@ def test_the_list_of_rules_names_every_rule_with_its_source() -> None:
     for name in ("p1", "p6g", "full_stop", "right_on_red", "speed_limit"):
         assert f"\n  {name}  " in text
     assert "\n      No two vehicles touch.\n" in text
-    assert text.count("responsible:") == text.count("source:") == 24
+    assert text.count("responsible:") == text.count("source:") == 25
 
 
 @pytest.mark.parametrize("write", [describe, to_dot, to_hoa])

@@ -36,6 +36,7 @@ def test_all_fields() -> None:
         "ways": 3,
         "control": "lights",
         "usable": True,
+        "kind": "crossing",
         "usable_from": 120.0,
         "reason": None,
         "entrances": ["e0", "e1", "e2"],
@@ -45,6 +46,7 @@ def test_all_fields() -> None:
         "conflicts": [[0, 5], [1, 2], [1, 3], [1, 5], [2, 4], [2, 5]],
         # On the same green the left turn from arm 1 lets oncoming traffic from arm 2 go.
         "yields": [[2, 4], [2, 5]],
+        "undecided": [],
         "approach": [120.0, 120.0, 120.0],
         "right_of": [[0, 2], [1, 0]],
         "opposite": [[1, 2], [2, 1]],
@@ -189,7 +191,7 @@ def test_the_text_shows_lanes_control_and_who_gives_way(tmp_path: Path, capsys: 
     path.write_bytes(ElementTree.tostring(root))
     assert main(["map", str(path)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[1].split() == ["1", "4-way", "yield", "usable,", "from", "120", "m", "on"]
-    assert lines[2].strip() == "arm 0: 1 in, 1 out, yield; arms 1 to 2: 1 in, 1 out, none; arm 3: 0 in, 1 out"
+    assert lines[2].split(maxsplit=3) == ["1", "4-way", "yield", "crossing; vehicles start up to 120 m before the line"]
+    assert lines[3].strip() == "arm 0: 1 in, 1 out, yield; arms 1 to 2: 1 in, 1 out, none; arm 3: 0 in, 1 out"
     # From the south to both others by the sign; the eastern arm to the northern one, which lies on its right.
-    assert lines[3].strip() == "gives way: arm 0 to 1, 2; arm 1 to 2"
+    assert lines[4].strip() == "gives way: arm 0 to 1, 2; arm 1 to 2"

@@ -118,7 +118,7 @@ def test_c_reads_what_json_says(tmp_path: Path, junction: str, directions: Any, 
     expected += [[e["arm"], e["lane"]] for e in there["exits"]]
     expected += [[int([i, k] in there[name]) for name in ("right_of", "opposite")] for i in numbers for k in numbers]
     expected += [[m["entrance"], m["exit"], TURNS.index(m["turn"]), m["length"]] for m in there["movements"]]
-    reasons = map(("stated", "sign", "turn", "right").index, there["reasons"])
+    reasons = map(("stated", "sign", "turn", "right", "merge", "undecided").index, there["reasons"])
     expected += [*there["conflicts"], *([*pair, reason] for pair, reason in zip(there["yields"], reasons, strict=True))]
     expected += [way["path"][-1], content]
     python = rvads_client.Observation(observed[0], content, True, None)

@@ -41,7 +41,7 @@ _SIZES = {READY: 0, COMMAND: _COMMAND.size + 3 * 8 * POINTS}
 """Of the frames that a stack sends [bytes]."""
 _TURNS = {turn: number for number, turn in enumerate((Turn.RIGHT, Turn.STRAIGHT, Turn.LEFT))}
 _CONTROLS = {control: number for number, control in enumerate(("stop", "lights", "none", "partial", "yield"))}
-_REASONS = {reason: number for number, reason in enumerate(("stated", "sign", "turn", "right"))}
+_REASONS = {reason: number for number, reason in enumerate(("stated", "sign", "turn", "right", "merge", "undecided"))}
 _SIGNS = {sign: number for number, sign in enumerate(("none", "stop", "yield", "priority", "lights"))}
 _KINDS = {kind: number for number, kind in enumerate(Kind)}
 

@@ -70,6 +70,7 @@ class RuleMonitor:
         for one in self.rules:
             if not one.concerns(junction):
                 kinds = " or ".join(one.kinds) + (" and several lanes on an arm" if one.lanes else "")
+                kinds += " and a lane that joins another one" if one.joining else ""
                 raise RunError(f"{one.name} is about junctions with {kinds}, this one has {junction.control}")
         self._junction = junction
         self._agents = None if agents is None else tuple(agents)

@@ -172,6 +172,7 @@ BUILT_IN = Vocabulary.of(
             (Ground.PRIORITY, "{1} has priority over {0}", "{1} has no priority over {0}"),
             (Ground.SIDE, "{1} comes from the near side of {0}", "{1} does not come from the near side of {0}"),
             (Ground.TURN, "{0} turns across the way of {1}", "{0} does not turn across the way of {1}"),
+            (Ground.MERGE, "{0} joins the traffic of {1}", "{0} does not join the traffic of {1}"),
         )
     ),
     _word("stopped", _ONE, stopped, "{0} has stopped at the line", "{0} has not stopped at the line"),

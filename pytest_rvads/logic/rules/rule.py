@@ -50,6 +50,8 @@ class Rule:
     """The kind of junction the rule is about, or several of them; None for all."""
     lanes: bool = False
     """Whether it is only about junctions where an arm has several entrances."""
+    joining: bool = False
+    """Whether it is only about junctions where the map shows that a lane joins another one."""
     tie: float = 0.0
     """Waiting times that differ by at most this count as equal [s]."""
     companions: tuple[str, ...] = ()
@@ -92,8 +94,9 @@ class Rule:
     def concerns(self, place: Junction | JunctionControl) -> bool:
         """Return whether the rule is about a junction, or about junctions of one lane per arm and a kind of control."""
         if isinstance(place, JunctionControl):
-            return place in self.kinds and not self.lanes
-        return place.control in self.kinds and not (self.lanes and max(place.lanes) < 2)
+            return place in self.kinds and not (self.lanes or self.joining)
+        fits = (not self.lanes or max(place.lanes) > 1) and (not self.joining or bool(place.joining))
+        return place.control in self.kinds and fits
 
     def _read(self) -> f.Formula:
         """Parse the text, keep what it says, and return it."""

@@ -166,7 +166,7 @@ ROAD = (
     _rule(
         "left_yields",
         "forall a, a'. G(turn(a, far) & !yields_by_sign(a, a') & !yields_by_priority(a, a') & !yields_by_side(a, a')"
-        " & owes(a, a') -> !obstructs(a, a'))",
+        " & !yields_by_merge(a, a') & owes(a, a') -> !obstructs(a, a'))",
         "left turn yields",
         "A vehicle turning across oncoming traffic gives way to whoever of it has the right to go and is due.",
         source=f"{_VIENNA}, Art. 16(2); {_CVC} 21801(a); {_STVO}, section 9(3)",
@@ -204,6 +204,17 @@ ROAD = (
         responsible="the vehicle on the far side: on the left, where traffic keeps to the right",
         bound=("a",),
         about=(_NONE, _YIELD, _PARTIAL),
+    ),
+    _rule(
+        "merge",
+        "forall a, a'. G(yields_by_merge(a, a') & owes(a, a') -> !obstructs(a, a'))",
+        "merging",
+        "Who joins from a ramp, an entry or exit lane or one that ends, or onto a motorway, gives way to whoever is due there.",
+        source=f"{_STVO}, section 18(3); {_UVC} 11-404; {_VIENNA}, Art. 25(2)",
+        responsible="the vehicle that joins",
+        bound=("a",),
+        about=(_NONE, _YIELD, _PARTIAL),
+        joining=True,
     ),
     _rule(
         "on_lane_allowed",

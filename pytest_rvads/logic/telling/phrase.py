@@ -132,6 +132,8 @@ def why(run: Run, atoms: Iterable[f.Atom], seat: Callable[[int], str] = str) -> 
             return f"{there} is on the {junction.near} of {here}, and neither has priority by a sign"
         case Ground.TURN:
             return f"who comes from {here} turns {me.turn} across the way from {there}"
+        case Ground.MERGE:
+            return f"by the map the lane from {here} joins the one from {there}"
     return ""
 
 

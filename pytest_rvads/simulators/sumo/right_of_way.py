@@ -8,6 +8,7 @@ from xml.etree.ElementTree import Element
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.maps.control import Sign
 
 __all__ = ["check_yields", "node_type", "priority"]
@@ -45,7 +46,8 @@ def node_type(junction: Junction) -> str:
 def check_yields(junction: Junction, node: Element, links: Sequence[Key]) -> None:
     """Check that who has to give way does so in SUMO, and not the other; at an all-way stop it is who came later.
 
-    Between movements that don't touch here SUMO may ask for more: that is its own model.
+    Between movements that don't touch here SUMO may ask for more, and where nobody can say who gives way it decides: that is its
+    own model.
 
     Args:
         junction: as it is meant.
@@ -60,7 +62,9 @@ def check_yields(junction: Junction, node: Element, links: Sequence[Key]) -> Non
     # The last digit is that of link 0.
     rows = {links[int(item.attrib["index"])]: item.attrib["response"][::-1] for item in node.iter("request")}
     entrances, lights = junction.entrances, node.get("type") == "traffic_light"
-    for one, other in junction.yields or {}:
+    for (one, other), reason in (junction.yields or {}).items():
+        if reason is Reason.UNDECIDED:
+            continue
         at_once = not lights or entrances[one[0]].phase == entrances[other[0]].phase
         gives, takes = rows[one][links.index(other)] == "1", rows[other][links.index(one)] == "1"
         if at_once and (takes or not gives):
