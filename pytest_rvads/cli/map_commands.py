@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.cli.common import Subparsers, say, warn
+from pytest_rvads.maps.segment import NO_LIMIT
 from pytest_rvads.storage import write_file
 
 __all__ = ["declare"]
@@ -98,7 +99,7 @@ def _map(options: argparse.Namespace) -> int:
 def _details(junction: dict[str, Any]) -> Iterator[str]:
     """Yield what is known of a usable junction: the lanes and control of its arms, and which arms give way to which."""
     arms = [
-        f"{arm['entrances']} in, {arm['exits']} out" + (f", {arm['control']}" if arm["entrances"] else "")
+        ", ".join((f"{arm['entrances']} in, {arm['exits']} out", *([arm["control"]] if arm["entrances"] else ()), *_limits(arm)))
         for arm in junction["arms"]
     ]
     alike = groupby(range(len(arms)), key=arms.__getitem__)
@@ -107,6 +108,12 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
     owed = sorted({(ways[one], ways[two]) for one, two in junction["yields"]})
     parts = [f"arm {one} to {_listed([two for _, two in pairs])}" for one, pairs in groupby(owed, key=itemgetter(0))]
     yield f"gives way: {'; '.join(parts) or 'nobody'}"
+
+
+def _limits(arm: dict[str, Any]) -> Iterator[str]:
+    """Yield the speed limits of an arm, in words."""
+    for limit in arm["speed_limits"]:
+        yield "no limit" if limit == NO_LIMIT else f"limit {limit:.1f} m/s"
 
 
 def _named(arms: list[int]) -> str:

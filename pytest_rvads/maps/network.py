@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import networkx as nx
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pytest_rvads.errors import MapError
 from pytest_rvads.maps.control import MapObject
 from pytest_rvads.maps.doubts import MapWarning
+from pytest_rvads.maps.segment import Limits
 
 __all__ = ["DeclaredJunction", "Edge", "Network", "facing"]
 
@@ -36,6 +37,8 @@ class Edge:
     """At mid-length [m]."""
     length: float
     """Arc length [m]."""
+    limits: Limits = field(default=(), kw_only=True)
+    """The speed limits that the map states along it."""
 
     @property
     def start_heading(self) -> float:

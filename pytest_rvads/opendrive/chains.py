@@ -13,6 +13,7 @@ from pytest_rvads.maps.doubts import Doubt
 from pytest_rvads.opendrive.draft import Chain, Draft
 from pytest_rvads.opendrive.lanes import LaneLine, lane_lines
 from pytest_rvads.opendrive.records import Road
+from pytest_rvads.opendrive.speeds import limits_along
 
 __all__ = ["GAP_WARNING", "add_edges"]
 
@@ -109,4 +110,5 @@ def _edge(draft: Draft, road: Road, chain: list[_Node], lines: list[LaneLine], f
             draft.warn(Doubt.GAP, f"lane {name} jumps by {jump:.2f} m between two lane sections", road.id)
     turning = step * math.fsum(line.turning for line in lines)
     width = lines[len(lines) // 2].width
-    return Chain(name, road.id, road.junction, forward, points, turning, width, length, tuple(chain), s)
+    limits = limits_along(road, chain, np.concatenate(([0.0], np.cumsum(steps))), s)
+    return Chain(name, road.id, road.junction, forward, points, turning, width, length, tuple(chain), s, limits=limits)
