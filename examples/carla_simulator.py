@@ -10,10 +10,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import pytest_rvads as rvads
-from pytest_rvads.physics.braking import STANDING, greatest_safe
+from pytest_rvads.physics.braking import FASTEST, STANDING, greatest_safe
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
-from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 from pytest_rvads.simulators.loop import Loop
 from pytest_rvads.versions import versions
 
@@ -70,7 +69,7 @@ class Carla:
             return bool(stands and run.need("station").max() <= -self.place.setbacks[0])
 
         if key not in self.found:
-            self.found[key] = greatest_safe(safe, SPEED_LIMIT)
+            self.found[key] = greatest_safe(safe, FASTEST)
         return self.found[key]
 
 

@@ -61,6 +61,11 @@ _DECLARED = {
         metavar="SECONDS",
     ),
     "run-limit": _Option("how long a run may take, in real time; 0 for no limit", "300", metavar="SECONDS"),
+    "speed-limit": _Option(
+        "speed limit everywhere, such as 30mph, 50km/h or 13.9 for m/s; by default what the map states, and 25 mph where it "
+        "states none",
+        metavar="SPEED",
+    ),
     "map": _Option("OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)"),
     "cover": _Option(
         "what to run of every class, or of the scenarios of a junction, where a test does not say",
@@ -155,6 +160,8 @@ class Options:
     """Of one call into a driver, 0 for none [s]."""
     run_limit: float
     """Of a run, 0 for none [s]."""
+    speed_limit: float | None
+    """In place of all that maps and recordings state [m/s]."""
     map: str | None
     cover: str
     grid: str | None
@@ -228,6 +235,7 @@ class Options:
             sut_grace=_number("sut-grace", values["sut-grace"], 3600.0) or 0.0,
             decision_limit=_number("decision-limit", values["decision-limit"], 1e6) or 0.0,
             run_limit=_number("run-limit", values["run-limit"], 1e6) or 0.0,
+            speed_limit=_speed(values["speed-limit"]),
             map=_map(config),
             cover=values["cover"] or "class",
             grid=values["grid"] or None,
@@ -290,7 +298,8 @@ def _again(config: pytest.Config) -> str:
 
     The ini file says it again.
     """
-    names = ("sut", "sut-rate", "autopilot", "simulator", "map", "rules", "cover", "grid", "max-items", "sample", "seed")
+    drives = ("sut", "sut-rate", "autopilot", "simulator", "speed-limit", "map", "rules")
+    names = (*drives, "cover", "grid", "max-items", "sample", "seed")
     given = ((name, config.getoption(_dest(name))) for name in names)
     return shlex.join(["pytest", *(f"--rvads-{name}={value}" for name, value in given if value)])
 
@@ -328,6 +337,15 @@ def _rate(value: str) -> float | None:
     if rate is not None and not (rate and math.isclose(round(100.0 / rate) * rate, 100.0)):
         raise RvadsError(f"{_dest('sut-rate')} must divide 100, such as 10, 20, 25 or 50, got {value!r}")
     return rate
+
+
+def _speed(value: str) -> float | None:
+    """Return a speed limit [m/s], or None where nothing was said."""
+    if not value:  # as in most sessions, which then need not load what reads maps
+        return None
+    from pytest_rvads.opendrive.speeds import speed_of
+
+    return speed_of(value, _dest("speed-limit"))
 
 
 def _reports(config: pytest.Config, here: Path) -> tuple[Path, ...]:

@@ -11,8 +11,10 @@ int main(void) {
         const rvads_scenario *scenario = &link.scenario;
         const rvads_vehicle *me = &seen.me;
         uint32_t sign = scenario->entrances[me->entrance].sign;
-        double line = scenario->line - 0.5 - me->station, gap = rvads_gap_ahead(&seen) - 2.0, speed = scenario->speed_limit;
+        double line = scenario->line - 0.5 - me->station, gap = rvads_gap_ahead(&seen) - 2.0, speed = rvads_limit_at(&link, me->station);
+        double soon = rvads_limit_at(&link, me->station + 4.0 * me->speed); /* to brake before a lower one */
         int patient, may = sign != RVADS_SIGN_LIGHTS || seen.lights[me->entrance] == RVADS_GREEN;
+        if (soon < speed) speed = soon;
         if (link.fresh) stood = -1.0;
         if (me->zone == RVADS_ENTRANCE && me->speed < 0.05 && stood < 0) stood = seen.time;
         patient = sign != RVADS_SIGN_LIGHTS && stood >= 0 && seen.time - stood > 5; /* all stand and wait for each other */

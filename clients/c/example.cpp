@@ -34,7 +34,9 @@ int main() {
         may = may && (sign != RVADS_SIGN_LIGHTS || seen.lights[me.entrance] == RVADS_GREEN);
         double line = scenario.line - 0.5 - me.station, gap = rvads_gap_ahead(&seen) - 2.0;
         if (me.zone <= RVADS_ENTRANCE && !may) gap = std::min(gap, line);
-        rvads_target_speed(&command, std::min(rvads_stopping_speed(gap, 2.0), scenario.speed_limit));
+        // In four seconds it brakes down to any lower limit.
+        double limit = std::min(rvads_limit_at(&link, me.station), rvads_limit_at(&link, me.station + 4.0 * me.speed));
+        rvads_target_speed(&command, std::min(rvads_stopping_speed(gap, 2.0), limit));
         rvads_answer(&link, &command);
     }
 }

@@ -85,7 +85,7 @@ typedef struct {
     uint32_t arms_count, entrances_count, exits_count, control, left_hand, entrance, exit, turn;
     uint32_t movements_count, conflicts_count, yields_count, path_count, text_size, unused;
     double period;      /* between two observations [s] */
-    double speed_limit; /* [m/s] */
+    double speed_limit; /* where the vehicle starts; see rvads_limit_at [m/s] */
     double line, length, end; /* stations: stopping line, end of the junction, end of the way [m] */
     double vehicle_length, vehicle_width, wheelbase, rear_axle_offset; /* the offset is from the front bumper [m] */
     double drive, brake; /* full acceleration and full service brake [m/s^2] */
@@ -309,6 +309,23 @@ static inline int rvads_answer(rvads *link, rvads_command *command) {
 #endif
     frame.command.step = link->step;
     return rvads_write_(link->output, &frame, sizeof frame);
+}
+
+/* The speed limit at a station of the own way [m/s]: of all that begin up to there, the last one holds. */
+static inline double rvads_limit_at(const rvads *link, double station) {
+    static const char name[] = "\"speed_limits\":[";
+    const char *at = strstr(link->text, name);
+    double limit = link->scenario.speed_limit;
+    int first = 1;
+    if (at) at += sizeof name - 1;
+    while (at && *at == '[') { /* [station,limit], and so on */
+        char *end;
+        double begins = strtod(at + 1, &end), value = strtod(*end ? end + 1 : end, &end);
+        if (first || begins <= station) limit = value;
+        first = 0;
+        at = *end && end[1] == ',' ? end + 2 : NULL;
+    }
+    return limit;
 }
 
 /* The own movement, by its place in the list; RVADS_NOWHERE where it is not in it. */

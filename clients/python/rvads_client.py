@@ -106,6 +106,12 @@ def connect(name: str, rate: float | None = None) -> Iterator[Observation]:
             return
 
 
+def limit_at(scenario: dict[str, Any], station: float) -> float:
+    """Return the speed limit at a station of the own way [m/s]: of all that begin up to there, the last one holds."""
+    limits = scenario["itinerary"]["speed_limits"]
+    return float(max((limit for limit in limits if limit[0] <= station), default=limits[0])[1])
+
+
 def stopping_speed(distance: float, deceleration: float = 2.0) -> float:
     """Return the speed from which braking at `deceleration` [m/s^2] ends after `distance` [m]; 0 from there on."""
     return (2.0 * deceleration * distance) ** 0.5 if distance > 0 else 0.0

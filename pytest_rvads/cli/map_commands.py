@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.cli.common import Subparsers, say, warn
+from pytest_rvads.maps.segment import NO_LIMIT
 from pytest_rvads.storage import write_file
 from pytest_rvads.wording import plural
 
@@ -117,7 +118,7 @@ def _summed(junctions: list[dict[str, Any]]) -> str:
 def _details(junction: dict[str, Any]) -> Iterator[str]:
     """Yield what is known of a usable junction: the lanes and control of its arms, and which arms give way to which."""
     arms = [
-        f"{arm['entrances']} in, {arm['exits']} out" + (f", {arm['control']}" if arm["entrances"] else "")
+        ", ".join((f"{arm['entrances']} in, {arm['exits']} out", *([arm["control"]] if arm["entrances"] else ()), *_limits(arm)))
         for arm in junction["arms"]
     ]
     alike = groupby(range(len(arms)), key=arms.__getitem__)
@@ -128,6 +129,12 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
     open_ = sorted({tuple(sorted((ways[one], ways[two]))) for one, two in junction["undecided"]})
     parts += [f"arms {one} and {two} undecided" for one, two in open_]
     yield f"gives way: {'; '.join(parts) or 'nobody'}"
+
+
+def _limits(arm: dict[str, Any]) -> Iterator[str]:
+    """Yield the speed limits of an arm, in words."""
+    for limit in arm["speed_limits"]:
+        yield "no limit" if limit == NO_LIMIT else f"limit {limit:.1f} m/s"
 
 
 def _named(arms: list[int]) -> str:

@@ -113,10 +113,11 @@ class Ask:
         """
         sources = [self._source(name, folder, options.map, added) for name in self.junction]
         choice = choose_among(sources, kinds=self.kinds)
+        places = [place.limited(options.speed_limit) if options.speed_limit else place for place in choice.junctions]
         here: dict[Junction, Resolved] = {}
         wrong: dict[Junction, ScenarioError] = {}
         while True:  # what is left out does not count against the limit
-            rest = [place for place in choice.junctions if place not in wrong]
+            rest = [place for place in places if place not in wrong]
             drawn = some(rest, self.limit, options.seed) if rest else ()
             anew = [place for place in drawn if place not in here]
             if not anew:
@@ -127,7 +128,7 @@ class Ask:
                 except ScenarioError as error:
                     wrong[place] = error
         if not drawn:
-            first, many = next(iter(wrong.values())), len(choice.junctions)
+            first, many = next(iter(wrong.values())), len(places)
             raise first if many == 1 else ScenarioError(f"none of {many} junctions has what is asked for, the first: {first}")
         left_out = [(one.name, one.reason) for one in choice.refused]
         left_out += [(place.name, _reason(error, place)) for place, error in wrong.items()]
@@ -201,7 +202,7 @@ class Ask:
             axes, letters = [(list(self.distances), list(self.speeds or (0.0,)))], []
         paper = grid(letters, ways, place.control) if letters else ()
         own = [configuration for distances, speeds in axes for configuration in explicit(distances, speeds, ways)]
-        kept = own if self.probe or not own else self._stopping(own, watch)
+        kept = own if self.probe or not own else self._stopping(own, place, watch)
         if own and not kept and not paper:
             asked = f"distances={axes[0][0]!r}, speeds={axes[0][1]!r}" if self.distances else f"grid={names!r}"
             raise ScenarioError(
@@ -210,11 +211,13 @@ class Ask:
             )
         return tuple(dict.fromkeys((*paper, *kept))), len(own) - len(kept)
 
-    def _stopping(self, points: Sequence[Configuration], watch: Callable[..., Iterable[Configuration]]) -> list[Configuration]:
+    def _stopping(
+        self, points: Sequence[Configuration], place: Junction, watch: Callable[..., Iterable[Configuration]]
+    ) -> list[Configuration]:
         """Return the points from which vehicles can stop, as the simulator of the session has it."""
         from pytest_rvads.simulators.simulator import vmax  # most tests need no physics before they run
 
-        return [point for point in watch(points) if not outside(point, lambda d: vmax(d, self.aggression))]
+        return [point for point in watch(points) if not outside(point, lambda d: vmax(d, self.aggression, limit=place.top_limit))]
 
 
 def _reason(error: ScenarioError, place: Junction) -> str:

@@ -82,7 +82,7 @@ def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
     _takes_run(metafunc, asks[0].place, "recorded")
     with told_at(test.nodeid):
         extensions(metafunc.config, options.rules)  # rules of users have names, too
-    opened = metafunc.config.stash.setdefault(FILES, OpenFiles())
+    opened = metafunc.config.stash.setdefault(FILES, OpenFiles(options.speed_limit))
     cells: dict[str, RecordedCell] = {}
     for ask in asks:
         with told_at(f"{ask.place}: {test.nodeid}"):

@@ -6,7 +6,7 @@ import glob
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,10 +34,15 @@ _UNKNOWN = "unknown"
 
 
 class OpenFiles:
-    """The runs of the files read last. Items of one file follow each other, and so do looking into it and judging it."""
+    """The runs of the files read last. Items of one file follow each other, and so do looking into it and judging it.
 
-    def __init__(self) -> None:
+    Args:
+        limit: a speed limit in place of those that the files hold [m/s].
+    """
+
+    def __init__(self, limit: float | None = None) -> None:
         self._files: Lately[Sequence[Run]] = Lately(2)
+        self._limit = limit
 
     def runs(self, path: str) -> Sequence[Run]:
         """Return the runs of a file, which may be made only when they are asked for.
@@ -45,7 +50,15 @@ class OpenFiles:
         Raises:
             RvadsError: it can't be read.
         """
-        return self._files.get(path, lambda: read_runs(path))
+        return self._files.get(path, lambda: self._limited(read_runs(path)))
+
+    def _limited(self, runs: Any) -> Any:
+        limit = self._limit
+        if limit is None:
+            return runs
+        if isinstance(runs, list | tuple):
+            return [self._limited(run) for run in runs]
+        return replace(runs, junction=runs.junction.limited(limit), facts=replace(runs.facts, speed_limit=limit))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.bodies import contacts, tick_of, velocity
 from pytest_rvads.conduct.predicates import ticks
 from pytest_rvads.conduct.presence import judged
-from pytest_rvads.conduct.standing import arrivals
+from pytest_rvads.conduct.standing import arrivals, limits_of
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.errors import RunError, require
 from pytest_rvads.runs.run import Run
@@ -200,9 +200,12 @@ def _delay(run: Run, column: int) -> float | None:
     left = np.flatnonzero(run.zone[:, column] >= Zone.EXIT)
     if run.facts.speed_limit is None or not len(left):
         return None
-    begin = int(run.spans[column, 0])
-    way = run.agents[column].route.length - float(run.need("station")[begin, column])
-    return _rounded(float(left[0] - begin) * run.dt - way / run.facts.speed_limit)
+    begin, route = int(run.spans[column, 0]), run.agents[column].route
+    limits, start = limits_of(run.junction, route.key, run.facts), float(run.need("station")[begin, column])
+    starts = [start, *(max(station, start) for station, _ in limits[1:])]
+    ends = (min(station, route.length) for station in (*starts[1:], route.length))
+    fastest = math.fsum((b - min(a, b)) / limit for a, b, (_, limit) in zip(starts, ends, limits, strict=True))
+    return _rounded(float(left[0] - begin) * run.dt - fastest)
 
 
 def _ttc(run: Run, one: int, two: int) -> float | None:

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.memo import once
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.itineraries import itinerary
+from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.runs.states import Zone
 
 __all__ = [
@@ -29,6 +31,7 @@ __all__ = [
     "drives",
     "find_arrivals",
     "leads",
+    "limits_of",
     "speeding",
     "standing_time",
     "stands",
@@ -166,15 +169,34 @@ def drives(run: Run, agent: int) -> bool:
 
 
 def speeding(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent drives faster than the limit and the tolerance.
+    """The agent drives faster than the limit at its place and the tolerance.
 
     Raises:
         RunError: the run does not record speeds, or no limit.
     """
-    if run.facts.speed_limit is None:
-        raise RunError("the run holds no speed limit")
-    found: NDArray[np.bool_] = np.abs(run.need("speed")[:, agent]) > run.facts.speed_limit + SPEED_TOLERANCE
+    limits = limits_of(run.junction, run.agents[agent].route.key, run.facts)
+    speed, most = np.abs(run.need("speed")[:, agent]), np.array([limit for _, limit in limits])
+    if len(limits) > 1:
+        borders = [station for station, _ in limits[1:]]
+        most = most[np.searchsorted(borders, run.need("station")[:, agent], side="right")]
+    found: NDArray[np.bool_] = speed > most + SPEED_TOLERANCE
     return found
+
+
+def limits_of(junction: Junction, way: Key, facts: Facts) -> tuple[tuple[float, float], ...]:
+    """Return the speed limits along the way of a vehicle: the station where each begins [m], and the limit [m/s].
+
+    The limit of the facts holds where the map of the junction states none.
+
+    Raises:
+        RunError: neither states one for all of the way.
+    """
+    stated = itinerary(junction, *way).limits if junction.drivable else ()
+    limits = [(station, facts.speed_limit if limit is None else limit) for station, limit in stated or ((0.0, None),)]
+    known = tuple((station, limit) for station, limit in limits if limit is not None)
+    if len(known) < len(limits):
+        raise RunError("the run holds no speed limit" + (", and its map states none for a part of a way" if known else ""))
+    return known
 
 
 def stands(run: Run) -> NDArray[np.bool_]:

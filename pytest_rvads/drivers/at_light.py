@@ -129,11 +129,11 @@ def _leaves_time(seen: Observation, other: VehicleState) -> bool:
     speed = min(me.speed, cruise)
     # It must not come to its entrance while the own vehicle is still at the own one.
     enter = delay + time_to(-me.station, speed, DRIVE, cruise)
-    if time_to(line - ENTRANCE_ZONE, other.speed, EAGER, seen.speed_limit) < enter + MARGIN / 2:
+    if time_to(line - ENTRANCE_ZONE, other.speed, EAGER, seen.limit_of(other)) < enter + MARGIN / 2:
         return False
     for found in conflicts(seen, other):
         leave = delay + time_to(found.mine.end + me.length - me.station, speed, DRIVE, cruise)
-        if time_to(found.yours.start - other.station, other.speed, EAGER, seen.speed_limit) < leave + MARGIN:
+        if time_to(found.yours.start - other.station, other.speed, EAGER, seen.limit_of(other)) < leave + MARGIN:
             return False
     return True
 

@@ -9,7 +9,7 @@ import math
 
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.pursuit import lookahead, pursue
-from pytest_rvads.drivers.way_ahead import Track, track
+from pytest_rvads.drivers.way_ahead import EASE, Track, track
 from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
 
 __all__ = ["STANDING", "Follower", "resistance"]
@@ -51,8 +51,18 @@ class Follower(Autopilot):
     """The piece of the path that it aims at: it stays the same for many steps."""
 
     def target_speed(self, seen: Observation) -> float:
-        """Return how fast to drive where the road is straight [m/s]; 0 stops and holds the vehicle."""
-        return seen.speed_limit
+        """Return how fast to drive where the road is straight [m/s]; 0 stops and holds the vehicle.
+
+        By default it is the speed limit, less before a lower one, so that the lower limit is kept from its first metre on.
+        """
+        me, limits, speed = seen.me, seen.itinerary.limits, seen.speed_limit
+        if len(limits) > 1:
+            begun = me.station + me.speed * (1.0 / _GAIN + seen.vehicle.brake_lag)  # the vehicle is later than its target
+            for border, _ in limits:
+                if border > me.station:
+                    slower = math.hypot(seen.itinerary.limit_at(border), self.stopping_speed(border - begun, EASE))
+                    speed = min(speed, slower)
+        return speed
 
     def stopping_speed(self, distance: float, deceleration: float = 2.0) -> float:
         """Return the speed from which braking at `deceleration` [m/s^2] ends after `distance` [m]; 0 from there on."""

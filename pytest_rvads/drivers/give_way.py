@@ -63,7 +63,8 @@ class GiveWay:
         self._on_red = itinerary.turn is junction.near and entrance.lane == 0 and not junction.left_hand
         self._stop_signs = frozenset(k for k, lane in enumerate(junction.entrances) if lane.sign is Sign.STOP)
         # The slowest place decides how fast the junction is cleared.
-        self._cruise = track.slowest(itinerary.length)
+        limits = (itinerary.limit_at(max(station, 0.0)) for station, _ in itinerary.limits if station < itinerary.length)
+        self._cruise = min((track.slowest(itinerary.length), *limits))
         self._stood_since: float | None = None
         self._quiet_since: float | None = None
         self._released = False
@@ -179,7 +180,8 @@ class GiveWay:
         way = mine.start - me.station
         there = delay + time_to(way, speed, DRIVE, min(self._cruise, seen.speed_limit))
         reached = min(math.sqrt(speed * speed + 2.0 * DRIVE * max(way, 0.0)), self._cruise, seen.speed_limit)
-        fast = min(math.sqrt(other.speed**2 + 2.0 * EAGER * (yours.start - other.station)), max(seen.speed_limit, other.speed))
+        limit = max(seen.limit_of(other), other.speed)
+        fast = min(math.sqrt(other.speed**2 + 2.0 * EAGER * (yours.start - other.station)), limit)
         closing = max(fast - reached, 0.0)
         gap = margin + (me.length + closing * closing / (2.0 * DRIVE)) / max(fast, 1.0)
         return there + gap < self._arrives(seen, other, yours.start)
@@ -199,11 +201,12 @@ class GiveWay:
 
     def _arrives(self, seen: Observation, other: VehicleState, place: float) -> float:
         """Return when `other` can be at `place` of its movement at the earliest [s]; at a stop sign it stops first."""
+        limit = seen.limit_of(other)
         if not self._will_stop(other):
-            return time_to(place - other.station, other.speed, EAGER, seen.speed_limit)
+            return time_to(place - other.station, other.speed, EAGER, limit)
         line = -seen.junction.setbacks[other.entrance]
-        before = time_to(line - other.station, other.speed, EAGER, seen.speed_limit)
-        return before + HOLD + time_to(place - max(line, other.station), 0.0, EAGER, seen.speed_limit)
+        before = time_to(line - other.station, other.speed, EAGER, limit)
+        return before + HOLD + time_to(place - max(line, other.station), 0.0, EAGER, limit)
 
     def _patience_ends(self, seen: Observation, waits_for: list[VehicleState]) -> bool:
         """Return whether to go although `waits_for`, who stand as well, go first: they wait for somebody, too, or do not go.

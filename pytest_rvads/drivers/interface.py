@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
 from pytest_rvads.drivers.abilities import OF_AUTOPILOTS, OF_SYSTEMS, refuse
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.maps.segment import Turn
+from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Agent, Colour, VehicleState
 from pytest_rvads.runs.vehicle import Vehicle
@@ -49,7 +51,7 @@ class Observation(NamedTuple):
     vehicle: Vehicle
     """Parameters of the own vehicle."""
     speed_limit: float
-    """[m/s]."""
+    """At the place of the own vehicle [m/s]; `Itinerary.limit_at` tells that of places ahead."""
     aggression: int = 1
     """1, 2 or 3: which deceleration of `Vehicle.brake` is full service brake in this run."""
     wait: float = 1.5
@@ -60,6 +62,17 @@ class Observation(NamedTuple):
     def everybody(self) -> tuple[VehicleState, ...]:
         """Return the own vehicle among the others, in creation order: it moves along when a scenario is rotated."""
         return (*self.others[: self.created], self.me, *self.others[self.created :])
+
+    def limit_of(self, other: VehicleState) -> float:
+        """Return the highest speed limit [m/s] on the ways that `other` may take, at least the own limit: so fast it may come."""
+        return max(self.speed_limit, _top_limit(self.junction, other.entrance, other.turn))
+
+
+@lru_cache(maxsize=4096)
+def _top_limit(junction: Junction, entrance: int, turn: Turn) -> float:
+    """Return the highest speed limit on some ways through a junction [m/s]; 0 where the map states none."""
+    ways = (itinerary(junction, *way.key) for way in junction.by_turn[entrance, turn])
+    return max((way.limit_at(station) for way in ways for station, _ in way.limits), default=0.0)
 
 
 class Control(NamedTuple):

@@ -28,7 +28,7 @@ class Hesitant(Reference):
 
     def target_speed(self, seen: Observation) -> float:
         """Return a low speed [m/s]."""
-        return HESITANT_SPEED * seen.speed_limit
+        return HESITANT_SPEED * super().target_speed(seen)
 
 
 class LateYielder(Reference):

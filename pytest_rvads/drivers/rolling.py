@@ -43,8 +43,8 @@ class RollingStop(Reference):
         line = seen.itinerary.line - seen.me.station
         signs = seen.junction.control is JunctionControl.STOP or seen.junction.entrances[seen.me.entrance].sign is Sign.STOP
         if not (signs or _turns_on_red(seen)) or seen.me.station > 0.0:
-            return seen.speed_limit
-        return min(seen.speed_limit, math.hypot(ROLL, self.stopping_speed(line - ENTRANCE_ZONE)))
+            return super().target_speed(seen)
+        return min(super().target_speed(seen), math.hypot(ROLL, self.stopping_speed(line - ENTRANCE_ZONE)))
 
 
 class _Yield:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
+from pytest_rvads.maps.segment import SPEED_LIMIT
 from pytest_rvads.runs.itineraries import Itinerary
 
-__all__ = ["Track", "track"]
+__all__ = ["EASE", "Track", "track"]
 
 BEND = 2.5
 """Lateral acceleration that bends are taken with [m/s^2]."""
 EASE = 2.0
-"""Deceleration towards a bend [m/s^2]."""
+"""Deceleration towards a bend or a lower speed limit [m/s^2]."""
 _BEFORE = 60.0
-"""How far before the junction a track begins, at most [m]."""
+"""How far before the junction a track begins, at most, where no limit is above `SPEED_LIMIT` [m]."""
 
 
 class Track:
@@ -26,7 +27,9 @@ class Track:
     """
 
     def __init__(self, itinerary: Itinerary, axle: float) -> None:
-        self._first = max(-itinerary.origin, -_BEFORE)
+        self._first = -itinerary.origin
+        if all(itinerary.limit_at(station) <= SPEED_LIMIT for station, _ in itinerary.limits):
+            self._first = max(self._first, -_BEFORE)
         count = max(math.ceil(itinerary.end - self._first), 1)
         poses = [itinerary.pose(self._first + k) for k in range(-3, count + 4)]
         self._places = [(x, y) for x, y, _ in poses[3:-3]]

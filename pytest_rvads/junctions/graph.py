@@ -102,7 +102,7 @@ class MetricGraph:
         if id not in self._segments:  # most segments of a town are never asked for
             edge = self.edges[id]
             turn = Turn.STRAIGHT if edge.junction is None else Turn.of(edge.turning)
-            self._segments[id] = Segment(id, edge.points, turn, edge.junction)
+            self._segments[id] = Segment(id, edge.points, turn, edge.junction, edge.limits)
         return self._segments[id]
 
     def inside(self, junction: str) -> Sequence[str]:

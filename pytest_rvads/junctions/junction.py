@@ -11,8 +11,8 @@ import copyreg
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -22,7 +22,7 @@ from pytest_rvads.junctions.bends import LEAST_RADIUS, least_radius
 from pytest_rvads.junctions.conflicts import JunctionKind, Key, Shared, stretches
 from pytest_rvads.junctions.yielding import Precedence, Reason
 from pytest_rvads.maps.control import JunctionControl, Sign, control_of
-from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.maps.segment import SPEED_LIMIT, Limits, Segment, Turn
 
 __all__ = ["Arm", "Entrance", "Exit", "Junction", "Movement", "cross"]
 
@@ -197,6 +197,23 @@ class Junction:
         return None not in lines
 
     @cached_property
+    def _lines(self) -> tuple[Segment, ...]:
+        """Its centre lines as far as they are known: approaches, movements by their keys, exit roads."""
+        paths = (self.movements[key].path for key in sorted(self.movements))
+        return tuple(line for line in (*(e.approach for e in self.entrances), *paths, *(e.road for e in self.exits)) if line)
+
+    @cached_property
+    def top_limit(self) -> float:
+        """Highest speed limit of its lanes, `SPEED_LIMIT` where the map states none [m/s]."""
+        return max(
+            (limit or SPEED_LIMIT for line in self._lines for _, limit in line.limits or ((0.0, None),)), default=SPEED_LIMIT
+        )
+
+    def limited(self, limit: float | None) -> Junction:
+        """Return the junction with one speed limit [m/s] on all its lanes; None: as if its map stated none."""
+        return _limited(self, limit) if limit or any(line.limits for line in self._lines) else self
+
+    @cached_property
     def stretches(self) -> Mapping[tuple[Key, Key], Shared] | None:
         """What pairs of movements from different entrances share, in both orders; None without centre lines."""
         paths = {key: m.path for key, m in self.movements.items() if m.path is not None}
@@ -292,14 +309,13 @@ class Junction:
         # What most junctions don't have comes in only where there is some, so that digests of the others stay as they were.
         signs = [e.sign_setback for e in self.entrances] if any(e.sign_setback is not None for e in self.entrances) else None
         joining = self.joining and {"joining": sorted(self.joining)}
-        rare = [item for item in (signs, sorted(self.stated), joining) if item]
+        limits = [line.limits for line in self._lines]
+        rare = [item for item in (signs, sorted(self.stated), joining, limits if any(limits) else None) if item]
         found.update(json.dumps([entrances, exits, ways, relations, self.left_hand, self.drivable, *rare]).encode())
         if self.drivable:
-            paths = (self.movements[key].path for key in sorted(self.movements))
-            lines = [*(e.approach for e in self.entrances), *paths, *(e.road for e in self.exits)]
-            found.update(json.dumps([self.lane_width, [len(line.points) for line in lines if line]]).encode())
-            for line in lines:
-                found.update(line.points.tobytes() if line else b"")
+            found.update(json.dumps([self.lane_width, [len(line.points) for line in self._lines]]).encode())
+            for line in self._lines:
+                found.update(line.points.tobytes())
         return found.hexdigest()
 
     def leads(self, entrance: int, direction: int) -> Movement:
@@ -387,6 +403,21 @@ class Junction:
     def far(self) -> Turn:
         """The turn across oncoming traffic: left where traffic keeps right."""
         return Turn.RIGHT if self.left_hand else Turn.LEFT
+
+
+@lru_cache(maxsize=256)  # one object per limit, so that what is found out about it is found out once
+def _limited(junction: Junction, limit: float | None) -> Junction:
+    limits: Limits = () if limit is None else ((0.0, limit),)
+
+    def on(line: Segment | None) -> Segment | None:
+        return line and replace(line, limits=limits)
+
+    return replace(
+        junction,
+        entrances=tuple(replace(lane, approach=on(lane.approach)) for lane in junction.entrances),
+        exits=tuple(replace(lane, road=on(lane.road)) for lane in junction.exits),
+        movements={key: replace(movement, path=on(movement.path)) for key, movement in junction.movements.items()},
+    )
 
 
 def _image(lanes: Sequence[Entrance | Exit], arms: int, ways: int) -> tuple[int, ...] | None:

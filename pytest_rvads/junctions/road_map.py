@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 from pytest_rvads.errors import MapError, suggest
 from pytest_rvads.junctions.analysis import JunctionReport, analyse, cut, joints_of, lifted
+from pytest_rvads.junctions.arms import RoadArm
 from pytest_rvads.junctions.clusters import clustered
 from pytest_rvads.junctions.formats import read_file
 from pytest_rvads.junctions.graph import MetricGraph
@@ -20,6 +22,7 @@ from pytest_rvads.junctions.ways import walk
 from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.maps.control import MapObject, sign_of_arm
 from pytest_rvads.maps.doubts import MapWarning
+from pytest_rvads.maps.network import Edge
 from pytest_rvads.maps.segment import Segment, join
 
 __all__ = ["WALK_LIMIT", "RoadMap", "describe", "read_map"]
@@ -120,7 +123,8 @@ class RoadMap:
         """Return a junction; without the geometry of its `roads`, which takes longest to join, movements still have theirs."""
         movements: dict[tuple[int, int], Movement] = {}
         for way in reversed(report.movements):  # of several from one lane to another the shortest comes first
-            parts = [Segment(e, self.graph.edges[e].points, way.turn, report.id) for e in way.path.edges]
+            edges = [self.graph.edges[e] for e in way.path.edges]
+            parts = [Segment(edge.id, edge.points, way.turn, report.id, edge.limits) for edge in edges]
             path = self._joined(parts)
             movements[way.entrance, way.exit] = Movement(way.entrance, way.exit, way.turn, path.length, path.id, path)
         phases = {entrance: number for number, group in enumerate(report.phase_groups) for entrance in group}
@@ -199,12 +203,18 @@ def describe(road_map: RoadMap) -> dict[str, Any]:
     """Return the JSON object of ``rvads map FILE --json``, as builtins."""
     return {
         "file": road_map.path,
-        "junctions": [_describe(report, road_map.relations(report)) for report in road_map.junctions],
+        "junctions": [_describe(report, road_map.relations(report), road_map.graph.edges) for report in road_map.junctions],
         "warnings": [warning.record() for warning in road_map.warnings],
     }
 
 
-def _describe(report: JunctionReport, junction: Junction | None) -> dict[str, Any]:
+def _limits(arm: RoadArm, edges: Mapping[str, Edge]) -> list[float]:
+    """Return the speed limits that the map states for the lanes of an arm at the junction, in ascending order [m/s]."""
+    stated = [*(edges[lane].limits[-1:] for lane in arm.entrances), *(edges[lane].limits[:1] for lane in arm.exits)]
+    return sorted({round(limit, 4) for limits in stated for _, limit in limits if limit is not None})
+
+
+def _describe(report: JunctionReport, junction: Junction | None, edges: Mapping[str, Edge]) -> dict[str, Any]:
     """Return what is known of a junction; who gives way to whom only where it is usable."""
     entering = [i for i, arm in enumerate(report.arms) if arm.entrances]
     # Of several from one lane to another the shortest, which comes first, is driven.
@@ -226,6 +236,7 @@ def _describe(report: JunctionReport, junction: Junction | None) -> dict[str, An
                 "entrances": len(arm.entrances),
                 "exits": len(arm.exits),
                 "control": sign_of_arm([report.signs[k] for k in by_arm[i]]).value,
+                "speed_limits": _limits(arm, edges),
             }
             for i, arm in enumerate(report.arms)
         ],

@@ -35,6 +35,8 @@ class Doubt(StrEnum):
     """A movement bends more tightly than a car can steer, so that whoever drives there cuts the corner or swings out."""
     SIDE = "side"
     """A road does not say on which side traffic keeps, or says the wrong one; what the lanes need was taken."""
+    SPEED = "speed"
+    """A speed limit can't be read and was ignored."""
     UNITS = "units"
     """The header states a length unit; the standard's metres were taken."""
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pytest_rvads.errors import MapError
 from pytest_rvads.maps.control import MapObject
 from pytest_rvads.maps.doubts import MapWarning
+from pytest_rvads.maps.segment import Limits
 
 __all__ = ["DeclaredJunction", "Edge", "Network", "facing"]
 
@@ -38,6 +39,8 @@ class Edge:
     """Arc length [m]."""
     joins: bool = field(default=False, kw_only=True)
     """Whether it is a ramp or an entry or exit lane, or too narrow for a car at its end: its traffic joins other traffic."""
+    limits: Limits = field(default=(), kw_only=True)
+    """The speed limits that the map states along it."""
 
     @property
     def start_heading(self) -> float:

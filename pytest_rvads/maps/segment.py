@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import pairwise
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,10 +16,19 @@ from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
 
-__all__ = ["GAP_LIMIT", "Pose", "Segment", "Turn"]
+__all__ = ["ADVISED", "GAP_LIMIT", "NO_LIMIT", "SPEED_LIMIT", "Limits", "Pose", "Segment", "Turn", "limit_in"]
 
 GAP_LIMIT = 1.0
 """Widest gap [m] between two segments that still counts as consecutive; writers of maps leave some."""
+SPEED_LIMIT = 11.176
+"""City speed limit of the paper, 25 mph; holds where a map states none [m/s]."""
+NO_LIMIT = 999.0
+"""Kept where a map says that there is no limit: a number that files can hold and no vehicle reaches [m/s]."""
+ADVISED = 130 / 3.6
+"""Speed to drive at where there is no limit [m/s]: Autobahn-Richtgeschwindigkeits-Verordnung, section 1."""
+Limits = tuple[tuple[float, float | None], ...]
+"""Speed limits along a line: the station where each begins [m], in ascending order from 0 on, and the limit [m/s], None where
+the map states none. Empty where the map states none at all."""
 _WELD = 0.01
 _BEND = math.radians(44.0)
 """Change of heading from which on a movement is a turn [rad]; as in SUMO's netconvert, one degree below the arms of a regular
@@ -59,6 +69,7 @@ class Segment:
         points: centre line in the direction of travel, shape ``(k, 2)``, k >= 2 [m].
         turn: turn type; ``STRAIGHT`` on roads, as in the paper.
         junction: id of the junction the segment lies in, or None on a road.
+        limits: the speed limits that the map states along it.
 
     Raises:
         MapError: fewer than two points, coordinates that are not finite, or zero length.
@@ -68,6 +79,7 @@ class Segment:
     points: NDArray[np.float64]
     turn: Turn = Turn.STRAIGHT
     junction: str | None = None
+    limits: Limits = ()
     stations: NDArray[np.float64] = field(init=False)
     """Arc length at each point, shape ``(k,)`` [m]."""
     _table: _Table | None = field(init=False, repr=False, default=None)
@@ -87,7 +99,8 @@ class Segment:
         object.__setattr__(self, "stations", _fixed(np.concatenate(([0.0], np.cumsum(steps)))))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Segment, (self.id, self.points, self.turn, self.junction)  # numpy unpickles arrays that can be written to
+        parts = self.id, self.points, self.turn, self.junction, self.limits
+        return Segment, parts  # numpy unpickles arrays that can be written to
 
     def _fill(self) -> _Table:
         """Make the table of stations and pieces in plain floats, when first needed: most segments of a town never are."""
@@ -164,7 +177,9 @@ class Segment:
             raise MapError(f"segment {self.id!r} is {self.length:.3f} m long, it has no part from {start:.3f} to {end:.3f} m")
         inner = self.points[(self.stations > start + 1e-9) & (self.stations < end - 1e-9)]
         points = np.vstack((self.pose(start)[:2], inner, self.pose(end)[:2]))
-        return Segment(self.id, points, self.turn, self.junction)
+        rest = ((at - start, limit) for at, limit in self.limits if start < at < end)
+        limits = ((0.0, limit_in(self.limits, start)), *rest) if self.limits else ()
+        return Segment(self.id, points, self.turn, self.junction, limits)
 
     def then(self, other: Segment) -> Segment | None:
         """Return the paper's partial concatenation ``self . other``, or None where it is undefined.
@@ -177,6 +192,11 @@ class Segment:
 def _fixed(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return an array that nobody can write to, nor make writable: autopilots are handed centre lines."""
     return np.frombuffer(numbers.tobytes(), dtype=np.float64).reshape(numbers.shape)
+
+
+def limit_in(limits: Limits, station: float) -> float | None:
+    """Return the speed limit at a station [m/s], None where the map states none; beyond either end the nearest one holds."""
+    return limits[max(bisect_right(limits, station, key=itemgetter(0)) - 1, 0)][1] if limits else None
 
 
 def join(segments: Sequence[Segment]) -> Segment | None:
@@ -193,4 +213,24 @@ def join(segments: Sequence[Segment]) -> Segment | None:
         np.vstack(parts),
         next((s.turn for s in segments if s.junction is not None), Turn.STRAIGHT),
         junctions.pop() if len(junctions) == 1 else None,
+        _joined_limits(segments),
     )
+
+
+def _joined_limits(segments: Sequence[Segment]) -> Limits:
+    """Return the speed limits along segments that follow each other.
+
+    A gap between two belongs to the first. In a junction that states no limit the limit of the road that leads in goes on.
+    """
+    if not any(segment.limits for segment in segments):
+        return ()
+    found: list[tuple[float, float | None]] = []
+    start = 0.0
+    for before, segment in pairwise((segments[0], *segments)):
+        if found:
+            start += before.length + math.dist(before.points[-1], segment.points[0])
+        goes_on = found and segment.junction is not None
+        for at, limit in segment.limits or (() if goes_on else ((0.0, None),)):
+            if not found or found[-1][1] != limit:
+                found.append((start + at, limit))
+    return tuple(found)

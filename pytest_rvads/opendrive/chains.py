@@ -15,6 +15,7 @@ from pytest_rvads.opendrive.centre_lines import GAP_WARNING, TAPER, chained, unf
 from pytest_rvads.opendrive.draft import Chain, Draft
 from pytest_rvads.opendrive.lanes import LaneLine, lane_lines
 from pytest_rvads.opendrive.records import Road
+from pytest_rvads.opendrive.speeds import limits_along
 
 __all__ = ["add_edges"]
 
@@ -147,4 +148,7 @@ def _edge(draft: Draft, road: Road, chain: list[_Node], lines: list[LaneLine], f
     width = lines[len(lines) // 2].width
     section, lane = chain[-1]
     joins = road.sections[section].lanes[lane].ramp or lines[-1].ends[forward] < _ENDED
-    return Chain(name, road.id, road.junction, forward, points, turning, width, length, tuple(chain), s, joins=joins)
+    limits = limits_along(road, chain, np.concatenate(([0.0], np.cumsum(steps))), s)
+    return Chain(
+        name, road.id, road.junction, forward, points, turning, width, length, tuple(chain), s, limits=limits, joins=joins
+    )

@@ -24,6 +24,7 @@ from pytest_rvads.opendrive.records import (
     Shape,
     Signal,
 )
+from pytest_rvads.opendrive.speeds import stated
 from pytest_rvads.opendrive.xmlfile import integer, load, number
 
 __all__ = ["read"]
@@ -144,6 +145,7 @@ def _road(element: Element, place: str, warnings: list[MapWarning]) -> Road:
         _link(links, "successor"),
         tuple(_signals(element, id, place, warnings)),
         any(part.get("type") == "motorway" for part in element.iterfind("type")),
+        stated([(part, "s", part.find("speed")) for part in element.iterfind("type")], id, warnings),
     )
 
 
@@ -172,7 +174,7 @@ def _sections(lanes: Element, road: str, place: str, warnings: list[MapWarning])
         table: dict[int, Lane] = {}
         for side in ("left", "right"):
             for lane in element.iterfind(f"{side}/lane"):
-                new = _lane(lane, place)
+                new = _lane(lane, road, place, warnings)
                 twin = table.get(new.id)
                 if twin is not None:
                     if twin.drivable and new.drivable:
@@ -188,7 +190,7 @@ def _sections(lanes: Element, road: str, place: str, warnings: list[MapWarning])
     return tuple(found)
 
 
-def _lane(element: Element, place: str) -> Lane:
+def _lane(element: Element, road: str, place: str, warnings: list[MapWarning]) -> Lane:
     link = element.find("link")
     before, after = (
         () if link is None else tuple(integer(e, "id", place) for e in link.iterfind(tag)) for tag in ("predecessor", "successor")
@@ -201,6 +203,7 @@ def _lane(element: Element, place: str) -> Lane:
         before,
         after,
         reversed=element.get("direction") == "reversed",
+        limits=stated([(part, "sOffset", part) for part in element.iterfind("speed")], road, warnings),
     )
 
 

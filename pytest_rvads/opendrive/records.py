@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from pytest_rvads.maps.doubts import MapWarning
+from pytest_rvads.maps.segment import Limits
 
 __all__ = ["Connection", "Cubic", "Document", "JunctionRecord", "Lane", "Road", "RoadLink", "Section", "Shape", "Signal"]
 
@@ -57,6 +58,8 @@ class Lane(NamedTuple):
     successors: tuple[int, ...]
     reversed: bool = False
     """True where traffic runs against the usual direction of the lane (OpenDRIVE 1.8)."""
+    limits: Limits = ()
+    """Speed limits of its own; stations from the start of the section."""
 
     @property
     def drivable(self) -> bool:
@@ -133,6 +136,8 @@ class Road:
     successor: RoadLink | None
     signals: tuple[Signal, ...]
     motorway: bool = False
+    limits: Limits = ()
+    """Speed limits of its types; those of a lane come first."""
 
     @property
     def drivable(self) -> bool:

@@ -14,16 +14,18 @@ from functools import lru_cache
 from itertools import pairwise
 
 from pytest_rvads.errors import RunError, ScenarioError
+from pytest_rvads.maps.segment import SPEED_LIMIT
 from pytest_rvads.physics.cache import cached
 from pytest_rvads.physics.dynamics import Dynamics
 from pytest_rvads.physics.engines import Engine, usual
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.vehicle import Vehicle
-from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 
-__all__ = ["RESOLUTION", "STANDING", "check_start", "envelope", "greatest_safe", "stopping_distance", "vmax"]
+__all__ = ["FASTEST", "RESOLUTION", "STANDING", "check_start", "envelope", "greatest_safe", "stopping_distance", "vmax"]
 
+FASTEST = 30.0
+"""Speeds are tested up to this: most roads with junctions allow no more than 65 mph [m/s]."""
 RESOLUTION = 0.01
 """Speeds are tested to this resolution [m/s]."""
 STANDING = 0.001
@@ -32,7 +34,9 @@ _LONGEST = 60.0
 """A vehicle that has not stopped by then never will [s]."""
 
 
-def vmax(distance: float, aggression: int = 1, vehicle: Vehicle | None = None, engine: Engine | None = None) -> float | None:
+def vmax(
+    distance: float, aggression: int = 1, vehicle: Vehicle | None = None, engine: Engine | None = None, limit: float = SPEED_LIMIT
+) -> float | None:
     """Return the greatest safe speed `distance` metres before the stopping line.
 
     Args:
@@ -40,6 +44,7 @@ def vmax(distance: float, aggression: int = 1, vehicle: Vehicle | None = None, e
         aggression: 1, 2 or 3, the scenario's; selects the service brake.
         vehicle: the parameters; a passenger car by default.
         engine: what moves it; the usual one by default.
+        limit: the speed limit, at most `FASTEST` counts [m/s].
 
     Returns:
         The speed, at most the speed limit [m/s]; None where not even a standing vehicle is safe.
@@ -49,7 +54,7 @@ def vmax(distance: float, aggression: int = 1, vehicle: Vehicle | None = None, e
         RunError: the plant breaks monotonicity, so no bisection can be trusted.
     """
     check_start(distance, aggression)
-    return _vmax(float(distance), aggression, vehicle or Vehicle(), engine or usual())
+    return _vmax(float(distance), aggression, vehicle or Vehicle(), engine or usual(), min(limit, FASTEST))
 
 
 def check_start(distance: float, aggression: int) -> None:
@@ -153,12 +158,14 @@ def stopping_distance(speed: float, aggression: int, vehicle: Vehicle, engine: E
 
 
 @lru_cache(maxsize=4096)
-def _vmax(distance: float, aggression: int, vehicle: Vehicle, engine: Engine) -> float | None:
+def _vmax(distance: float, aggression: int, vehicle: Vehicle, engine: Engine, limit: float) -> float | None:
     key = {"what": "plant", "distance": distance, "aggression": aggression, "vehicle": asdict(vehicle)}
-    return cached(key, lambda: _test(distance, aggression, vehicle, engine), engine.library)
+    if limit != SPEED_LIMIT:  # what is kept of the usual one stays valid
+        key["limit"] = limit
+    return cached(key, lambda: _test(distance, aggression, vehicle, engine, limit), engine.library)
 
 
-def _test(distance: float, aggression: int, vehicle: Vehicle, engine: Engine) -> float | None:
+def _test(distance: float, aggression: int, vehicle: Vehicle, engine: Engine, limit: float) -> float | None:
     tried: dict[float, float] = {}
 
     def safe(speed: float) -> bool:
@@ -166,7 +173,7 @@ def _test(distance: float, aggression: int, vehicle: Vehicle, engine: Engine) ->
         tried[speed] = stopping_distance(speed, aggression, vehicle, engine)
         return tried[speed] <= distance
 
-    found = greatest_safe(safe, SPEED_LIMIT)
+    found = greatest_safe(safe, limit)
     speeds = sorted(tried)
     for slow, fast in pairwise(speeds):
         if tried[slow] > tried[fast]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Pose, Segment, Turn, join
+from pytest_rvads.maps.segment import ADVISED, SPEED_LIMIT, Limits, Pose, Segment, Turn, join, limit_in
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, GONE, JUNCTION, Zone
 
 __all__ = ["ENTRANCE_ZONE", "EXIT_LENGTH", "LEAVE", "Itinerary", "itinerary"]
@@ -46,11 +46,14 @@ class Itinerary:
     """Station of the end of the itinerary, on the exit road [m]."""
     leave: float = field(init=False)
     """Station from which on the vehicle counts as having left [m]."""
+    limits: Limits = field(init=False)
+    """The speed limits that the map states: the station where each begins [m], and the limit [m/s]; empty without any."""
 
     def __post_init__(self) -> None:
         end = self.path.length - self.origin
         object.__setattr__(self, "end", end)
         object.__setattr__(self, "leave", min(self.length + LEAVE, end))
+        object.__setattr__(self, "limits", tuple((at - self.origin, limit) for at, limit in self.path.limits))
 
     @classmethod
     def through(cls, junction: Junction, entrance: int, exit: int) -> Itinerary:
@@ -78,6 +81,10 @@ class Itinerary:
     def pose(self, station: float) -> Pose:
         """Return the pose of the centre line at `station` [m]."""
         return self.path.pose(station + self.origin)
+
+    def limit_at(self, station: float) -> float:
+        """Return the speed limit to keep at `station` [m/s]: `SPEED_LIMIT` where the map states none, at most `ADVISED`."""
+        return min(limit_in(self.limits, station) or SPEED_LIMIT, ADVISED) if self.limits else SPEED_LIMIT
 
     def centre(self, station: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the points of the centre line at stations, and the direction there, each of shape ``(steps, 2)``."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
 from pytest_rvads.maps.control import Sign
-from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.maps.segment import NO_LIMIT, Segment, Turn
 from pytest_rvads.runs.bounds import FARTHEST, MOST_LANES, Name, Size
 
 __all__ = ["Count", "JunctionRecord", "Key", "get_junction", "put_junction"]
@@ -30,17 +30,21 @@ _Length = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
 
 Key = tuple[Count, Count]
 """A movement: entrance and exit."""
+_Limit = Annotated[float, msgspec.Meta(gt=0.0, le=NO_LIMIT)]
+"""[m/s]."""
 _MOST_PAIRS = 100_000
 """Pairs of movements that the map states priority for; of 64 movements there are 4,032."""
 
 
-class _Line(msgspec.Struct, frozen=True):
+class _Line(msgspec.Struct, frozen=True, omit_defaults=True):
     """A centre line: the number of its array, and what its segment says of itself."""
 
     number: Count
     id: str
     turn: Turn
     junction: str | None
+    limits: Annotated[tuple[tuple[_Length, _Limit | None], ...], msgspec.Meta(max_length=_MOST_POINTS)] = ()
+    """Left out where the map states none, as files before them have it."""
 
 
 class _Entrance(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -93,7 +97,7 @@ def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
         if line is None:
             return None
         lines.append(line)
-        return _Line(len(lines) - 1, line.id, line.turn, line.junction)
+        return _Line(len(lines) - 1, line.id, line.turn, line.junction, line.limits)
 
     return JunctionRecord(
         junction.name,
@@ -141,7 +145,7 @@ def _made(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junctio
         points += along.size // 2
         if points > _MOST_POINTS or (np.abs(along) > FARTHEST).any():
             raise ValueError(f"its centre lines have more than {_MOST_POINTS:,} points, or some beyond {FARTHEST:g} m")
-        return Segment(line.id, along, line.turn, line.junction)
+        return Segment(line.id, along, line.turn, line.junction, line.limits)
 
     movements = [Movement(m.entrance, m.exit, m.turn, m.length, m.segment, get(m.path)) for m in record.movements]
     length = math.fsum(m.path.length for m in movements if m.path is not None)

@@ -87,7 +87,7 @@ class Facts:
     subject: str | None = None
     """Name of the vehicle under test where the others are traffic, else None."""
     speed_limit: Positive | None = None
-    """[m/s]."""
+    """Where the map of the junction states none [m/s]."""
     strayed: tuple[str, ...] = ()
     """Names of the vehicles that left their routes, which ended the run."""
     turning: tuple[tuple[str, Positive], ...] = ()

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from pytest_rvads.displayed import shown
 from pytest_rvads.errors import ScenarioError, require
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.segment import SPEED_LIMIT
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
 from pytest_rvads.runs.states import Agent
@@ -36,8 +37,6 @@ __all__ = [
     "usual_duration",
 ]
 
-SPEED_LIMIT = 11.176
-"""City speed limit of the paper, 25 mph [m/s]."""
 MOST_FOLLOWERS = 9
 """Most vehicles that queue behind each."""
 QUEUE_GAP = 2.0
@@ -338,7 +337,18 @@ def started(point: Configuration, place: Junction, rotation: int, subject: int |
         queue = followers * (Vehicle().length + QUEUE_GAP + QUEUE_TIME * max(point.speeds))
         rooms = [place.approach(entrance) - queue for entrance in range(len(place.entrances))]
         point = point.around((subject - rotation) % len(rooms), rotate(tuple(rooms), -rotation))
-    return {"distance": point.distances, "speed": point.speeds, "configuration": point.label}
+    speeds = point.speeds
+    if not point.label.startswith("d"):  # speeds that a user asks for are kept
+        starts = zip(rotate(tuple(range(len(speeds))), -rotation), point.distances, speeds, strict=True)
+        speeds = tuple(min(speed, _lowest_limit(place, entrance, distance)) for entrance, distance, speed in starts)
+    return {"distance": point.distances, "speed": speeds, "configuration": point.label}
+
+
+def _lowest_limit(place: Junction, entrance: int, distance: float) -> float:
+    """Return the lowest speed limit from `distance` metres before the stopping line of an entrance up to the line [m/s]."""
+    approach, start = place.entrances[entrance].approach, place.approach(entrance) - distance
+    limits = approach.tail(approach.length - start).limits if approach and start > 0.0 else ()
+    return min((limit or SPEED_LIMIT for _, limit in limits), default=SPEED_LIMIT)
 
 
 def _within(value: object, count: int) -> bool:

@@ -151,7 +151,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
             if direction:
                 distance = draw(spans[e])
                 share = draw(st.integers(0, _SHARES))
-                limit = _limit(distance, aggression, vehicle, simulator) if share else 0.0
+                limit = _limit(distance, aggression, vehicle, simulator, place.top_limit) if share else 0.0
                 speed = math.floor(10 * pace * limit * share / _SHARES) / 10
                 starts[e] = (distance, speed)
         return Scenario(
@@ -168,7 +168,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
     return build()
 
 
-def _limit(distance: float, aggression: int, vehicle: Vehicle | None, simulator: Simulator | None) -> float:
-    """Return a speed [m/s] up to v(d)max."""
+def _limit(distance: float, aggression: int, vehicle: Vehicle | None, simulator: Simulator | None, most: float) -> float:
+    """Return a speed [m/s] up to v(d)max and the speed limit `most` [m/s]."""
     below = bisect_right(_KNOTS, distance)
-    return (vmax(_KNOTS[below - 1], aggression, vehicle, simulator) or 0.0) if below else 0.0
+    return (vmax(_KNOTS[below - 1], aggression, vehicle, simulator, most) or 0.0) if below else 0.0

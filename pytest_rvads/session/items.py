@@ -267,7 +267,7 @@ def _made(item: pytest.Item, scenario: Scenario, record: Record) -> list[str]:
     made = [f"driven by {record.driver}", f"simulated by {record.simulator}", f"start     {scenario.describe()}"]
     point = Configuration(scenario.configuration, scenario.distances, scenario.speeds)
     vehicle = item.funcargs.get("rvads_vehicle")  # type: ignore[attr-defined]
-    probed = probe(point, lambda distance: vmax(distance, scenario.aggression, vehicle, item.stash[SIMULATOR]))
+    probed = probe(point, lambda d: vmax(d, scenario.aggression, vehicle, item.stash[SIMULATOR], scenario.place.top_limit))
     return [*made, f"probe     {probed}"] if probed else made
 
 

@@ -63,8 +63,8 @@ def closed_vmax(  # noqa: PLR0913 - how, and where
         RunError: a run ended by a fault.
     """
     vehicle = vehicle or Vehicle()
-    limit = vmax(distance, aggression, vehicle, simulator)
     where, code = (find("light4"), (0, 2, 0, 0)) if place is None or movement is None else _alone(place, movement)
+    limit = vmax(distance, aggression, vehicle, simulator, where.top_limit)
 
     def safe(speed: float) -> bool:
         scenario = Scenario(where, code, distance=distance, speed=speed, aggression=aggression, duration=_RED)

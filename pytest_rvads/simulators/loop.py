@@ -12,6 +12,7 @@ from dataclasses import asdict
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.errors import ScenarioError
+from pytest_rvads.maps.segment import SPEED_LIMIT
 from pytest_rvads.physics.body import Body, start
 from pytest_rvads.physics.world import World, WorldMaker
 from pytest_rvads.runs.lights import STEADY
@@ -19,7 +20,6 @@ from pytest_rvads.runs.run import DT, LATE, Collision, Facts, Fault, Halt, Run
 from pytest_rvads.runs.states import GONE, Colour
 from pytest_rvads.runs.vehicle import usual_radius
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 from pytest_rvads.simulators.patience import TooLate, watch
 from pytest_rvads.simulators.recorder import Recorder
 from pytest_rvads.simulators.seat import Seat, crew
@@ -191,7 +191,7 @@ class Loop:
                 bodies[column].itinerary,
                 junction,
                 self._vehicles[column],
-                SPEED_LIMIT,
+                bodies[column].itinerary.limit_at(seen[i].station),
                 scenario.aggression,
                 scenario.wait,
                 i,

@@ -29,7 +29,7 @@ class Planar:
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
         """Return the greatest safe speed `distance` metres before the stopping line, see `pytest_rvads.physics.braking.vmax`."""
-        return braking.vmax(distance, aggression, vehicle, self.engine)
+        return braking.vmax(distance, aggression, vehicle, self.engine, braking.FASTEST)
 
     def __repr__(self) -> str:
         return f"rvads.{self.name}"

@@ -14,6 +14,7 @@ import numpy as np
 from pytest_rvads.conduct.validate import impossible
 from pytest_rvads.drivers.naming import at
 from pytest_rvads.errors import RunError, ScenarioError, needs, require, suggest
+from pytest_rvads.maps.segment import SPEED_LIMIT
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.runs.vehicle import Vehicle
@@ -51,7 +52,7 @@ class Simulator(Protocol):
         """
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
-        """Return the greatest speed [m/s] from which the vehicle stops within `distance` [m]; None where none is safe."""
+        """Return the greatest speed up to 30 m/s from which the vehicle stops within `distance` [m]; None where none is safe."""
 
 
 class _Shipped(NamedTuple):
@@ -187,7 +188,11 @@ def made_by(simulator: Simulator, run: Run) -> str:
 
 
 def vmax(
-    distance: float, aggression: int = 1, vehicle: Vehicle | None = None, simulator: Simulator | None = None
+    distance: float,
+    aggression: int = 1,
+    vehicle: Vehicle | None = None,
+    simulator: Simulator | None = None,
+    limit: float = SPEED_LIMIT,
 ) -> float | None:
     """Return the greatest safe speed `distance` metres before the stopping line.
 
@@ -196,6 +201,7 @@ def vmax(
         aggression: 1, 2 or 3, the scenario's; selects the service brake.
         vehicle: the parameters; a passenger car by default.
         simulator: whose vehicles brake; by default what ``--rvads-simulator`` names, outside of sessions the usual one.
+        limit: the speed limit where the vehicle drives [m/s], such as `Junction.top_limit`.
 
     Returns:
         The speed, at most the speed limit [m/s]; None where not even a standing vehicle is safe.
@@ -216,7 +222,7 @@ def vmax(
             f"the simulator {maker.name!r} must give v(d)max as a speed of 0 m/s or more, or as None, got {speed!r:.60} at "
             f"{distance!r} m"
         )
-    return number
+    return min(number, limit)
 
 
 def _cut(run: Run, case: Case) -> str:

@@ -197,6 +197,7 @@ class Way:
 
     origin = 0.0
     end = 40.0
+    limits = ()
 
     def __init__(self, begin: float, end: float) -> None:
         self.begin, self.over = begin, end

@@ -40,7 +40,7 @@ def test_all_fields() -> None:
         "usable_from": 120.0,
         "reason": None,
         "entrances": ["e0", "e1", "e2"],
-        "arms": [{"entrances": 1, "exits": 1, "control": "lights"}] * 3,
+        "arms": [{"entrances": 1, "exits": 1, "control": "lights", "speed_limits": []}] * 3,
         # In the order of movements 0-1, 0-2, 1-0, 1-2, 2-0, 2-1: those that merge, and the two left turns across each other
         # and across the straight one they meet. Right turns meet only whoever goes to the same exit.
         "conflicts": [[0, 5], [1, 2], [1, 3], [1, 5], [2, 4], [2, 5]],

@@ -317,7 +317,7 @@ WRONG: list[tuple[str, Any, str, str]] = [
         "an envelope that is too large",
         Proud(),
         "vmax",
-        r"vmax\(30, aggression=1\) is 2\d\.\d+ m/s, expected at most the speed limit",
+        r"vmax\(30, aggression=1\) is 3\d\.\d+ m/s, expected at most 30 m/s",
     ),
     ("an envelope that shrinks", Confused(), "vmax", r"vmax\(0, aggression=3\) is 1\.667 m/s, less than with less distance"),
     (

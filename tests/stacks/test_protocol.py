@@ -5,6 +5,8 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +59,27 @@ int main(int, char **arguments) {
         fprintf(out, "[%.17g]\n", rvads_gap_ahead(&seen));
         fprintf(out, "[%.17g, %u, %u]\n", seen.time, seen.entrances_count, seen.lights[0]);
         fflush(out);
+        rvads_target_speed(&command, 5.0);
+        rvads_answer(&link, &command);
+    }
+}
+"""
+LIMITS = r"""
+#include "rvads.h"
+int main(int, char **arguments) {
+    rvads link;
+    rvads_observation seen;
+    rvads_command command;
+    if (!rvads_open(&link, "limits", 20.0)) return 1;
+    while (rvads_next(&link, &seen)) {
+        const double limits[] = {ASKED};
+        if (link.fresh) {
+            FILE *out = fopen(arguments[1], "w");
+            fprintf(out, "[%.17g", limits[0]);
+            for (size_t k = 1; k < sizeof limits / sizeof limits[0]; ++k) fprintf(out, ", %.17g", limits[k]);
+            fprintf(out, "]");
+            fclose(out);
+        }
         rvads_target_speed(&command, 5.0);
         rvads_answer(&link, &command);
     }
@@ -211,3 +234,27 @@ def test_frames_have_room_for_queues_and_say_when_they_have_not() -> None:
     content["map"] = content["map"] | {"entrances": content["map"]["entrances"] * 9}
     with pytest.raises(StackError, match="the junction has 36 entrances and 4 exits, a binary frame has room for 32"):
         frames.Binary().begin(content)
+
+
+@pytest.mark.extended
+def test_every_format_tells_the_speed_limits_of_the_way(tmp_path: Path) -> None:
+    if shutil.which("g++") is None:
+        pytest.skip("needs g++")
+    light = rvads.find("light4")
+    stated = ((0.0, 20.0), (70.0, 8.0), (110.0, None))  # 120 m of approach
+    lanes = tuple(replace(lane, approach=replace(light.way_in(k), limits=stated)) for k, lane in enumerate(light.entrances))
+    case = rvads.Case(rvads.Scenario(replace(light, entrances=lanes), "2000", distance=119, duration=0.1), Spy)
+    rvads.simulate(case)
+    scenario = json.loads(json.dumps(place.reset(SEEN[0], 0.05)))
+    assert scenario["speed_limit"] == 20.0, "where the vehicle starts: what stacks knew before"
+    assert [*chain(*scenario["itinerary"]["speed_limits"])] == pytest.approx([-120.0, 20.0, -50.0, 8.0, -10.0, 11.176])
+    stations = (-500.0, -50.1, -49.9, -10.1, -9.9, 60.0)
+    wanted = [20.0, 20.0, 8.0, 8.0, 11.176, 11.176]
+    assert [rvads_client.limit_at(scenario, station) for station in stations] == wanted
+    asked = ", ".join(f"rvads_limit_at(&link, {station})" for station in stations)
+    (tmp_path / "limits.cpp").write_text(LIMITS.replace("ASKED", asked), encoding="utf-8")
+    include = f"-I{ROOT / 'clients' / 'c'}"
+    subprocess.run(["g++", "-Wall", "-Werror", include, "-o", tmp_path / "limits", tmp_path / "limits.cpp"], check=True)
+    with Process([str(tmp_path / "limits"), str(tmp_path / "out")]) as stack:
+        assert rvads.simulate(rvads.Case(case.scenario, stack)).fault is None
+    assert json.loads((tmp_path / "out").read_text(encoding="utf-8")) == wanted

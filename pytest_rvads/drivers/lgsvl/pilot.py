@@ -152,7 +152,7 @@ class Pilot(Follower):
 
     def _cruise(self, seen: Observation) -> float:
         """Return the target speed of a vehicle that need not stop [m/s]."""
-        normal, me = seen.speed_limit, seen.me
+        normal, me = self.target_speed(seen), seen.me
         if me.turn is Turn.STRAIGHT or me.station > seen.itinerary.length:
             return normal
         slow = TURN_SHARE * normal

@@ -43,6 +43,7 @@ def reset(seen: Observation, period: float) -> dict[str, Any]:
             "line": itinerary.line,
             "length": itinerary.length,
             "end": itinerary.end,
+            "speed_limits": [(at, itinerary.limit_at(at)) for at, _ in itinerary.limits or ((-itinerary.origin, None),)],
             "path": _path(itinerary),
         },
         "map": _map(seen.junction),

@@ -44,7 +44,7 @@ _ASKS: dict[str, tuple[str, ...]] = {
     "off_lane": (_SIZES, _SIDES),
     "off_route": (_SIDES,),
     "lane_allows": (_SIDES,),
-    "speeding": (_PACE,),
+    "speeding": (_PACE, _ALONG),
     "stopped": (_PACE, _ALONG, _BEFORE),
     "arrived": (_PACE, _ALONG, _BEFORE),
     "gives_up": (_PACE, _ALONG, _BEFORE),

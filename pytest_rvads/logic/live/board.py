@@ -16,13 +16,14 @@ from pytest_rvads.conduct.clearance import Bodies, Course
 from pytest_rvads.conduct.following import Follower, Giving
 from pytest_rvads.conduct.instant import Instant
 from pytest_rvads.conduct.mover import Mover
-from pytest_rvads.conduct.standing import SPEED_TOLERANCE
+from pytest_rvads.conduct.standing import SPEED_TOLERANCE, limits_of
 from pytest_rvads.logic.judging.evaluate import OPERATORS, Values
 from pytest_rvads.logic.live.ground_atoms import element_of, in_columns, key_of
 from pytest_rvads.logic.live.watch import Fact
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, BUILT_IN, word_of
 from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.maps.segment import limit_in
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION
 
 __all__ = ["Board"]
@@ -228,8 +229,9 @@ class Board:
             case "inside", [who]:
                 return lambda: now.inside(who)
             case "speeding", [who]:
-                most = (now.facts.speed_limit or 0.0) + SPEED_TOLERANCE
-                return lambda: abs(who.speed) > most
+                limits = limits_of(now.junction, who.agent.route.key, now.facts)
+                self._needs.update(_PLACE[: len(limits) - 1])
+                return lambda: abs(who.speed) > (limit_in(limits, who.station) or 0.0) + SPEED_TOLERANCE
             case "idles", [who]:
                 return partial(self._losses().idles, who)
             case "blocks", [who]:

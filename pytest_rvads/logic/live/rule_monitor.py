@@ -46,7 +46,7 @@ class RuleMonitor:
         junction: where the vehicles drive.
         agents: the vehicles, in the order of the columns that `step` gets; None: those that `see` gets.
         dt: time between two states [s].
-        speed_limit: [m/s], for rules that ask for it.
+        speed_limit: where the map states none [m/s], for rules that ask for it.
         vehicle_size: length and width of the vehicles [m], likewise; one pair for all, or one for each.
         book: to look the rule up in; by default the one that is open, with what you registered.
 

@@ -87,7 +87,7 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
             what is wrong with all samples alike, nor what somebody has smoothed away.
         speed_accuracy: of a speed [m/s]; None: estimated like that of positions, and what smoothing leaves where speeds are
             worked out from positions.
-        speed_limit: at the junction [m/s].
+        speed_limit: at the junction [m/s]; by default those of the map, if it states some.
         strict: a bad row is an error; it costs its vehicle otherwise.
         label: begins the labels of its runs; None: after the file.
 
@@ -204,6 +204,8 @@ def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[st
     """
     if not junction.drivable:
         raise RunError(f"junction {junction.name!r} holds no geometry, which tracks are matched to: give its map")
+    if intake.speed_limit is not None:
+        junction = junction.limited(None)
     unsized = [vehicle for vehicle in log.vehicles if _ahead(vehicle, intake) is None]
     matcher = Matcher(junction)
     found: list[tuple[str, Samples, Matched]] = []

@@ -11,11 +11,11 @@ from pytest_rvads.conduct.lane import off_route
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.maps.segment import SPEED_LIMIT
 from pytest_rvads.physics.braking import STANDING
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
-from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 from pytest_rvads.simulators.kit.bench import Bench, Broken, NotTried, crowd, own_row
 from pytest_rvads.simulators.kit.probes import (
     FAULTY_FROM,
@@ -58,7 +58,7 @@ def what_drivers_see(bench: Bench) -> Iterator[str]:
     if asked != sorted((tick, name) for tick in range(run.steps - 1) for name in names):
         yield f"{run.label}: {len(asked)} observations, expected one for each of {', '.join(names)} in every state but the last"
         return
-    wanted = {"junction": place, "vehicle": fleet.vehicle, "speed_limit": SPEED_LIMIT, "aggression": 2, "wait": 2.5}
+    wanted = {"junction": place, "vehicle": fleet.vehicle, "aggression": 2, "wait": 2.5}
     for seen in shown:
         me, tick = seen.me.name, round(seen.time / DT)
         others = [state.name for state in seen.others]
@@ -72,6 +72,8 @@ def what_drivers_see(bench: Bench) -> Iterator[str]:
             yield f"{run.label}: {me} is told created={seen.created}, expected {names.index(me)}: how many were created before it"
             return
         wrong = [f"{name} {getattr(seen, name)!r:.60}" for name, value in wanted.items() if getattr(seen, name) != value]
+        if seen.speed_limit != ways[me].limit_at(seen.me.station):
+            wrong.append(f"speed_limit {seen.speed_limit!r}")
         if (seen.itinerary.entrance, seen.itinerary.exit) != (ways[me].entrance, ways[me].exit):
             wrong.append(f"an itinerary from {seen.itinerary.entrance} to {seen.itinerary.exit}")
         if wrong:

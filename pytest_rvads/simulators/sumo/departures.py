@@ -7,8 +7,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.scenarios.scenario import SPEED_LIMIT
-from pytest_rvads.simulators.sumo.road_network import lane_in, lane_out
+from pytest_rvads.simulators.sumo.road_network import lane_in, lane_limit, lane_out
 
 __all__ = ["departures", "lone_departure"]
 
@@ -32,6 +31,7 @@ def departures(case: Case, attributes: Mapping[str, str]) -> str:
         (start, lane), (end, other) = lane_in(scenario.place, agent.entrance), lane_out(scenario.place, agent.exit)
         # The front bumper is where SUMO has its vehicles, too.
         place = scenario.place.approach(agent.entrance) - distance
+        speed = min(speed, lane_limit(scenario.place.way_in(agent.entrance), -1))  # others are moved from outside anyway
         _add_vehicle(root, agent.name, (start, end), (lane, other), place, speed)
     return tostring(root, encoding="unicode")
 
@@ -66,7 +66,7 @@ def _add_vehicle(root: Element, name: str, edges: Sequence[str], lanes: tuple[in
         "depart": "0",
         "departLane": str(lanes[0]),
         "departPos": repr(place),
-        "departSpeed": repr(min(speed, SPEED_LIMIT)),  # SUMO lets nobody depart faster; others are moved from outside anyway
+        "departSpeed": repr(speed),  # SUMO lets nobody depart faster than the limit
         "arrivalLane": str(lanes[1]),
         "insertionChecks": "none",
     }

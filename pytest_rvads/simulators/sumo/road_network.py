@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Arm, Junction
-from pytest_rvads.maps.segment import join
+from pytest_rvads.maps.segment import SPEED_LIMIT, Segment, join
+from pytest_rvads.physics.braking import FASTEST
 from pytest_rvads.runs.itineraries import EXIT_LENGTH
 from pytest_rvads.runs.lights import SignalPlan
-from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 from pytest_rvads.simulators.sumo.netconvert import netconvert
 from pytest_rvads.simulators.sumo.right_of_way import check_yields, node_type, priority
 from pytest_rvads.simulators.sumo.signal_program import program
 
-__all__ = ["Network", "lane_in", "lane_out", "network", "straight"]
+__all__ = ["Network", "lane_in", "lane_limit", "lane_out", "network", "straight"]
 
 _SAME = 1e-6
 """Lengths that differ by less are equal [m]."""
@@ -68,7 +68,7 @@ def straight(length: float) -> Network:
     nodes, edges = Element("nodes"), Element("edges")
     for name, x in (("start", 0.0), ("end", length)):
         SubElement(nodes, "node", id=name, x=repr(x), y="0")
-    SubElement(edges, "edge", {"id": "in0", "from": "start", "to": "end", "numLanes": "1", "speed": repr(SPEED_LIMIT)})
+    SubElement(edges, "edge", {"id": "in0", "from": "start", "to": "end", "numLanes": "1", "speed": repr(FASTEST)})
     return _made(netconvert({"node-files": nodes, "edge-files": edges}, left_hand=False))
 
 
@@ -82,6 +82,11 @@ def lane_out(junction: Junction, exit: int) -> tuple[str, int]:
     """Return the edge and the number of the lane that begin at an exit."""
     lane = junction.exits[exit]
     return f"out{lane.arm}", lane.lane
+
+
+def lane_limit(way: Segment, end: int) -> float:
+    """Return the speed limit at the junction of a lane that leads in (-1) or out (0): SUMO knows one per lane [m/s]."""
+    return way.limits[end][1] or SPEED_LIMIT if way.limits else SPEED_LIMIT
 
 
 def _plain(junction: Junction) -> dict[str, Element]:
@@ -127,7 +132,9 @@ def _add_arm(junction: Junction, number: int, arm: Arm, nodes: Element, edges: E
         }
         item = SubElement(edges, "edge", given)
         for lane, way in enumerate(lanes):
-            SubElement(item, "lane", index=str(lane), width=repr(junction.lane_width), shape=_shape(way.points))
+            part = SubElement(item, "lane", index=str(lane), width=repr(junction.lane_width), shape=_shape(way.points))
+            if way.limits:
+                part.set("speed", repr(lane_limit(way, -1 - end)))
 
 
 def _links(junction: Junction, root: Element, node: Element) -> list[Key]:

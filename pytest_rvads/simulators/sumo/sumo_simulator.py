@@ -14,13 +14,12 @@ from types import MappingProxyType
 from pytest_rvads.drivers.sumo_driver import SumoDriver
 from pytest_rvads.errors import ScenarioError, needs, require
 from pytest_rvads.physics import engines
-from pytest_rvads.physics.braking import check_start, greatest_safe, vmax
+from pytest_rvads.physics.braking import FASTEST, check_start, greatest_safe, vmax
 from pytest_rvads.physics.cache import cached
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.forks import forks
-from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 from pytest_rvads.scenarios.senses import Senses
 from pytest_rvads.simulators.loop import Loop
 from pytest_rvads.simulators.planar import usual
@@ -105,8 +104,9 @@ class Sumo:
         body = vehicle or Vehicle()
         attributes = dict(self.attributes)
         values = {"distance": float(distance), "aggression": aggression, "vehicle": asdict(body), "attributes": attributes}
-        theirs = cached({"what": self.name} | values, lambda: self._tested(distance, aggression, body), *_LIBRARIES)
-        ours = vmax(distance, aggression, body)
+        key = {"what": self.name, "up to": FASTEST} | values
+        theirs = cached(key, lambda: self._tested(distance, aggression, body), *_LIBRARIES)
+        ours = vmax(distance, aggression, body, limit=FASTEST)
         return None if theirs is None or ours is None else min(theirs, ours)
 
     def __repr__(self) -> str:
@@ -121,7 +121,7 @@ class Sumo:
             def safe(speed: float) -> bool:
                 return process.brake(road, lone_departure("a0", speed, vehicle, aggression, self.attributes), "a0") <= distance
 
-            return greatest_safe(safe, SPEED_LIMIT)
+            return greatest_safe(safe, FASTEST)
         finally:
             release(process)
 
