@@ -99,11 +99,15 @@ class Light:
 
         Vehicles that stand at red wait themselves, in a queue without end or in a circle. Oncoming traffic stays owed.
         """
-        if prior and seen.me.zone is ENTRANCE:
-            self._owed |= {other.name for other in prior if other.zone is ENTRANCE}
+        me = seen.me
+        if prior and me.zone is ENTRANCE:
+            # A left turn on green into the own exit has priority over a right turn on red, and is no matter of the paper's rules.
+            relation = seen.junction.opposite if me.turn is seen.junction.far else seen.junction.right_of
+            there = (other for other in prior if other.zone is ENTRANCE)
+            self._owed |= {other.name for other in there if (me.entrance, other.entrance) in relation}
         if self._owed:
             self._owed &= {other.name for other in seen.others if other.zone is ENTRANCE}
-        if self._owed and seen.lights[seen.me.entrance] is _GREEN:
+        if self._owed and seen.lights[me.entrance] is _GREEN:
             self._owed &= {other.name for other in prior}
 
     def _watch(self, seen: Observation) -> None:

@@ -172,9 +172,10 @@ def test_oncoming_traffic_that_stands_at_green_for_3_5_s_is_not_waited_for(paper
         assert light.allows(sees(at(0, LEFT), sets_off, time=3.5)) is False, "it has set off"
 
 
+@pytest.mark.parametrize("paper", [True, False])
 @pytest.mark.parametrize(("station", "goes"), [(-60.0, True), (-0.5, False)])
-def test_a_right_turn_on_red_lets_pass_a_left_turn_on_green_into_the_same_exit(station: float, goes: bool) -> None:
-    light, me = Light(paper=False), at(0, RIGHT)
+def test_a_right_turn_on_red_lets_pass_a_left_turn_on_green_into_the_same_exit(station: float, goes: bool, paper: bool) -> None:
+    light, me = Light(paper=paper), at(0, RIGHT)
     comes = at(2, LEFT, station, 5.0)
     assert (comes.entrance, me.entrance) not in LIGHTS.right_of
     assert light.allows(sees(me, comes, lights=(R, R, G, R))) is goes
