@@ -71,7 +71,8 @@ class Sweep:
         last = min(itinerary.end, itinerary.length + BEHIND)
         self.stations = np.arange(first, last, STEP)
         reach = self._back + self._rear + 2.0 * AROUND
-        fine = first - self._rear - AROUND + FINE * np.arange(round((last - first + reach) / FINE) + 2)
+        count = round((last - first + reach) / FINE) + 4
+        fine = np.asarray(first - self._rear - AROUND + FINE * np.arange(count), dtype=np.float64)
         self._fine, (self._places, _) = fine, itinerary.centre(fine)
         # Per station the points of the centre line among which corners of the body there are nearest to one.
         self._near = np.arange(round(reach / FINE)) + np.arange(len(self.stations))[:, None] * round(STEP / FINE)
@@ -88,7 +89,8 @@ class Sweep:
 
     def way(self, offsets: Array) -> Array:
         """Return the points of the rear axle, shape ``(stations, 2)``."""
-        return self._base + offsets[:, None] * self._left
+        points: Array = self._base + offsets[:, None] * self._left
+        return points
 
     def over(self, points: Array) -> tuple[Array, Array]:
         """Return how far the body reaches over the border [m]: what `keep_lane` looks at, and other corners."""
@@ -113,7 +115,8 @@ class Sweep:
         one, two = points[1:-1] - points[:-2], points[2:] - points[1:-1]
         cross = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
         sizes = [np.hypot(*side.T) for side in (one, two, one + two)]
-        return 2.0 * cross / (sizes[0] * sizes[1] * sizes[2])
+        bend: Array = 2.0 * cross / (sizes[0] * sizes[1] * sizes[2])
+        return bend
 
     def fits(self, points: Array) -> bool:
         """Return whether a vehicle can follow a way, and `keep_lane` finds nothing wrong with its body there."""

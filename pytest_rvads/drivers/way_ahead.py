@@ -40,7 +40,7 @@ class Track:
         trail = math.ceil(axle)
         limits = [min(raw[max(k - trail, 0) : k + 1]) for k in range(len(raw))]
         for station, speed in pace:
-            k = max(int(station + axle - self._first), 0)
+            k = min(max(int(station + axle - self._first), 0), len(limits) - 1)
             limits[k] = min(limits[k], speed)
         for k in range(len(limits) - 2, -1, -1):
             limits[k] = min(limits[k], math.sqrt(limits[k + 1] ** 2 + 2.0 * EASE))

@@ -8,6 +8,7 @@ import pytest
 from pytest_rvads.conduct.lane import off_lane, off_route
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.swept import axle_path
+from pytest_rvads.drivers.way_ahead import track
 from pytest_rvads.junctions.builtin import CROSSINGS
 from pytest_rvads.junctions.finder import find, names
 from pytest_rvads.opendrive.writer import opendrive
@@ -33,3 +34,8 @@ def test_a_narrow_right_turn_is_driven_within_the_lane(tmp_path: Path, distance:
     assert run.station[-1, 0] > junction.movements[0, 1].length
     assert not off_lane(run, 0).any()
     assert not off_route(run, 0).any()
+
+
+def test_a_pace_of_the_rear_axle_holds_where_the_front_is_beyond_the_end_of_its_itinerary() -> None:
+    way = itinerary(find("stop4"), 0, 1)
+    assert track(way, 3.65, ((way.end, 1.0),)).speed(way.end + 9.0) == 1.0
