@@ -33,8 +33,8 @@ class Light:
     """Stops on yellow and red, turns right on red after a stop, and yields when turning.
 
     Args:
-        paper: whether to wait as the paper's rules demand: once a vehicle was to be let in, until it is in the junction, whatever
-            the lights show. Else the right of way ends with the green light, and after `WAIVER` at green without moving.
+        paper: whether to wait as the paper's rules demand: once a vehicle was to be let in, until it is in the junction or the
+            own light is green. Else the right of way ends with the green light, and after `WAIVER` at green without moving.
     """
 
     def __init__(self, *, paper: bool = True) -> None:
@@ -52,7 +52,6 @@ class Light:
         colour = seen.lights[me.entrance]
         if me.zone is ENTRANCE and me.speed < STANDING:
             self._stood = True
-        self._watch(seen)
         prior = self._prior(seen, colour) if me.turn is not _STRAIGHT else []
         if colour is _YELLOW:
             return not can_stop(seen, YELLOW)
@@ -70,7 +69,6 @@ class Light:
 
     def owes(self, seen: Observation) -> bool:
         """Return whether by the paper's rules it still waits for a vehicle to be let in; to be called in every step."""
-        self._watch(seen)
         self._prior(seen, seen.lights[seen.me.entrance])
         return bool(self._owed)
 
@@ -80,6 +78,7 @@ class Light:
         if self._paper:
             self._remember(seen, prior)
             return prior
+        self._watch(seen)
         return [other for _, other in not_queued(seen) if other in prior and other.name not in self._parked]
 
     def _has_priority(self, seen: Observation, other: VehicleState, colour: Colour) -> bool:
@@ -96,14 +95,20 @@ class Light:
         return goes or (self._paper and (me.entrance, other.entrance) in junction.right_of)
 
     def _remember(self, seen: Observation, prior: list[VehicleState]) -> None:
-        """Keep whom to let in first: once both were at their entrances, it stays so whatever the lights show."""
-        if prior and seen.me.zone is ENTRANCE:
-            self._owed |= {other.name for other in prior if other.zone is ENTRANCE}
+        """Keep whom to let in first, once both were at their entrances: until the own light is green, whatever theirs shows.
+
+        Vehicles that stand at red wait themselves, in a queue without end or in a circle. Oncoming traffic stays owed.
+        """
+        me = seen.me
+        if prior and me.zone is ENTRANCE:
+            # A left turn on green into the own exit has priority over a right turn on red, and is no matter of the paper's rules.
+            relation = seen.junction.opposite if me.turn is seen.junction.far else seen.junction.right_of
+            there = (other for other in prior if other.zone is ENTRANCE)
+            self._owed |= {other.name for other in there if (me.entrance, other.entrance) in relation}
         if self._owed:
             self._owed &= {other.name for other in seen.others if other.zone is ENTRANCE}
-        if self._owed and seen.lights[seen.me.entrance] is _GREEN:
-            # Who turned right on red waited for them; on green they have no priority, and would be waited for in vain.
-            self._owed -= self._parked - {other.name for other in prior}
+        if self._owed and seen.lights[me.entrance] is _GREEN:
+            self._owed &= {other.name for other in prior}
 
     def _watch(self, seen: Observation) -> None:
         idle, parked = self._idle, self._parked

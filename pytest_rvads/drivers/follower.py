@@ -9,7 +9,9 @@ import math
 
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.pursuit import lookahead, pursue
+from pytest_rvads.drivers.swept import axle_path
 from pytest_rvads.drivers.way_ahead import EASE, Track, track
+from pytest_rvads.maps.segment import Segment
 from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
 
 __all__ = ["STANDING", "Follower", "resistance"]
@@ -20,10 +22,10 @@ _FIRM = 3.0
 """Hardest braking for a bend [m/s^2]."""
 _HOLD = 2.5
 """Brake that ends a stop and keeps the vehicle standing [m/s^2]."""
-NARROW = 3.0
-"""In bends of a smaller radius the front swings out so far that its place on the way says nothing of the rear axle's [m]."""
-NARROW_LANE, LANE = 4.3, 3.5
-"""Likewise on lanes narrower than the second number, where a front that swings out meets who waits beside [m]."""
+_AIM, _AIM_TIME = 1.2, 0.4
+"""How far ahead of the rear axle to aim on such a path [m], and at speed [s]: from farther away, corners of it are cut."""
+_NEAR = 2.0
+"""How far along its path the rear axle is looked for, around its last place [m]."""
 STANDING = 0.01
 """A vehicle slower than this stands [m/s]."""
 
@@ -43,10 +45,10 @@ class Follower(Autopilot):
     _track: Track | None = None
     _wheels: tuple[float, float] | None = None
     """Reference point to rear axle, rear axle to front axle [m]: worked out once, the vehicle stays the same."""
-    _narrow = False
-    """Whether the way has a bend for which it has to steer by the rear axle."""
-    _axle: float | None = None
-    """Where the rear axle was last on a way with narrow bends [m]."""
+    _path: Segment | None = None
+    """The path of the rear axle, where a bend is so narrow that it is not the itinerary."""
+    _axle = 0.0
+    """How far along that path the rear axle was last [m]."""
     _piece = (math.inf, -math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
     """The piece of the path that it aims at: it stays the same for many steps."""
 
@@ -93,8 +95,10 @@ class Follower(Autopilot):
     def track(self, seen: Observation) -> Track:
         """Return what is known of the way ahead; worked out once."""
         if self._track is None:
-            self._track = track(seen.itinerary, seen.vehicle.rear_axle_offset)
-            self._narrow = self._track.radius < (NARROW_LANE if seen.junction.lane_width < LANE else NARROW)
+            back, way = seen.vehicle.rear_axle_offset, axle_path(seen.itinerary, seen.vehicle, seen.junction.lane_width)
+            self._track = track(seen.itinerary, back, way.pace if way else ())
+            if way:
+                self._path, self._axle = way.path, seen.me.station - back + seen.itinerary.origin
         return self._track
 
     def drive(self, seen: Observation, acceleration: float) -> Control:
@@ -118,22 +122,20 @@ class Follower(Autopilot):
             self.track(seen)
             self._wheels = seen.vehicle.rear_axle_offset, seen.vehicle.wheelbase
         back, wheelbase = self._wheels
-        axle = self._axle_station(seen, back) if self._narrow else me.station - back
-        aim = axle + lookahead(me.speed) + seen.itinerary.origin
+        path = self._path
+        if path is None:
+            path, aim = seen.itinerary.path, me.station - back + lookahead(me.speed) + seen.itinerary.origin
+        else:
+            # In a narrow bend the front swings out and lags behind: its place says nothing of the rear axle's.
+            x, y = me.x - back * math.cos(me.heading), me.y - back * math.sin(me.heading)
+            self._axle, _ = path.project(x, y, self._axle, _NEAR)
+            aim = self._axle + max(_AIM, _AIM_TIME * me.speed)
         start, end, x, y, ux, uy, _ = self._piece
         if not start <= aim < end:
-            self._piece = start, _, x, y, ux, uy, _ = seen.itinerary.path.piece(aim)
+            self._piece = start, _, x, y, ux, uy, _ = path.piece(aim)
         aim -= start
         self._steering = steering = pursue(me, back, wheelbase, x + aim * ux, y + aim * uy)
         return steering
-
-    def _axle_station(self, seen: Observation, back: float) -> float:
-        """Return where the rear axle is on the itinerary by itself [m]: in a narrow bend the front swings out and lags behind."""
-        me = seen.me
-        near = me.station - back if self._axle is None else self._axle
-        x, y = me.x - back * math.cos(me.heading), me.y - back * math.sin(me.heading)
-        self._axle, _ = seen.itinerary.project(x, y, near)
-        return self._axle
 
 
 def resistance(vehicle: Vehicle, speed: float) -> float:

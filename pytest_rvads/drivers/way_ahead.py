@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 from pytest_rvads.maps.segment import SPEED_LIMIT
@@ -24,9 +25,10 @@ class Track:
     Args:
         itinerary: the way.
         axle: reference point to rear axle [m]; the axle is still in a bend when the reference point has left it.
+        pace: stations of the rear axle [m] and speeds that it is not to exceed there [m/s].
     """
 
-    def __init__(self, itinerary: Itinerary, axle: float) -> None:
+    def __init__(self, itinerary: Itinerary, axle: float, pace: Sequence[tuple[float, float]] = ()) -> None:
         self._first = -itinerary.origin
         if all(itinerary.limit_at(station) <= SPEED_LIMIT for station, _ in itinerary.limits):
             self._first = max(self._first, -_BEFORE)
@@ -37,12 +39,12 @@ class Track:
         # little before the other ends counts as a bend.
         headings = [math.atan2(b.y - a.y, b.x - a.x) for a, b in zip(poses, poses[2:], strict=False)]
         changes = [(b - a + math.pi) % (2 * math.pi) - math.pi for a, b in zip(headings, headings[4:], strict=False)]
-        sharpest = max(map(abs, changes), default=0.0)
-        self.radius = 4.0 / sharpest if sharpest else math.inf
-        """Of its narrowest bend [m]."""
         raw = [math.sqrt(BEND * 4.0 / abs(change)) if abs(change) > 1e-3 else math.inf for change in changes]
         trail = math.ceil(axle)
         limits = [min(raw[max(k - trail, 0) : k + 1]) for k in range(len(raw))]
+        for station, speed in pace:
+            k = min(max(int(station + axle - self._first), 0), len(limits) - 1)
+            limits[k] = min(limits[k], speed)
         for k in range(len(limits) - 2, -1, -1):
             limits[k] = min(limits[k], math.sqrt(limits[k + 1] ** 2 + 2.0 * EASE))
         self._limits = limits
@@ -64,6 +66,6 @@ class Track:
 
 
 @lru_cache(maxsize=256)  # the same ways are driven again and again
-def track(itinerary: Itinerary, axle: float) -> Track:
+def track(itinerary: Itinerary, axle: float, pace: tuple[tuple[float, float], ...] = ()) -> Track:
     """Return an itinerary looked up by the metre, built once; see `Track`."""
-    return Track(itinerary, axle)
+    return Track(itinerary, axle, pace)

@@ -138,35 +138,19 @@ def test_straight_on_at_green_it_waits_for_who_is_in_the_way(other: VehicleState
     assert enters(at(0, STRAIGHT), other._replace(name="other")) is goes
 
 
-def test_who_was_to_be_let_in_stays_so_when_the_lights_change() -> None:
-    """It waits to turn right on red for one from the left, at green; then its own light turns green."""
-    light, comes = Light(), at(0, STRAIGHT)
-    assert light.allows(sees(at(1, RIGHT), comes)) is False
-    assert light.allows(sees(at(1, RIGHT), comes, lights=ALONG, time=0.1)) is False
-    inside = comes._replace(zone=Zone.JUNCTION, station=1.0)
-    assert light.allows(sees(at(1, RIGHT), inside, lights=ALONG, time=0.2)) is False, "into the same exit"
-    assert light.allows(sees(at(1, RIGHT), inside._replace(zone=Zone.EXIT, station=50.0), lights=ALONG, time=0.3)) is True
-    approaching = Light()
-    assert approaching.allows(sees(at(1, RIGHT, -5.0), comes)) is False
-    assert approaching.allows(sees(at(1, RIGHT), comes, lights=ALONG, time=0.1)) is True, "they were not there together on red"
+def test_a_right_turn_on_red_owes_a_vehicle_the_way_until_its_own_light_is_green() -> None:
+    """The vehicle a0 came from the left on green, and its light turned yellow at its line."""
+    light, stands = Light(), at(0, STRAIGHT)
+    assert light.allows(sees(at(1, RIGHT), stands)) is False
+    assert light.allows(sees(at(1, RIGHT), stands, lights=(Y, R, Y, R), time=3.0)) is False
+    assert light.allows(sees(at(1, RIGHT), stands, lights=(R, R, R, R), time=6.0)) is False
+    assert light.allows(sees(at(1, RIGHT), stands, lights=ALONG, time=8.0)) is True, "its own light is green, the other red"
 
 
-@pytest.mark.parametrize(
-    ("story", "goes"),
-    [
-        ([(0.0, 0.0), (3.5, 0.0)], True),
-        ([(0.0, 0.0), (3.4, 0.0)], False),
-        ([(0.0, 0.0), (2.0, 0.5), (3.5, 0.0)], False),  # it crept on
-        ([(0.0, 0.0), (2.0, 0.5), (3.0, 0.0), (6.5, 0.0)], True),
-        ([(0.0, 0.0), (3.5, 0.0), (3.6, 0.5)], False),  # it wakes up
-    ],
-)
-def test_who_does_not_go_on_its_green_is_not_waited_for_on_the_own_one(story: list[tuple[float, float]], goes: bool) -> None:
-    """Another one stands at green for 3.5 s; (time, speed)."""
-    light = Light()
-    for time, speed in story:
-        assert light.allows(sees(at(1, RIGHT), at(0, STRAIGHT, speed=speed), time=time)) is False
-    assert light.allows(sees(at(1, RIGHT), at(0, STRAIGHT), lights=ALONG, time=20.0)) is goes
+def test_a_left_turn_owes_oncoming_traffic_the_way_on_its_own_green() -> None:
+    light, stands = Light(), at(2, STRAIGHT)
+    assert light.allows(sees(at(0, LEFT), stands, lights=ALONG)) is False
+    assert light.allows(sees(at(0, LEFT), stands, time=1.0)) is False
 
 
 def waits(gate: Light | StopSign, seen: Callable[[int], Observation]) -> float | None:
@@ -188,17 +172,10 @@ def test_oncoming_traffic_that_stands_at_green_for_3_5_s_is_not_waited_for(paper
         assert light.allows(sees(at(0, LEFT), sets_off, time=3.5)) is False, "it has set off"
 
 
-@pytest.mark.parametrize(("paper", "goes"), [(False, True), (True, False)])
-def test_on_the_own_green_a_vehicle_that_stands_at_red_is_owed_nothing_but_by_the_paper(paper: bool, goes: bool) -> None:
-    """Turning right on red it waited for that vehicle, which the end of its green light then stopped at its line."""
-    light = Light(paper=paper)
-    assert light.allows(sees(at(1, RIGHT), at(0, STRAIGHT))) is False
-    assert light.allows(sees(at(1, RIGHT), at(0, STRAIGHT), lights=ALONG, time=3.0)) is goes
-
-
+@pytest.mark.parametrize("paper", [True, False])
 @pytest.mark.parametrize(("station", "goes"), [(-60.0, True), (-0.5, False)])
-def test_a_right_turn_on_red_lets_pass_a_left_turn_on_green_into_the_same_exit(station: float, goes: bool) -> None:
-    light, me = Light(paper=False), at(0, RIGHT)
+def test_a_right_turn_on_red_lets_pass_a_left_turn_on_green_into_the_same_exit(station: float, goes: bool, paper: bool) -> None:
+    light, me = Light(paper=paper), at(0, RIGHT)
     comes = at(2, LEFT, station, 5.0)
     assert (comes.entrance, me.entrance) not in LIGHTS.right_of
     assert light.allows(sees(me, comes, lights=(R, R, G, R))) is goes
