@@ -6,6 +6,7 @@ entrance vertex: negative before it, 0..length on the movement, more on the exit
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -78,6 +79,14 @@ class Itinerary:
     def pose(self, station: float) -> Pose:
         """Return the pose of the centre line at `station` [m]."""
         return self.path.pose(station + self.origin)
+
+    def placed(self, station: float, back: float) -> Pose:
+        """Return the pose of a vehicle with its reference point at `station` and its rear axle, `back` behind, on the way [m].
+
+        So a vehicle that is placed in a bend follows the bend.
+        """
+        front, axle = self.pose(station), self.pose(station - back)
+        return Pose(front.x, front.y, math.atan2(front.y - axle.y, front.x - axle.x))
 
     def centre(self, station: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the points of the centre line at stations, and the direction there, each of shape ``(steps, 2)``."""

@@ -87,7 +87,8 @@ class Case:
         """Return per agent its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
 
         Raises:
-            ScenarioError: a vehicle would start before its approach begins, or two in one lane too close to each other.
+            ScenarioError: a vehicle would start before its approach begins, two in one lane too close to each other, or two
+                inside each other.
         """
         return self.scenario.starts(self.fleet.of)
 

@@ -7,9 +7,12 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from pytest_rvads.conduct.bodies import touch
 from pytest_rvads.displayed import shown
 from pytest_rvads.errors import ScenarioError, require
 from pytest_rvads.junctions.junction import Junction
@@ -19,7 +22,7 @@ from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.classes import label, parse
 from pytest_rvads.scenarios.configurations import Configuration, explicit_label, per_entrance
-from pytest_rvads.scenarios.forks import forks
+from pytest_rvads.scenarios.forks import forks, near
 from pytest_rvads.scenarios.orbits import OCCUPANCIES, Directions, Orbits, rotate
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
@@ -233,23 +236,25 @@ class Scenario:
         """Return per agent its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
 
         Whoever follows starts as fast as the one ahead, `QUEUE_GAP` and `QUEUE_TIME` behind its body. Where the lanes of two
-        entrances are still one, whoever is behind in it has to keep as much: distances stay what they were asked to be.
+        entrances are still one, whoever is behind in it has to keep as much: distances stay what they were asked to be. Where
+        two approaches converge, bodies on them must not touch.
 
         Args:
             body: the vehicle of the agent of a name; passenger cars by default.
 
         Raises:
-            ScenarioError: a vehicle would start before its approach begins, or two in one lane too close to each other.
+            ScenarioError: a vehicle would start before its approach begins, two in one lane too close to each other, or two
+                inside each other.
         """
         found: list[tuple[float, float]] = []
         before: Agent | None = None
         agents = self.agents()
-        lengths = {agent.name: (body(agent.name) if body else Vehicle()).length for agent in agents}
+        bodies = {agent.name: body(agent.name) if body else Vehicle() for agent in agents}
         for agent in agents:
             if before is None or before.entrance != agent.entrance:
                 distance, speed = self.start(agent.entrance)
             else:
-                distance += lengths[before.name] + QUEUE_GAP + QUEUE_TIME * speed
+                distance += bodies[before.name].length + QUEUE_GAP + QUEUE_TIME * speed
             room = self.place.approach(agent.entrance)
             if distance > room:
                 cure = "a smaller distance, fewer followers" if self.followers else "a smaller distance"
@@ -259,9 +264,26 @@ class Scenario:
                 )
             found.append((distance, speed))
             before = agent
-        if forks(self.place):
-            self._check_forks([_Start(a.name, a.entrance, lengths[a.name], *at) for a, at in zip(agents, found, strict=True)])
+        if near(self.place):
+            rows = list(zip(agents, found, strict=True))
+            self._check_forks([_Start(a.name, a.entrance, bodies[a.name].length, *at) for a, at in rows])
+            self._check_bodies([(a, distance, bodies[a.name]) for a, (distance, _) in rows])
         return tuple(found)
+
+    def _check_bodies(self, starts: Sequence[tuple[Agent, float, Vehicle]]) -> None:
+        """Check that no bodies on approaches that converge touch; `starts` holds their distances to the line [m]."""
+        ways = self.itineraries()
+        poses = [way.placed(way.start(far), v.rear_axle_offset) for way, (_, far, v) in zip(ways, starts, strict=True)]
+        for one, two in combinations(range(len(starts)), 2):
+            (first, _, mine), (second, _, yours) = starts[one], starts[two]
+            if (first.entrance, second.entrance) in near(self.place) and touch(
+                [(np.array([poses[k]]), (v.length, v.width)) for k, v in ((one, mine), (two, yours))]
+            ):
+                raise ScenarioError(
+                    f"{first.name} and {second.name} would start inside each other, where the approaches of entrances "
+                    f"{first.entrance} and {second.entrance} of junction {self.place.name!r} converge: choose other distances, "
+                    "or fewer vehicles"
+                )
 
     def _check_forks(self, starts: Sequence[_Start]) -> None:
         """Check that vehicles of different entrances stand behind each other where their lanes are one."""
