@@ -15,6 +15,7 @@ from pytest_rvads.junctions.formats import read_file
 from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
 from pytest_rvads.junctions.projection import Locator, Track
+from pytest_rvads.junctions.turn_words import turn_word
 from pytest_rvads.junctions.ways import walk
 from pytest_rvads.maps.control import MapObject, sign_of_arm
 from pytest_rvads.maps.doubts import MapWarning
@@ -228,7 +229,7 @@ def _describe(report: JunctionReport, junction: Junction | None) -> dict[str, An
                 "lane": report.entrances[way.entrance].lane,
                 "exit": report.exits[way.exit].arm,
                 "exit_lane": report.exits[way.exit].lane,
-                "turn": way.turn.value,
+                "turn": turn_word(report, way),
                 "length": round(way.length, 4),
             }
             for way in report.movements
