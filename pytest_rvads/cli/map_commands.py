@@ -14,6 +14,7 @@ from typing import Any
 
 from pytest_rvads.cli.common import Subparsers, say, warn
 from pytest_rvads.storage import write_file
+from pytest_rvads.wording import plural
 
 __all__ = ["declare"]
 
@@ -98,7 +99,8 @@ def _map(options: argparse.Namespace) -> int:
 def _details(junction: dict[str, Any]) -> Iterator[str]:
     """Yield what is known of a usable junction: the lanes and control of its arms, and which arms give way to which."""
     arms = [
-        f"{arm['entrances']} in, {arm['exits']} out" + (f", {arm['control']}" if arm["entrances"] else "")
+        f"{plural(arm['entrances'], 'lane')} in, {arm['exits']} out"
+        + (f", {arm['control']}".replace("none", "no sign") if arm["entrances"] else "")
         for arm in junction["arms"]
     ]
     alike = groupby(range(len(arms)), key=arms.__getitem__)
@@ -110,7 +112,7 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
 
 
 def _named(arms: list[int]) -> str:
-    return f"arm {arms[0]}" if len(arms) == 1 else f"arms {arms[0]} to {arms[-1]}"
+    return f"arm {arms[0]}" if len(arms) == 1 else f"arms {arms[0]} {'and' if len(arms) == 2 else 'to'} {arms[-1]}"
 
 
 def _listed(arms: list[int]) -> str:

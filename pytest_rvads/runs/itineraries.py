@@ -81,10 +81,7 @@ class Itinerary:
         return self.path.pose(station + self.origin)
 
     def placed(self, station: float, back: float) -> Pose:
-        """Return the pose of a vehicle with its reference point at `station` and its rear axle, `back` behind, on the way [m].
-
-        So a vehicle that is placed in a bend follows the bend.
-        """
+        """Return the pose of a vehicle whose reference point, at `station`, and rear axle, `back` behind, are on the way [m]."""
         front, axle = self.pose(station), self.pose(station - back)
         return Pose(front.x, front.y, math.atan2(front.y - axle.y, front.x - axle.x))
 

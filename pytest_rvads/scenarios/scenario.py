@@ -57,8 +57,7 @@ class _Start(NamedTuple):
 
     name: str
     entrance: int
-    length: float
-    """Of its body [m]."""
+    body: Vehicle
     distance: float
     """Reference point to stopping line [m]."""
     speed: float
@@ -265,24 +264,22 @@ class Scenario:
             found.append((distance, speed))
             before = agent
         if near(self.place):
-            rows = list(zip(agents, found, strict=True))
-            self._check_forks([_Start(a.name, a.entrance, bodies[a.name].length, *at) for a, at in rows])
-            self._check_bodies([(a, distance, bodies[a.name]) for a, (distance, _) in rows])
+            starts = [_Start(a.name, a.entrance, bodies[a.name], *at) for a, at in zip(agents, found, strict=True)]
+            self._check_forks(starts)
+            self._check_bodies(starts)
         return tuple(found)
 
-    def _check_bodies(self, starts: Sequence[tuple[Agent, float, Vehicle]]) -> None:
-        """Check that no bodies on approaches that converge touch; `starts` holds their distances to the line [m]."""
-        ways = self.itineraries()
-        poses = [way.placed(way.start(far), v.rear_axle_offset) for way, (_, far, v) in zip(ways, starts, strict=True)]
-        for one, two in combinations(range(len(starts)), 2):
-            (first, _, mine), (second, _, yours) = starts[one], starts[two]
-            if (first.entrance, second.entrance) in near(self.place) and touch(
-                [(np.array([poses[k]]), (v.length, v.width)) for k, v in ((one, mine), (two, yours))]
-            ):
+    def _check_bodies(self, starts: Sequence[_Start]) -> None:
+        """Check that no bodies on approaches that converge touch."""
+        bodies = [
+            (np.array([way.placed(way.start(s.distance), s.body.rear_axle_offset)]), (s.body.length, s.body.width))
+            for way, s in zip(self.itineraries(), starts, strict=True)
+        ]
+        for (one, mine), (two, yours) in combinations(zip(starts, bodies, strict=True), 2):
+            if (one.entrance, two.entrance) in near(self.place) and touch([mine, yours]):
                 raise ScenarioError(
-                    f"{first.name} and {second.name} would start inside each other, where the approaches of entrances "
-                    f"{first.entrance} and {second.entrance} of junction {self.place.name!r} converge: choose other distances, "
-                    "or fewer vehicles"
+                    f"{one.name} and {two.name} would start inside each other, where the approaches of entrances {one.entrance} "
+                    f"and {two.entrance} of junction {self.place.name!r} converge: choose other distances, or fewer vehicles"
                 )
 
     def _check_forks(self, starts: Sequence[_Start]) -> None:
@@ -292,9 +289,9 @@ class Scenario:
             lane = [(s.distance - here, s) for s in starts if s.entrance == one] + [
                 (s.distance - there, s) for s in starts if s.entrance == two
             ]
-            queue = sorted((at, s) for at, s in lane if at + s.length > 0.0)
+            queue = sorted((at, s) for at, s in lane if at + s.body.length > 0.0)
             for (front, ahead), (at, behind) in pairwise(queue):
-                gap, least = at - front - ahead.length, QUEUE_GAP + QUEUE_TIME * behind.speed
+                gap, least = at - front - ahead.body.length, QUEUE_GAP + QUEUE_TIME * behind.speed
                 if ahead.entrance != behind.entrance and gap < least - _ROUNDING:
                     raise ScenarioError(
                         f"{behind.name} would start {max(gap, 0.0):.1f} m behind {ahead.name}, where {least:.1f} m are needed: "

@@ -25,7 +25,7 @@ def tally(*outcomes: Outcome) -> JunctionTally:
 
 @pytest.fixture
 def town(tmp_path: Path) -> Path:
-    """A town of two maps: a junction of every mark, one of them with a hostile id, one with a long id, and one that lies on another map."""
+    """A town of two maps: a junction of every mark, one of them with a hostile id, one with a long id, and one on another map."""
     sites = [
         Site("town.1", "1", 0, Spot(100, 100, 10), "4-way stop", 2),
         Site("town.2", "2", 0, Spot(300, 100, 10), "4-way stop", 2),
@@ -96,7 +96,8 @@ def test_junctions_are_listed_worst_first_and_marked_by_more_than_colour(opened:
     assert len(bodies) == len(signs) == 5
     assert (
         text(browser, "said")
-        == "6 junctions: 1 failed; 1 no verdict (ERROR); 1 open, provoked, unavoidable, unsure or incomplete; 1 passed; 2 refused or not judged"
+        == "6 junctions: 1 failed; 1 no verdict (ERROR); 1 open, provoked, unavoidable, unsure or incomplete; 1 passed; "
+        "2 refused or not judged"
     )
 
 

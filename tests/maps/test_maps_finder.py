@@ -114,7 +114,7 @@ def test_nearest_point(shared: Path) -> None:
 
 
 def test_nearest_in_a_map_without_usable_junction(shared: Path) -> None:
-    with pytest.raises(MapError, match="none of its 1 junctions is usable"):
+    with pytest.raises(MapError, match="none of its junctions is usable, `rvads map"):
         nearest(shared / "maps" / "direct_junction_simple.xodr", 0.0, 0.0)
 
 
