@@ -18,6 +18,7 @@ from pytest_rvads.draw.scene import Scene, body, inks, label
 from pytest_rvads.draw.still import course, draw_ways, still
 from pytest_rvads.errors import RunError, RvadsError
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.turn_words import turn_word
 from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Verdict
 from pytest_rvads.maps.control import JunctionControl
@@ -83,7 +84,7 @@ def _junction(junction: Junction) -> str:
     side = "left" if junction.left_hand else "right"
     rows = []
     for entrance, lane in enumerate(junction.entrances):
-        ways = sorted((m.exit, m.turn) for m in junction.movements.values() if m.entrance == entrance)
+        ways = sorted((m.exit, turn_word(junction, m)) for m in junction.movements.values() if m.entrance == entrance)
         others = None
         if junction.yields is not None:
             decided = (pair for pair, reason in junction.yields.items() if reason is not Reason.UNDECIDED)
@@ -256,7 +257,7 @@ def _instance(verdict: Verdict, instance: InstanceVerdict) -> tuple[str, ...]:
 
 
 def _way(junction: Junction, agent: Agent) -> str:
-    return f"{label(junction, agent.entrance)} to {junction.exits[agent.exit].arm}, {agent.turn}"
+    return f"{label(junction, agent.entrance)} to {junction.exits[agent.exit].arm}, {turn_word(junction, agent.route)}"
 
 
 def _block(*parts: str) -> str:

@@ -1,8 +1,8 @@
 const town = JSON.parse(document.getElementById("data").textContent), page = 200;
 const get = id => document.getElementById(id), view = get("view"), root = document.documentElement.dataset;
 const bodies = {good: "M-9 0a9 9 0 1 0 18 0a9 9 0 1 0 -18 0", bad: "M-8.5 -8.5h17v17h-17z", doubt: "M0 -11.5L11.5 0L0 11.5L-11.5 0z",
-  none: "M-8 0a8 8 0 1 0 16 0a8 8 0 1 0 -16 0"};
-const signs = {good: "M-4 0L-1 3.2L4.2 -3.6", bad: "M-3.8 -3.8L3.8 3.8M3.8 -3.8L-3.8 3.8", doubt: "M0 -5.5V1.5M0 5V5.2", none: "M-3.2 0H3.2"};
+  error: "M-10 -6L0 -11L10 -6V6L0 11L-10 6z", none: "M-8 0a8 8 0 1 0 16 0a8 8 0 1 0 -16 0"};
+const signs = {good: "M-4 0L-1 3.2L4.2 -3.6", bad: "M-3.8 -3.8L3.8 3.8M3.8 -3.8L-3.8 3.8", doubt: "M0 -5.5V1.5M0 5V5.2", error: "M3.6 -4.6H-3V4.6H3.6M-3 0H2.6", none: "M-3.2 0H3.2"};
 const least = 6, names = new Map(town.junctions.map(one => [one.name, one]));
 let at = {x: 0, y: 0, width: 1}, map = -1, chosen = null, shown = page, fingers = new Map(), moved = 0;
 function draw(tag, parent, values) {
@@ -20,6 +20,8 @@ function icon(parent, state) {
   const svg = draw("svg", parent, {viewBox: "-13 -13 26 26", class: "mark " + state, "aria-hidden": "true"});
   symbol(svg, state);
 }
+// Ids that converters put together from others would cover the map; whoever points at a mark or chooses it sees the whole id.
+function short(id) { return id.length > 12 ? `${id.slice(0, 4)}\u2026${id.slice(-5)}` : id; }
 function link(name) { return "#" + encodeURIComponent(name); }
 function size() { const box = view.getBoundingClientRect(); return [Math.max(box.width, 1), Math.max(box.height, 1)]; }
 function whole() {
@@ -33,7 +35,15 @@ function show() {
   const many = Math.min(1, Math.max(.6, 60 / Math.max(get("marks").childElementCount, 1)));
   get("marks").querySelectorAll("a").forEach(mark => {
     mark.setAttribute("transform", `translate(${mark.dataset.x} ${mark.dataset.y}) scale(${unit * many})`);
-    mark.querySelector("text").style.display = unit < 1.2 || mark.dataset.name === chosen ? "" : "none";
+  });
+  // Names that do not cover each other: that of the chosen junction, then those of the worst, which come last.
+  const boxes = [], grain = unit * many;
+  [...get("marks").children].reverse().sort((a, b) => (b.dataset.name === chosen) - (a.dataset.name === chosen)).forEach(mark => {
+    const text = mark.querySelector("text"), half = 3.3 * grain * text.textContent.length, picked = mark.dataset.name === chosen;
+    const free = boxes.every(([x, y, wide]) => Math.abs(x - mark.dataset.x) > half + wide || Math.abs(y - mark.dataset.y) > 13 * grain);
+    const told = picked || free && unit < 1.2 && !mark.classList.contains("none");
+    text.style.display = told ? "" : "none";
+    if (told) boxes.push([+mark.dataset.x, +mark.dataset.y, half]);
   });
   const step = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000].find(metres => metres / unit >= 60) || 10000;
   get("scale").textContent = `${Math.round(at.width)} m wide`;
@@ -58,12 +68,12 @@ function open(number) {
   // The worst come last, so that they lie on top.
   town.junctions.filter(one => one.map === map && one.spot).reverse().forEach(one => {
     const [x, y, radius] = one.spot;
-    draw("circle", get("areas"), {cx: x, cy: y, r: radius, class: one.state});
+    if (one.state !== "none") draw("circle", get("areas"), {cx: x, cy: y, r: radius, class: one.state});
     const mark = draw("a", get("marks"), {href: link(one.name), class: "mark " + one.state, "aria-label": `${one.name}: ${one.told}`});
     Object.assign(mark.dataset, {x, y, name: one.name});
     draw("title", mark, {}).textContent = `${one.name}: ${one.told}`;
     symbol(mark, one.state);
-    draw("text", mark, {y: 25}).textContent = one.id;
+    draw("text", mark, {y: 25}).textContent = short(one.id);
   });
   whole();
   show();
@@ -125,7 +135,7 @@ function list() {
     line.href = link(one.name);
     line.dataset.name = one.name;
     icon(line, one.state);
-    const text = make("span", line, one.name);
+    const text = make("span", line, town.maps.length > 1 ? one.name : one.id);
     make("small", text, `${one.told}; ${one.kind}`);
   });
   get("count").textContent = `${found.length} of ${town.junctions.length}`;

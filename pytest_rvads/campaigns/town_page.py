@@ -7,16 +7,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from urllib.parse import quote
 
-from pytest_rvads.campaigns.town_tally import JunctionTally, cell
+from pytest_rvads.campaigns.town_tally import JunctionTally, TownMark, cell
 from pytest_rvads.draw.town_picture import Spot, TownPicture
-from pytest_rvads.report.outcome import Mark, Outcome
+from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import markup, quoted
 
 __all__ = ["Site", "TownMap", "state", "town_page", "worst_first"]
 
-LEGEND: tuple[tuple[Mark, str], ...] = (
+LEGEND: tuple[tuple[TownMark, str], ...] = (
     ("bad", "failed"),
+    ("error", "no verdict (ERROR)"),
     ("doubt", "open, provoked, unavoidable, unsure or incomplete"),
     ("good", "passed"),
     ("none", "refused or not judged"),
@@ -54,7 +55,7 @@ class Site:
     """What else is to be said, such as what was left out; sentences."""
 
 
-def state(site: Site, tally: JunctionTally) -> Mark:
+def state(site: Site, tally: JunctionTally) -> TownMark:
     """Return how a junction is marked; one whose runs are not all there is not good yet."""
     return "doubt" if tally.mark == "good" and tally.runs < site.planned else tally.mark
 

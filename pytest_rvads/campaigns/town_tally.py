@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Literal
 
 from pytest_rvads.campaigns.judged import Judged, records
 from pytest_rvads.report.outcome import Mark, Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.triage import Cause, causes, gravity, provoked, unavoidable, unsure
 
-__all__ = ["CauseTally", "JunctionTally", "cell"]
+__all__ = ["CauseTally", "JunctionTally", "TownMark", "cell"]
+
+TownMark = Mark | Literal["error"]
+"""How a map or a cell shows what came of runs; ``error``: the runs have no verdict, which says nothing about the driving."""
 
 _GROUPS = (
     ("causes of failures", causes),
@@ -21,7 +25,7 @@ _GROUPS = (
 )
 _MOST = 100
 """Causes kept per junction: messages of others may differ in every run."""
-_MARKS: tuple[Mark, ...] = ("bad", "doubt", "good")
+_MARKS: tuple[TownMark, ...] = ("bad", "error", "doubt", "good")
 
 
 @dataclass(slots=True)
@@ -96,9 +100,9 @@ class JunctionTally:
         return found
 
     @property
-    def mark(self) -> Mark:
-        """How a map shows the junction: bad, doubt, good; none where nothing was judged."""
-        found = {outcome.mark for outcome in self.outcomes}
+    def mark(self) -> TownMark:
+        """How a map shows the junction: bad, error, doubt, good; none where nothing was judged."""
+        found = {_mark(outcome) for outcome in self.outcomes}
         return next((mark for mark in _MARKS if mark in found), "none")
 
     @property
@@ -115,10 +119,14 @@ class JunctionTally:
                 yield title, sorted(found, key=lambda cause: (gravity(cause.rules), -cause.count, cause.text))
 
 
-def cell(counts: Counter[Outcome]) -> tuple[str, Mark]:
+def _mark(outcome: Outcome) -> TownMark:
+    return "error" if outcome is Outcome.ERROR else outcome.mark
+
+
+def cell(counts: Counter[Outcome]) -> tuple[str, TownMark]:
     """Return what stands where a rule and a configuration meet, and how it is marked: the worst with its share."""
     total = sum(counts.values())
     if not total:
         return "", "none"
     worst = min(counts, key=lambda outcome: outcome.severity)
-    return (worst.cell if counts[worst] == total else f"{counts[worst]}/{total} {worst.small}"), worst.mark
+    return (worst.cell if counts[worst] == total else f"{counts[worst]}/{total} {worst.small}"), _mark(worst)

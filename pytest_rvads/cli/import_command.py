@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pytest_rvads.cli.common import Subparsers, progress, say, warn
 from pytest_rvads.cli.intake_options import add_intake, intake_of
 from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.turn_words import turn_word
 
 if TYPE_CHECKING:
     from pytest_rvads.runs.recording import Recording
@@ -135,7 +136,8 @@ def _told(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any]:
         "junction": junction.name,
         "vehicles": len(tracks),
         "movements": {
-            f"{arms[key][0]} to {arms[key][1]}, {junction.movements[key].turn}": count for key, count in sorted(ways.items())
+            f"{arms[key][0]} to {arms[key][1]}, {turn_word(junction, junction.movements[key])}": count
+            for key, count in sorted(ways.items())
         },
         "offset": {
             "mean": round(math.fsum(track.offset for track in tracks) / len(tracks), 4),

@@ -118,7 +118,7 @@ def _summed(junctions: list[dict[str, Any]]) -> str:
 def _details(junction: dict[str, Any]) -> Iterator[str]:
     """Yield what is known of a usable junction: the lanes and control of its arms, and which arms give way to which."""
     arms = [
-        ", ".join((f"{arm['entrances']} in, {arm['exits']} out", *([arm["control"]] if arm["entrances"] else ()), *_limits(arm)))
+        ", ".join((f"{plural(arm['entrances'], 'lane')} in, {arm['exits']} out", *_control(arm), *_limits(arm)))
         for arm in junction["arms"]
     ]
     alike = groupby(range(len(arms)), key=arms.__getitem__)
@@ -131,6 +131,12 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
     yield f"gives way: {'; '.join(parts) or 'nobody'}"
 
 
+def _control(arm: dict[str, Any]) -> Iterator[str]:
+    """Yield what controls an arm that leads in, in words."""
+    if arm["entrances"]:
+        yield "no sign" if arm["control"] == "none" else arm["control"]
+
+
 def _limits(arm: dict[str, Any]) -> Iterator[str]:
     """Yield the speed limits of an arm, in words."""
     for limit in arm["speed_limits"]:
@@ -138,7 +144,7 @@ def _limits(arm: dict[str, Any]) -> Iterator[str]:
 
 
 def _named(arms: list[int]) -> str:
-    return f"arm {arms[0]}" if len(arms) == 1 else f"arms {arms[0]} to {arms[-1]}"
+    return f"arm {arms[0]}" if len(arms) == 1 else f"arms {arms[0]} {'and' if len(arms) == 2 else 'to'} {arms[-1]}"
 
 
 def _listed(arms: list[int]) -> str:

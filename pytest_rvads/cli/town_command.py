@@ -16,6 +16,7 @@ from pytest_rvads.cli import executor_options
 from pytest_rvads.cli.common import Subparsers, say, terminable, warn
 from pytest_rvads.cli.town_output import NOTHING, Order, written
 from pytest_rvads.errors import AutopilotError, RvadsError, ScenarioError
+from pytest_rvads.wording import plural
 
 if TYPE_CHECKING:
     from pytest_rvads.campaigns.town import Town
@@ -202,14 +203,14 @@ def _told_before(town: Town) -> None:
     """Say on standard error what is to run, and what is refused."""
     refused = [(name, reason) for reason, names in town.refused().items() for name in names]
     total, simulated = sum(town.counts.values()), town.simulated
-    warn(f"{len(town.plan.places)} junctions, {total} runs" + (f", {simulated} to simulate" if simulated < total else ""))
+    fewer = f", {simulated} to simulate" if simulated < total else ""
+    warn(f"{plural(len(town.plan.places), 'junction')}, {plural(total, 'run')}{fewer}")
     if refused:
-        warn(f"{len(refused)} junctions are refused, the first: {refused[0][0]}: {refused[0][1]}")
+        warn(f"{plural(len(refused), 'junction')} refused, the first: {refused[0][0]}: {refused[0][1]}")
     left_out = [found.scenarios for place in town.plan.places if (found := town.plan.left_out(place))]
     if left_out:
-        warn(
-            f"{sum(left_out)} scenarios at {len(left_out)} junctions are left out, because a vehicle has no room where it starts"
-        )
+        scenarios, places = plural(sum(left_out), "scenario"), plural(len(left_out), "junction")
+        warn(f"{scenarios} at {places} left out: a vehicle has no room where it starts")
     for one in town.drawn():
         warn(f"{one.taken:,} of {one.total:,} {one.what} are drawn, seed {one.seed}")
     for note in town.notes():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.memo import once
 from pytest_rvads.runs.run import Collision, Run
 
-__all__ = ["close", "collide", "contacts", "overlap", "tick_of", "velocity"]
+__all__ = ["close", "collide", "contacts", "overlap", "tick_of", "touch", "velocity"]
 
 
 def contacts(run: Run) -> tuple[Collision, ...]:
@@ -53,22 +54,31 @@ def tick_of(run: Run, collision: Collision) -> int:
 
 
 def overlap(run: Run, one: int, two: int) -> NDArray[np.bool_]:
-    """Return where the rectangles of two bodies overlap, shape ``(steps,)``: no axis separates them (Gottschalk et al. 1996)."""
+    """Return where the bodies of two agents overlap, shape ``(steps,)``, see `touch`."""
     pose = run.need("pose")
     sizes = run.size(one), run.size(two)
     found = np.zeros(run.steps, dtype=np.bool_)
     ticks = _candidates(run, one, two)
-    if not len(ticks):
-        return found
-    boxes = [_box(pose[ticks, k], *size) for k, size in zip((one, two), sizes, strict=True)]
+    if len(ticks):
+        there = run.here[ticks, one] & run.here[ticks, two]
+        found[ticks] = there & touch([(pose[ticks, k], size) for k, size in zip((one, two), sizes, strict=True)])
+    return found
+
+
+def touch(bodies: Sequence[tuple[NDArray[np.float64], tuple[float, float]]]) -> NDArray[np.bool_]:
+    """Return where the rectangles of two bodies overlap, shape ``(steps,)``: no axis separates them (Gottschalk et al. 1996).
+
+    Args:
+        bodies: of each of the two its poses, shape ``(steps, 3)`` [m, m, rad], and its length and width [m].
+    """
+    boxes = [_box(pose, *size) for pose, size in bodies]
     apart = boxes[1][0] - boxes[0][0]
-    there = run.here[ticks, one] & run.here[ticks, two]
+    there = np.ones(len(apart), dtype=np.bool_)
     for _, axes in boxes:
         for unit in (axes / np.hypot(axes[..., :1], axes[..., 1:])).swapaxes(0, 1):
             reach = sum(np.abs((halves * unit[:, None]).sum(axis=-1)).sum(axis=-1) for _, halves in boxes)
             there &= np.abs((apart * unit).sum(axis=-1)) < reach
-    found[ticks] = there
-    return found
+    return there
 
 
 def close(run: Run) -> NDArray[np.bool_]:

@@ -15,11 +15,11 @@ from pytest_rvads.junctions.analysis import JunctionReport
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.road_map import RoadMap
+from pytest_rvads.junctions.turn_words import UTURN, turn_word
 from pytest_rvads.junctions.ways import walk
 from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.network import Edge
-from pytest_rvads.maps.segment import Turn
 
 __all__ = ["draw_map"]
 
@@ -32,7 +32,7 @@ _MARGIN = 18.0
 """How much of the roads around a junction is drawn [m]."""
 _SMALLEST = 20.0
 _ARROWS = 12.0
-_TURNS = {Turn.LEFT: "#d55e00", Turn.STRAIGHT: "#0072b2", Turn.RIGHT: "#009e73"}
+_TURNS: dict[str, str] = {"left": "#d55e00", "straight": "#0072b2", "right": "#009e73", UTURN: "#cc79a7"}
 """Okabe and Ito's palette, distinguishable by colour-blind people."""
 _NO_TURN = "#777"
 _DASHES = "5 3"
@@ -55,9 +55,11 @@ def draw_map(road_map: RoadMap) -> str:
     rows = math.ceil(len(reports) / columns)
     usable = sum(report.usable for report in reports)
     count = "1 junction" if len(reports) == 1 else f"{len(reports)} junctions"
+    drawn = {turn_word(report, way) for report in reports for way in report.movements}
+    words = [word for word in _TURNS if word != UTURN or word in drawn]
     body = [
         text(12, 24, f"{road_map.path}: {count}, {usable} usable", font_size=15, font_weight="bold"),
-        _legend(12, 44),
+        _legend(12, 44, words),
     ]
     junctions = [road_map.junction(report.id) if report.usable else None for report in reports]
     captions = [_caption(road_map, *pair) for pair in zip(reports, junctions, strict=True)]
@@ -78,16 +80,16 @@ def draw_map(road_map: RoadMap) -> str:
     defs = "".join(
         f'<marker id="{name}" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="5" markerHeight="5" orient="auto">'
         f'<path d="M0 0L6 3L0 6z" fill="{colour}"/></marker>'
-        for name, colour in [*((turn.value, colour) for turn, colour in _TURNS.items()), ("way", _NO_TURN)]
+        for name, colour in [*((word, _TURNS[word]) for word in words), ("way", _NO_TURN)]
     )
     return document(max(columns * _PANEL, _LEGEND), y, body, defs)
 
 
-def _legend(x: float, y: float) -> str:
+def _legend(x: float, y: float, words: Iterable[str]) -> str:
     parts, left = [], x
-    for turn, colour in _TURNS.items():
-        parts.append(f'<path d="M{x:g} {y - 4:g}h24" stroke="{colour}" stroke-width="2" marker-end="url(#{turn.value})"/>')
-        parts.append(text(x + 30, y, turn.value))
+    for word in words:
+        parts.append(f'<path d="M{x:g} {y - 4:g}h24" stroke="{_TURNS[word]}" stroke-width="2" marker-end="url(#{word})"/>')
+        parts.append(text(x + 30, y, word))
         x += 95
     dashed = f'<path d="M{x:g} {y - 4:g}h24" stroke="#333" stroke-width="2" stroke-dasharray="{_DASHES}"/>'
     parts.append(dashed + text(x + 30, y, "gives way to somebody"))
@@ -182,7 +184,8 @@ def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None)
     yielding = {one for (one, _), reason in yields if reason is not Reason.UNDECIDED}
     for way in report.movements:
         line = [place(*p) for id in way.path.edges for p in edges[id].points]
-        style: dict[str, str | float] = {"stroke": _TURNS[way.turn], "stroke_width": 1.5, "marker_end": f"url(#{way.turn.value})"}
+        word = turn_word(report, way)
+        style: dict[str, str | float] = {"stroke": _TURNS[word], "stroke_width": 1.5, "marker_end": f"url(#{word})"}
         dashed: dict[str, str | float] = {"stroke_dasharray": _DASHES} if (way.entrance, way.exit) in yielding else {}
         parts.append(polyline(line, **style, **dashed))
     for entrance in range(len(report.entrances)):

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from pytest_rvads.draw.picture import STYLE
 from pytest_rvads.draw.scene import PALETTE, Scene, path
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.junctions.turn_words import UTURN, turn_word
 from pytest_rvads.wording import markup
 
 __all__ = ["course", "draw_ways", "still"]
 
 _BEYOND = 9.0
 """How far a picture reaches beyond the junction, and beyond where vehicles start [m]."""
-_TURNS = {Turn.LEFT: PALETTE[1], Turn.STRAIGHT: PALETTE[0], Turn.RIGHT: PALETTE[2]}
+_TURNS: dict[str, str] = {"left": PALETTE[1], "straight": PALETTE[0], "right": PALETTE[2], UTURN: PALETTE[3]}
 """The colours that pictures of maps have."""
 
 
@@ -29,8 +29,9 @@ def draw_ways(junction: Junction) -> str:
         MapError: the junction has no geometry.
     """
     scene = Scene(junction)
-    lines = [course(junction.way_through(*key).points, _TURNS[m.turn]) for key, m in junction.movements.items()]
-    return still(scene, lines, (), [(turn.value, ink) for turn, ink in _TURNS.items()])
+    words = {key: turn_word(junction, m) for key, m in junction.movements.items()}
+    lines = [course(junction.way_through(*key).points, _TURNS[word]) for key, word in words.items()]
+    return still(scene, lines, (), [row for row in _TURNS.items() if row[0] != UTURN or UTURN in words.values()])
 
 
 def course(points: NDArray[np.float64], ink: str) -> str:

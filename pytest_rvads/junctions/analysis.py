@@ -28,6 +28,7 @@ from pytest_rvads.maps.control import (
 from pytest_rvads.maps.doubts import Doubt, MapWarning
 from pytest_rvads.maps.network import Network
 from pytest_rvads.maps.segment import GAP_LIMIT, Turn
+from pytest_rvads.wording import plural
 
 __all__ = ["Cut", "JunctionReport", "LaneEnd", "analyse", "cut", "joints_of", "lifted", "opposite_pairs", "right_of_pairs"]
 
@@ -202,7 +203,8 @@ def analyse(
     if reason is None:
         warnings += [MapWarning(Doubt.GAP, message, None, id) for message in cut.left_out]
         if len(kept) < len(ways):
-            message = f"{len(ways) - len(kept)} U-turns of junction {id!r} are left out"
+            count = len(ways) - len(kept)
+            message = f"{plural(count, 'U-turn')} of junction {id!r} {'is' if count == 1 else 'are'} left out"
             warnings.append(MapWarning(Doubt.TABLE, message, None, id))
         tight = tight_bends(graph, kept)
         if tight:

@@ -107,7 +107,7 @@ def offer(road_map: RoadMap) -> str:
         if report.usable:
             table.setdefault(f"{report.ways}-way {report.control.value}", []).append(report)
     if not table:
-        return f"none of its {len(road_map.junctions)} junctions is usable, `rvads map {road_map.path}` says why"
+        return f"none of its junctions is usable, `rvads map {road_map.path}` says why"
     parts = []
     for type, reports in table.items():
         longest = max(report.usable_from for report in reports)

@@ -18,6 +18,7 @@ from pytest_rvads.junctions.formats import read_file
 from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
 from pytest_rvads.junctions.projection import Locator, Track
+from pytest_rvads.junctions.turn_words import turn_word
 from pytest_rvads.junctions.ways import walk
 from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.maps.control import MapObject, sign_of_arm
@@ -246,7 +247,7 @@ def _describe(report: JunctionReport, junction: Junction | None, edges: Mapping[
                 "lane": report.entrances[way.entrance].lane,
                 "exit": report.exits[way.exit].arm,
                 "exit_lane": report.exits[way.exit].lane,
-                "turn": way.turn.value,
+                "turn": turn_word(report, way),
                 "length": round(way.length, 4),
             }
             for way in report.movements

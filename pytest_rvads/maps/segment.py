@@ -37,7 +37,7 @@ _Table = tuple[tuple[float, ...], tuple[tuple[float, float, float, float, float]
 
 
 class Turn(StrEnum):
-    """Turn type of a lane (the paper's tau)."""
+    """Turn type of a lane (the paper's tau): the side to which it turns, and a vehicle indicates. A U-turn has a side, too."""
 
     LEFT = "left"
     STRAIGHT = "straight"

@@ -133,7 +133,8 @@ def _parse(file: Path) -> Element:
         if ended and begins_like_xml:
             raise MapError(f"map file {file} is cut off: the XML ends at line {line} before all elements are closed") from None
         raise MapError(
-            f"map file {file} is not well-formed XML at line {line}, column {column}: {error.msg.partition(':')[0]}"
+            f"map file {file} is not well-formed XML at line {line}, column {column} ({error.msg.partition(':')[0]}): give the "
+            "path of an OpenDRIVE file (.xodr)"
         ) from None
     except LookupError as error:
         raise MapError(f"map file {file} declares an encoding that cannot be read: {error}") from None

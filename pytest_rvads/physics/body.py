@@ -108,13 +108,8 @@ class Body:
 
 
 def start(itinerary: Itinerary, station: float, speed: float, vehicle: Vehicle) -> Motion:
-    """Return the motion of a vehicle placed with its reference point at `station` [m], driving at `speed` [m/s].
-
-    Front bumper and rear axle stand on the centre line, so that a vehicle placed in a bend follows it.
-    """
-    front = itinerary.pose(station)
-    axle = itinerary.pose(station - vehicle.rear_axle_offset)
-    yaw = math.atan2(front.y - axle.y, front.x - axle.x)
+    """Return the motion of a vehicle placed with its reference point at `station` [m], driving at `speed` [m/s]."""
+    x, y, yaw = itinerary.placed(station, vehicle.rear_axle_offset)
     cos, sin = math.cos(yaw), math.sin(yaw)
     ahead = vehicle.gravity_offset
-    return Motion(front.x - ahead * cos, front.y - ahead * sin, yaw, speed * cos, speed * sin, 0.0)
+    return Motion(x - ahead * cos, y - ahead * sin, yaw, speed * cos, speed * sin, 0.0)

@@ -6,6 +6,7 @@ entrance vertex: negative before it, 0..length on the movement, more on the exit
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -85,6 +86,11 @@ class Itinerary:
     def limit_at(self, station: float) -> float:
         """Return the speed limit to keep at `station` [m/s]: `SPEED_LIMIT` where the map states none, at most `ADVISED`."""
         return min(limit_in(self.limits, station) or SPEED_LIMIT, ADVISED) if self.limits else SPEED_LIMIT
+
+    def placed(self, station: float, back: float) -> Pose:
+        """Return the pose of a vehicle whose reference point, at `station`, and rear axle, `back` behind, are on the way [m]."""
+        front, axle = self.pose(station), self.pose(station - back)
+        return Pose(front.x, front.y, math.atan2(front.y - axle.y, front.x - axle.x))
 
     def centre(self, station: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the points of the centre line at stations, and the direction there, each of shape ``(steps, 2)``."""

@@ -87,7 +87,7 @@ class Case:
         """Return per agent its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
 
         Raises:
-            ScenarioError: a vehicle would start before its approach begins, or two in one lane too close to each other.
+            ScenarioError: a vehicle has no room where it would start, see `Scenario.starts`.
         """
         return self.scenario.starts(self.fleet.of)
 

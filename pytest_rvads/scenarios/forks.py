@@ -1,4 +1,4 @@
-"""Forks: where lanes of a junction are still one lane upstream, so that vehicles for both have to start behind each other.
+"""Approaches that lie on each other: where vehicles of two entrances would start in one lane, or inside each other.
 
 Behind turn lanes several entrances share one lane, and a lane that begins on the way has no width there. Two vehicles at
 the same distance from their lines would stand inside each other.
@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import Segment
 
-__all__ = ["Fork", "forks"]
+__all__ = ["Fork", "forks", "near"]
 
 _BESIDE = 2.0
 """Lanes whose centre lines are nearer than this are one [m]: cars, 1.86 m wide, have no room beside each other there."""
+_NEAR = 3.0
+"""Bodies on centre lines that stay farther apart than this do not touch [m]: no vehicle may be wider than 2.6 m (Council
+Directive 96/53/EC, Annex I)."""
 _SPACING = 0.5
 """Approaches are compared at points so far apart [m]."""
 
@@ -46,6 +49,17 @@ def forks(place: Junction) -> tuple[Fork, ...]:
             first, second = (left - place.setbacks[e] for e, left in zip((one, two), parted, strict=True))
             found.append(Fork((one, two), (first, second)))
     return tuple(found)
+
+
+@lru_cache(maxsize=256)
+def near(place: Junction) -> frozenset[tuple[int, int]]:
+    """Return every two entrances, the lower number first, on whose approaches vehicles may start inside each other.
+
+    Such approaches are one lane upstream, see `forks`, or converge towards their stopping lines.
+    """
+    lines = {e: _sample(lane.approach)[::-2] for e, lane in enumerate(place.entrances) if lane.approach}
+    pairs = combinations(lines, 2)
+    return frozenset((a, b) for a, b in pairs if min(_apart(p, lines[b]).min() for p in lines[a]) < _NEAR)
 
 
 def _parting(one: NDArray[np.float64], two: NDArray[np.float64]) -> tuple[float, float] | None:

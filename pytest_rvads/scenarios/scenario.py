@@ -7,9 +7,12 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from pytest_rvads.conduct.bodies import touch
 from pytest_rvads.displayed import shown
 from pytest_rvads.errors import ScenarioError, require
 from pytest_rvads.junctions.junction import Junction
@@ -20,7 +23,7 @@ from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.classes import label, parse
 from pytest_rvads.scenarios.configurations import Configuration, explicit_label, per_entrance
-from pytest_rvads.scenarios.forks import forks
+from pytest_rvads.scenarios.forks import forks, near
 from pytest_rvads.scenarios.orbits import OCCUPANCIES, Directions, Orbits, rotate
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
@@ -53,8 +56,7 @@ class _Start(NamedTuple):
 
     name: str
     entrance: int
-    length: float
-    """Of its body [m]."""
+    body: Vehicle
     distance: float
     """Reference point to stopping line [m]."""
     speed: float
@@ -232,23 +234,25 @@ class Scenario:
         """Return per agent its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
 
         Whoever follows starts as fast as the one ahead, `QUEUE_GAP` and `QUEUE_TIME` behind its body. Where the lanes of two
-        entrances are still one, whoever is behind in it has to keep as much: distances stay what they were asked to be.
+        entrances are still one, whoever is behind in it has to keep as much: distances stay what they were asked to be. Where
+        two approaches converge, bodies on them must not touch.
 
         Args:
             body: the vehicle of the agent of a name; passenger cars by default.
 
         Raises:
-            ScenarioError: a vehicle would start before its approach begins, or two in one lane too close to each other.
+            ScenarioError: a vehicle would start before its approach begins, two in one lane too close to each other, or two
+                inside each other.
         """
         found: list[tuple[float, float]] = []
         before: Agent | None = None
         agents = self.agents()
-        lengths = {agent.name: (body(agent.name) if body else Vehicle()).length for agent in agents}
+        bodies = {agent.name: body(agent.name) if body else Vehicle() for agent in agents}
         for agent in agents:
             if before is None or before.entrance != agent.entrance:
                 distance, speed = self.start(agent.entrance)
             else:
-                distance += lengths[before.name] + QUEUE_GAP + QUEUE_TIME * speed
+                distance += bodies[before.name].length + QUEUE_GAP + QUEUE_TIME * speed
             room = self.place.approach(agent.entrance)
             if distance > room:
                 cure = "a smaller distance, fewer followers" if self.followers else "a smaller distance"
@@ -258,9 +262,24 @@ class Scenario:
                 )
             found.append((distance, speed))
             before = agent
-        if forks(self.place):
-            self._check_forks([_Start(a.name, a.entrance, lengths[a.name], *at) for a, at in zip(agents, found, strict=True)])
+        if near(self.place):
+            starts = [_Start(a.name, a.entrance, bodies[a.name], *at) for a, at in zip(agents, found, strict=True)]
+            self._check_forks(starts)
+            self._check_bodies(starts)
         return tuple(found)
+
+    def _check_bodies(self, starts: Sequence[_Start]) -> None:
+        """Check that no bodies on approaches that converge touch."""
+        bodies = [
+            (np.array([way.placed(way.start(s.distance), s.body.rear_axle_offset)]), (s.body.length, s.body.width))
+            for way, s in zip(self.itineraries(), starts, strict=True)
+        ]
+        for (one, mine), (two, yours) in combinations(zip(starts, bodies, strict=True), 2):
+            if (one.entrance, two.entrance) in near(self.place) and touch([mine, yours]):
+                raise ScenarioError(
+                    f"{one.name} and {two.name} would start inside each other, where the approaches of entrances {one.entrance} "
+                    f"and {two.entrance} of junction {self.place.name!r} converge: choose other distances, or fewer vehicles"
+                )
 
     def _check_forks(self, starts: Sequence[_Start]) -> None:
         """Check that vehicles of different entrances stand behind each other where their lanes are one."""
@@ -269,9 +288,9 @@ class Scenario:
             lane = [(s.distance - here, s) for s in starts if s.entrance == one] + [
                 (s.distance - there, s) for s in starts if s.entrance == two
             ]
-            queue = sorted((at, s) for at, s in lane if at + s.length > 0.0)
+            queue = sorted((at, s) for at, s in lane if at + s.body.length > 0.0)
             for (front, ahead), (at, behind) in pairwise(queue):
-                gap, least = at - front - ahead.length, QUEUE_GAP + QUEUE_TIME * behind.speed
+                gap, least = at - front - ahead.body.length, QUEUE_GAP + QUEUE_TIME * behind.speed
                 if ahead.entrance != behind.entrance and gap < least - _ROUNDING:
                     raise ScenarioError(
                         f"{behind.name} would start {max(gap, 0.0):.1f} m behind {ahead.name}, where {least:.1f} m are needed: "

@@ -12,7 +12,7 @@ from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.bends import LEAST_RADIUS
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.scenarios.configurations import Configuration
-from pytest_rvads.scenarios.forks import forks
+from pytest_rvads.scenarios.forks import near
 from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
 from pytest_rvads.scenarios.pairs import PAIRED, covering
 from pytest_rvads.scenarios.scenario import Scenario, started
@@ -148,7 +148,7 @@ class Selection:
     def roomy(self) -> bool:
         """Whether every vehicle has room where it would start, for certain, so that no scenario has to be looked at."""
         longest = max(configuration.room for configuration in self.configurations)
-        return not any(self.followers) and longest <= self._reach and not forks(self.place)
+        return not any(self.followers) and longest <= self._reach and not near(self.place)
 
     def fitting(self, unfit: Callable[[ScenarioError], object]) -> Iterator[Scenario]:
         """Yield the scenarios in which every vehicle has room where it would start.

@@ -25,12 +25,13 @@ def tally(*outcomes: Outcome) -> JunctionTally:
 
 @pytest.fixture
 def town(tmp_path: Path) -> Path:
-    """A town of two maps: a junction of every mark, one of them with a hostile id, and one that lies on another map."""
+    """A town of two maps: a junction of every mark, one of them with a hostile id, one with a long id, and one on another map."""
     sites = [
         Site("town.1", "1", 0, Spot(100, 100, 10), "4-way stop", 2),
         Site("town.2", "2", 0, Spot(300, 100, 10), "4-way stop", 2),
         Site("town.3", "3", 0, Spot(300, 300, 10), "3-way lights", 3),
         Site("town.4", HARM, 0, Spot(100, 300, 10), "2-way", 0, f"it has 2 arms {HARM}"),
+        Site("town.5", "j_1676908203_24", 0, Spot(110, 100, 10), "3-way none", 1),
         Site("other.1", "1", 1, Spot(200, 200, 10), "3-way lights", 1),
     ]
     bad = tally(Outcome.PASS, Outcome.FAIL)
@@ -39,6 +40,7 @@ def town(tmp_path: Path) -> Path:
         "town.1": tally(Outcome.PASS, Outcome.PASS),
         "town.2": bad,
         "town.3": tally(Outcome.PASS),
+        "town.5": tally(Outcome.ERROR),
         "other.1": tally(Outcome.NA),
     }
     maps = [TownMap("town", ROAD), TownMap("other", ROAD)]
@@ -78,6 +80,7 @@ def test_junctions_are_listed_worst_first_and_marked_by_more_than_colour(opened:
     browser = opened()
     assert [line.get_attribute("data-name") for line in all_of(browser, "#list a")] == [
         "town.2",  # failed
+        "town.5",  # its run has no verdict
         "town.3",  # 2 of its 3 runs are missing
         "town.1",  # passed
         "town.4",  # refused
@@ -85,14 +88,38 @@ def test_junctions_are_listed_worst_first_and_marked_by_more_than_colour(opened:
     ]
     marks = {mark.get_attribute("data-name"): mark for mark in all_of(browser, "#marks a")}
     kinds = {name: mark.get_attribute("class").split()[1] for name, mark in marks.items()}
-    assert kinds == {"town.1": "good", "town.2": "bad", "town.3": "doubt", "town.4": "none"}
+    assert kinds == {"town.1": "good", "town.2": "bad", "town.3": "doubt", "town.4": "none", "town.5": "error"}
+    discs = [disc.get_attribute("class") for disc in all_of(browser, "#areas circle")]
+    assert sorted(discs) == ["bad", "doubt", "error", "good"], "nothing covers the map where a junction is refused"
     bodies = {mark.find_element("css selector", ".body").get_attribute("d") for mark in marks.values()}
     signs = {mark.find_element("css selector", ".sign").get_attribute("d") for mark in marks.values()}
-    assert len(bodies) == len(signs) == 4
+    assert len(bodies) == len(signs) == 5
     assert (
         text(browser, "said")
-        == "5 junctions: 1 failed; 1 open, provoked, unavoidable, unsure or incomplete; 1 passed; 2 refused or not judged"
+        == "6 junctions: 1 failed; 1 no verdict (ERROR); 1 open, provoked, unavoidable, unsure or incomplete; 1 passed; "
+        "2 refused or not judged"
     )
+
+
+def test_names_on_the_map_are_short_and_do_not_cover_each_other(opened: Callable[..., Chrome]) -> None:
+    browser = opened()
+    names = {mark.get_attribute("data-name"): mark.find_element("css selector", "text") for mark in all_of(browser, "#marks a")}
+    shown = {name: text.text for name, text in names.items() if text.is_displayed()}
+    assert shown == {"town.2": "2", "town.3": "3", "town.5": "j_16\u202603_24"}, "town.1 lies beside town.5, town.4 is refused"
+    browser.execute_script("location.hash = '#town.1'")
+    wait(browser, lambda: names["town.1"].is_displayed() and not names["town.5"].is_displayed())
+
+
+def test_failed_junctions_and_failed_rules_have_one_colour_in_both_themes(opened: Callable[..., Chrome]) -> None:
+    browser = opened("#town.2")
+    colours = set()
+    for _ in range(2):
+        cell = browser.find_element("css selector", "td.bad").value_of_css_property("color")
+        mark = browser.find_element("css selector", ".mark.bad .body").value_of_css_property("fill")
+        assert cell.replace("rgba", "rgb").replace(", 1)", ")") == mark
+        colours.add(browser.find_element("css selector", "body").value_of_css_property("color"))
+        browser.find_element("id", "theme").click()
+    assert len(colours) == 2, "both themes were seen"
 
 
 def test_a_link_shows_a_junction_also_on_another_map(opened: Callable[..., Chrome]) -> None:

@@ -192,6 +192,6 @@ def test_the_text_shows_lanes_control_and_who_gives_way(tmp_path: Path, capsys: 
     assert main(["map", str(path)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[2].split(maxsplit=3) == ["1", "4-way", "yield", "crossing; vehicles start up to 120 m before the line"]
-    assert lines[3].strip() == "arm 0: 1 in, 1 out, yield; arms 1 to 2: 1 in, 1 out, none; arm 3: 0 in, 1 out"
+    assert lines[3].strip() == "arm 0: 1 lane in, 1 out, yield; arms 1 and 2: 1 lane in, 1 out, no sign; arm 3: 0 lanes in, 1 out"
     # From the south to both others by the sign; the eastern arm to the northern one, which lies on its right.
     assert lines[4].strip() == "gives way: arm 0 to 1, 2; arm 1 to 2"

@@ -8,11 +8,20 @@ from xml.etree import ElementTree
 
 import pytest
 
+from pytest_rvads.draw.map_picture import draw_map
+from pytest_rvads.draw.still import draw_ways
+from pytest_rvads.drivers.follower import Follower
+from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.junctions.finder import find, load, nearest
-from pytest_rvads.junctions.road_map import read_map
+from pytest_rvads.junctions.road_map import describe, read_map
+from pytest_rvads.junctions.yielding import Reason
+from pytest_rvads.logic.check import check
 from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.simulators.simulator import simulate
 
 
 @pytest.mark.parametrize(
@@ -105,12 +114,17 @@ def test_nearest_point(shared: Path) -> None:
 
 
 def test_nearest_in_a_map_without_usable_junction(shared: Path) -> None:
-    with pytest.raises(MapError, match="none of its 1 junctions is usable"):
+    with pytest.raises(MapError, match="none of its junctions is usable, `rvads map"):
         nearest(shared / "maps" / "direct_junction_simple.xodr", 0.0, 0.0)
 
 
-def test_uturns_are_left_out_and_told_unless_asked_for(tmp_path: Path) -> None:
-    """The first arm of a junction gets a way back: a connecting road from its entrance lane to its exit lane."""
+RADIUS = 4.6
+"""Of the U-turn in `with_uturn` [m]."""
+
+
+@pytest.fixture
+def with_uturn(tmp_path: Path) -> Path:
+    """Return a map in which the first arm has a way back: a connecting road from its entrance lane to its exit lane."""
     root = ElementTree.fromstring(opendrive(Layout(lane_offset=4.6)))
     *_, last = root.findall("road")
     back = ElementTree.fromstring(ElementTree.tostring(last))
@@ -121,7 +135,7 @@ def test_uturns_are_left_out_and_told_unless_asked_for(tmp_path: Path) -> None:
     plan = back.find("planView")
     for shape in list(plan):
         plan.remove(shape)
-    x, y, radius = -4.6, -15.0, 4.6
+    x, y, radius = -RADIUS, -15.0, RADIUS
     shape = ElementTree.SubElement(
         plan, "geometry", s="0", x=str(-x), y=str(y), hdg=str(math.pi / 2), length=str(math.pi * radius)
     )
@@ -133,12 +147,34 @@ def test_uturns_are_left_out_and_told_unless_asked_for(tmp_path: Path) -> None:
     ElementTree.SubElement(row, "laneLink", {"from": "1", "to": "-1"})
     path = tmp_path / "uturn.xodr"
     path.write_bytes(ElementTree.tostring(root))
+    return path
+
+
+def test_uturns_are_left_out_and_told_unless_asked_for(with_uturn: Path) -> None:
+    path = with_uturn
     road_map = load(path)
-    assert any(warning.message == "1 U-turns of junction '1' are left out" for warning in road_map.warnings)
+    assert any(warning.message == "1 U-turn of junction '1' is left out" for warning in road_map.warnings)
     plain, whole = road_map.junction("1"), road_map.junction("1", uturns=True)
     assert set(whole.movements) - set(plain.movements) == {(0, 0)}
     assert set(read_map(path, uturns=True).junction("1").movements) == set(whole.movements)
     assert whole.leads(0, 4).turn == "left"
-    assert whole.leads(0, 4).length == pytest.approx(math.pi * radius, abs=0.01)
+    assert whole.leads(0, 4).length == pytest.approx(math.pi * RADIUS, abs=0.01)
+    assert whole.yields[(0, 0), (2, 0)] is Reason.TURN, "oncoming traffic goes first, as for a left turn"
     with pytest.raises(ScenarioError, match="direction 4 is none of entrance 0"):
         plain.leads(0, 4)
+
+
+def test_uturns_have_a_word_of_their_own_in_json_pictures_and_explanations(with_uturn: Path) -> None:
+    plain, whole = read_map(with_uturn), read_map(with_uturn, uturns=True)
+    (junction,) = describe(whole)["junctions"]
+    assert [(m["entrance"], m["exit"]) for m in junction["movements"] if m["turn"] == "U-turn"] == [(0, 0)]
+    place = whole.junction("1")
+    for picture, without in ((draw_map(whole), draw_map(plain)), (draw_ways(place), draw_ways(plain.junction("1")))):
+        assert (">U-turn<" in picture, ">U-turn<" in without) == (True, False)
+
+    class Runner(Follower):
+        def target_speed(self, seen: Observation) -> float:
+            return 11.0
+
+    verdict = check(simulate(Case(Scenario(place, "4000", distance=5.0, speed=11.0, duration=2.0), Runner)), "full_stop")
+    assert "a0 @ entrance 0, U-turn" in verdict.explanation

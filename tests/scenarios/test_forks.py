@@ -1,20 +1,24 @@
 """Lanes that are one upstream: vehicles of their entrances start behind each other there, or not at all."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
+from pytest_rvads.campaigns.town_plan import Asked, Plan
 from pytest_rvads.collection.cells import Unfit, runs_of
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import Segment
+from pytest_rvads.physics.body import start
+from pytest_rvads.physics.bullet_world import BulletWorld
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import explicit
-from pytest_rvads.scenarios.forks import forks
+from pytest_rvads.scenarios.forks import forks, near
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.simulators.simulator import simulate
@@ -39,10 +43,24 @@ def turn_lane(begins: bool = False) -> Junction:
 FORK = turn_lane()
 
 
-def scenario(*distances: float, speed: float = 0.0, followers: int = 0) -> Scenario:
-    both = [FORK.directions(entrance)[0] for entrance in (0, 1)]
+def merge() -> Junction:
+    """Return `lanes4` with an approach of entrance 0 that crosses the lane of entrance 1 on its way."""
+    place = find("lanes4")
+    own, other = place.way_in(0), place.way_in(1)
+    across = own.points[-1] - other.points[-1]
+    far = other.pose(other.length - 60.0)[:2] - 3.0 * across
+    points = [far, *(own.pose(own.length - back)[:2] for back in (PARTED, 0))]
+    lane = replace(place.entrances[0], approach=Segment("ramp", np.array(points)))
+    return replace(place, name="merge4", entrances=(lane, *place.entrances[1:]))
+
+
+MERGE = merge()
+
+
+def scenario(*distances: float, speed: float = 0.0, followers: int = 0, place: Junction = FORK) -> Scenario:
+    both = [place.directions(entrance)[0] for entrance in (0, 1)]
     near = [*distances, *[20.0] * 6]
-    return Scenario(FORK, [*both, *[0] * 6], distance=near, speed=speed, followers=followers, duration=0.5)
+    return Scenario(place, [*both, *[0] * 6], distance=near, speed=speed, followers=followers, duration=0.5)
 
 
 @pytest.mark.parametrize("begins", [False, True])
@@ -55,8 +73,8 @@ def test_where_lanes_part_is_found_and_told_from_the_line(begins: bool) -> None:
 
 
 @pytest.mark.parametrize("name", ["stop4", "light3", "lanes4", "roundabout4"])
-def test_lanes_beside_each_other_are_no_fork(name: str) -> None:
-    assert forks(find(name)) == ()
+def test_lanes_beside_each_other_are_no_fork_and_not_near(name: str) -> None:
+    assert (forks(find(name)), near(find(name))) == ((), frozenset())
 
 
 def test_vehicles_beside_each_other_and_behind_each_other_start() -> None:
@@ -97,3 +115,40 @@ def test_what_does_not_fit_is_left_out_of_a_test_and_the_rest_stays() -> None:
     unfit = Unfit()
     runs = list(runs_of(selection, [None], unfit))
     assert ([scenario.distances[0] for scenario, _ in runs], unfit.count) == ([3.0], 1)
+
+
+def refusal(scenario: Scenario) -> str:
+    try:
+        scenario.starts()
+    except ScenarioError as error:
+        return str(error)
+    return ""
+
+
+def test_starts_on_approaches_that_converge_are_refused_where_bodies_touch_in_an_engine() -> None:
+    assert (forks(MERGE), near(MERGE)) == ((), {(0, 1)})
+    vehicle, refused = Vehicle(), []
+    for distances in product(np.arange(0.0, 50.0, 4.0), repeat=2):
+        case = scenario(*distances, place=MERGE)
+        ways = zip(case.itineraries(), distances, strict=True)
+        world = BulletWorld([vehicle] * 2, [start(way, way.start(distance), 0.0, vehicle) for way, distance in ways])
+        refused.append(bool(refusal(case)))
+        assert refused[-1] == bool(world.contacts()), distances
+        world.close()
+    assert 5 < sum(refused) < len(refused) - 5
+
+
+def test_followers_on_approaches_that_converge_are_refused_where_they_touch() -> None:
+    apart = scenario(10.0, 15.0, place=MERGE)
+    assert refusal(apart) == ""
+    assert refusal(apart.but(followers=1)).startswith(
+        "a0.0+1 and a0.1 would start inside each other, where the approaches of entrances 0 and 1 of junction 'merge4' converge"
+    )
+
+
+def test_starts_inside_each_other_are_left_out_of_a_town_with_the_reason() -> None:
+    plan = Plan([MERGE], Asked(Reference, occupancy="lanes", followers=(2,)))
+    left_out = plan.left_out(MERGE)
+    assert left_out is not None
+    assert (left_out.scenarios > 0, "would start inside each other" in left_out.reason) == (True, True)
+    assert all(refusal(planned.case.scenario) == "" for planned in plan)

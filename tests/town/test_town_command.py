@@ -226,7 +226,7 @@ def test_a_junction_that_is_refused_is_shown_with_its_reason(capsys: pytest.Capt
     words = ("stop3.xodr", "stop4.xodr", "--autopilot", "reference", *SHORT, "--subject", "3", "--sample", "1")
     status, _, err = ran(capsys, *words)
     assert status == 0
-    assert "1 junctions are refused, the first: stop3" in err
+    assert "1 junction refused, the first: stop3" in err
     (refused,) = (one for name, one in shown(folder / "rvads-town").items() if name.startswith("stop3"))
     assert refused["state"] == "none"
     assert refused["told"] == "refused"

@@ -52,7 +52,8 @@ def of(*results: Judged) -> JunctionTally:
     [
         ((Outcome.PASS, Outcome.NA), "good"),
         ((Outcome.PASS, Outcome.FAIL), "bad"),
-        ((Outcome.OPEN, Outcome.ERROR), "bad"),
+        ((Outcome.FAIL, Outcome.ERROR), "bad"),
+        ((Outcome.OPEN, Outcome.ERROR), "error"),
         ((Outcome.PASS, Outcome.OPEN), "doubt"),
         ((Outcome.PASS, Outcome.UNSURE), "doubt"),
         ((Outcome.NA,), "none"),

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from pytest_rvads.conduct.lane import too_tight
 from pytest_rvads.conduct.presence import last_seen
+from pytest_rvads.junctions.turn_words import turn_word
 from pytest_rvads.logic.judging.judge import Judgement, columns
 from pytest_rvads.logic.judging.responsibility import cause_between, responsible
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Status, Verdict
@@ -182,5 +183,5 @@ def _roles(story: Story, worst: Judgement | None) -> str:
         arm, lane = junction.entrances[entrance].arm, junction.entrances[entrance].lane
         return f"+{(arm - first) % junction.ways}" + (f".{lane}" if len(junction.arms[arm].entrances) > 1 else "")
 
-    roles = ", ".join(f"{name} {a.turn} from entrance {seat(a.entrance)}" for name, a in agents)
+    roles = ", ".join(f"{name} {turn_word(junction, a.route)} from entrance {seat(a.entrance)}" for name, a in agents)
     return "; ".join(filter(None, (roles, why(run, worst.template.atoms, seat))))

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from math import ceil, log10
 
 from pytest_rvads.conduct.grounds import Ground, ground_of
+from pytest_rvads.junctions.turn_words import UTURN, turn_word
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.logic.rules.sorts import Sort
@@ -131,7 +132,9 @@ def why(run: Run, atoms: Iterable[f.Atom], seat: Callable[[int], str] = str) -> 
         case Ground.SIDE:
             return f"{there} is on the {junction.near} of {here}, and neither has priority by a sign"
         case Ground.TURN:
-            return f"who comes from {here} turns {me.turn} across the way from {there}"
+            word = turn_word(junction, me.route)
+            turn = f"makes a {word}" if word == UTURN else f"turns {word}"
+            return f"who comes from {here} {turn} across the way from {there}"
         case Ground.MERGE:
             return f"by the map the lane from {here} joins the one from {there}"
     return ""

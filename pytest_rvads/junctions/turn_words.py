@@ -1,0 +1,16 @@
+"""The word for what a movement does, for people; drivers, rules and lights go by its `Turn`, the side that it turns to."""
+
+from __future__ import annotations
+
+from pytest_rvads.junctions.analysis import JunctionReport
+from pytest_rvads.junctions.junction import Junction, Movement
+from pytest_rvads.junctions.ways import Way
+
+__all__ = ["UTURN", "turn_word"]
+
+UTURN = "U-turn"
+
+
+def turn_word(place: Junction | JunctionReport, way: Movement | Way) -> str:
+    """Return ``left``, ``straight`` or ``right``, or ``U-turn`` for a movement that leaves by the arm from which it came."""
+    return UTURN if place.entrances[way.entrance].arm == place.exits[way.exit].arm else way.turn.value
