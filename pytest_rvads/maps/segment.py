@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
 
-__all__ = ["ADVISED", "GAP_LIMIT", "NO_LIMIT", "SPEED_LIMIT", "Limits", "Pose", "Segment", "Turn", "limit_in"]
+__all__ = ["ADVISED", "GAP_LIMIT", "NO_LIMIT", "SPEED_LIMIT", "Limits", "Pose", "Segment", "Turn", "limit_in", "limits_between"]
 
 GAP_LIMIT = 1.0
 """Widest gap [m] between two segments that still counts as consecutive; writers of maps leave some."""
@@ -177,9 +177,7 @@ class Segment:
             raise MapError(f"segment {self.id!r} is {self.length:.3f} m long, it has no part from {start:.3f} to {end:.3f} m")
         inner = self.points[(self.stations > start + 1e-9) & (self.stations < end - 1e-9)]
         points = np.vstack((self.pose(start)[:2], inner, self.pose(end)[:2]))
-        rest = ((at - start, limit) for at, limit in self.limits if start < at < end)
-        limits = ((0.0, limit_in(self.limits, start)), *rest) if self.limits else ()
-        return Segment(self.id, points, self.turn, self.junction, limits)
+        return Segment(self.id, points, self.turn, self.junction, limits_between(self.limits, start, end))
 
     def then(self, other: Segment) -> Segment | None:
         """Return the paper's partial concatenation ``self . other``, or None where it is undefined.
@@ -192,6 +190,12 @@ class Segment:
 def _fixed(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return an array that nobody can write to, nor make writable: autopilots are handed centre lines."""
     return np.frombuffer(numbers.tobytes(), dtype=np.float64).reshape(numbers.shape)
+
+
+def limits_between(limits: Limits, start: float, end: float) -> Limits:
+    """Return the speed limits of the part of a line between two stations [m]; stations of the part begin at its start."""
+    rest = ((at - start, limit) for at, limit in limits if start < at < end)
+    return ((0.0, limit_in(limits, start)), *rest) if limits else ()
 
 
 def limit_in(limits: Limits, station: float) -> float | None:

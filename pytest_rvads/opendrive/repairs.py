@@ -12,7 +12,7 @@ from operator import itemgetter
 import numpy as np
 
 from pytest_rvads.maps.doubts import Doubt
-from pytest_rvads.maps.segment import GAP_LIMIT
+from pytest_rvads.maps.segment import GAP_LIMIT, limits_between
 from pytest_rvads.opendrive.centre_lines import GAP_WARNING, TAPER, continued
 from pytest_rvads.opendrive.draft import Chain, Draft, LaneEnd
 from pytest_rvads.opendrive.records import Document
@@ -175,7 +175,8 @@ def _mend(draft: Draft, edge: Chain, after: Chain) -> str | None:
                 return ""
             line = line[::step]
             length = float(np.hypot(*np.diff(line[:, :2], axis=0).T).sum())
-            draft.edges[lane.id] = replace(lane, points=line[:, :2], s=line[:, 2], length=length)
+            limits = limits_between(lane.limits, cut if step > 0 else 0.0, length + cut)
+            draft.edges[lane.id] = replace(lane, points=line[:, :2], s=line[:, 2], length=length, limits=limits)
             overlap = f"overlaps lane {fixed.id} by {cut:.2f} m and was cut" if cut else ""
             beside = (
                 f"lies {aside:.2f} m beside lane {fixed.id} and was blended over up to {TAPER * aside:.1f} m" if aside else ""

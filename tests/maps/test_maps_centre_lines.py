@@ -118,6 +118,20 @@ def test_overlap_is_cut_from_the_movements(read: Read, tree: Tree, left_hand: bo
     assert Counter(warning.kind for warning in road_map.warnings) == {"gap": 6}
 
 
+def test_speed_limit_behind_a_cut_overlap_begins_where_the_map_says(read: Read, tree: Tree) -> None:
+    root = tree()
+    for connecting in root.iterfind("road[@junction='1']"):
+        for s, speed in (("0", "8"), ("2.6", "5")):
+            SubElement(SubElement(connecting, "type", s=s, type="town"), "speed", max=speed)
+    shift(road(root, "0"), -0.6, 0.0)
+    junction = read(root).junction("1")
+    limits = {key: dict(movement.path.limits) for key, movement in junction.movements.items() if movement.path}
+    assert all(list(stated.values()) == [8.0, 5.0] for stated in limits.values())
+    borders = {key: list(stated)[1] for key, stated in limits.items()}
+    assert [borders[key] for key in borders if key[0] == 0] == pytest.approx([2.0] * 3, abs=1e-3), "0.6 m nearer"
+    assert borders[1, 3] == pytest.approx(2.6, abs=1e-3), "this movement does not touch road 0"
+
+
 @pytest.mark.parametrize("aside", [-0.9, -0.5, 0.15, 0.9])
 def test_step_to_the_side_is_blended(read: Read, tree: Tree, aside: float) -> None:
     whole, root = read(tree()).junction("1"), tree()

@@ -147,8 +147,8 @@ def test_maps_tell_their_limits(stop: Element, read: Read, tmp_path: Path, capsy
     read(stop)
     assert main(["map", str(tmp_path / "map.xodr")]) == 0
     text = capsys.readouterr().out
-    assert "arm 0: 1 in, 1 out, stop, limit 8.0 m/s; arm 1: 1 in, 1 out, stop, no limit;" in text
-    assert "arm 3: 1 in, 1 out, stop\n" in text
+    assert "arm 0: 1 lane in, 1 out, stop, limit 8.0 m/s; arm 1: 1 lane in, 1 out, stop, no limit;" in text
+    assert "arm 3: 1 lane in, 1 out, stop\n" in text
     assert main(["map", "--json", str(tmp_path / "map.xodr")]) == 0
     arms: list[dict[str, Any]] = json.loads(capsys.readouterr().out)["junctions"][0]["arms"]
     assert [arm["speed_limits"] for arm in arms] == [[8.0], [NO_LIMIT], [8.0], []]
