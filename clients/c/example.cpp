@@ -21,10 +21,9 @@ int main() {
         for (uint32_t k = 0; k < seen.others_count; ++k) {
             const rvads_vehicle &other = seen.others[k];
             if (other.zone > RVADS_JUNCTION || other.entrance == me.entrance) continue;
-            bool yields = rvads_gives_way_to(&link, &other), red = seen.lights[other.entrance] == RVADS_RED;
             clear = clear && !(other.zone == RVADS_JUNCTION && rvads_conflicts_with(&link, &other));
-            bool comes = other.zone <= RVADS_ENTRANCE && -other.station < 10 + 5 * other.speed;
-            due |= comes && yields && !red && (other.speed > 0.05 || !patient);
+            bool comes = rvads_gives_way_to(&link, &other) && other.zone <= RVADS_ENTRANCE && -other.station < 10 + 5 * other.speed;
+            due |= comes && seen.lights[other.entrance] != RVADS_RED && (other.speed > 0.05 || !patient);
             bool earlier = me.zone == RVADS_APPROACH || (tie && scenario.right_of[other.entrance][me.entrance]) || first.count(other.id);
             if (other.zone == RVADS_ENTRANCE && earlier) ahead.insert(other.id);
         }
@@ -32,10 +31,9 @@ int main() {
         bool may = clear && (scenario.control == RVADS_STOP_SIGNS ? patient || first.empty() : !due);
         may = may && (sign != RVADS_SIGN_STOP || (stood >= 0 && seen.time - stood > 0.5));
         may = may && (sign != RVADS_SIGN_LIGHTS || seen.lights[me.entrance] == RVADS_GREEN);
-        double line = scenario.line - 0.5 - me.station, gap = rvads_gap_ahead(&seen) - 2.0;
-        if (me.zone <= RVADS_ENTRANCE && !may) gap = std::min(gap, line);
-        // In four seconds it brakes down to any lower limit.
-        double limit = std::min(rvads_limit_at(&link, me.station), rvads_limit_at(&link, me.station + 4.0 * me.speed));
+        double gap = rvads_gap_ahead(&seen) - 2.0, soon = me.station + 4.0 * me.speed;  // time to brake down to a lower limit
+        if (me.zone <= RVADS_ENTRANCE && !may) gap = std::min(gap, scenario.line - 0.5 - me.station);
+        double limit = std::min(rvads_limit_at(&link, me.station), rvads_limit_at(&link, soon));
         rvads_target_speed(&command, std::min(rvads_stopping_speed(gap, 2.0), limit));
         rvads_answer(&link, &command);
     }

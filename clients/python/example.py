@@ -27,6 +27,4 @@ for seen in rvads_client.connect("example", rate=20):
     may = may and not any(other["zone"] == "junction" and seen.conflicts_with(other) for other in seen.others)
     waits = me["zone"] in ("approach", "entrance") and not may
     gap = min(seen.gap_ahead() - 2.0, scenario["itinerary"]["line"] - 0.5 - me["station"] if waits else float("inf"))
-    # In four seconds it brakes down to any lower limit.
-    limit = min(rvads_client.limit_at(scenario, me["station"] + time * me["speed"]) for time in (0.0, 4.0))
-    seen.answer(target_speed=min(limit, rvads_client.stopping_speed(gap)))
+    seen.answer(target_speed=min(seen.limit_ahead(4.0), rvads_client.stopping_speed(gap)))

@@ -58,6 +58,11 @@ class Observation:
         ahead = [other for other in mine if other["station"] > self.me["station"]]
         return min((other["station"] - other["length"] - self.me["station"] for other in ahead), default=float("inf"))
 
+    def limit_ahead(self, seconds: float) -> float:
+        """Return the lower of the speed limits here and where the vehicle is `seconds` later at its present speed [m/s]."""
+        ahead = self.me["station"] + seconds * self.me["speed"]
+        return min(limit_at(self.scenario, station) for station in (self.me["station"], ahead))
+
     def _meets(self, other: dict[str, Any], relation: str) -> bool:
         ways, itinerary = self.scenario["map"]["movements"], self.scenario["itinerary"]
         own = [k for k, way in enumerate(ways) if all(way[end] == itinerary[end] for end in ("entrance", "exit"))]

@@ -10,11 +10,20 @@ import pytest_rvads as rvads
 from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.pursuit import lookahead, pursue
 from pytest_rvads.drivers.reference import Gate
+from pytest_rvads.drivers.way_ahead import Track, track
 
-__all__ = ["REFERENCE", "beside", "cast", "gated", "lawful", "lawful_at", "paced", "stops_at", "timed"]
+__all__ = ["REFERENCE", "OnCentreLine", "beside", "cast", "gated", "lawful", "lawful_at", "paced", "stops_at", "timed"]
 
 Seen = rvads.Observation
 REFERENCE = rvads.traffic("reference")
+
+
+class OnCentreLine(rvads.Reference):
+    """Keeps its rear axle on the centre line, also in a bend in which a wider arc would keep its body in the lane."""
+
+    def track(self, seen: Seen) -> Track:
+        self._track = track(seen.itinerary, seen.vehicle.rear_axle_offset)
+        return self._track
 
 
 def paced(speed: Callable[[Seen], float], name: str = "Paced") -> type[rvads.Follower]:

@@ -13,7 +13,7 @@ from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.search.remap import mirrored
 
 from .cases import Case, at
-from .drivers import gated, lawful
+from .drivers import OnCentreLine, gated, lawful
 from .shown import shows, shows_each
 
 ALONE = at("stop4", "2000")
@@ -86,7 +86,7 @@ def test_a_front_that_swings_out_has_not_left_its_lane(tmp_path: Path) -> None:
     """A bend of 5.25 m: the front of a car that follows it with its rear axle is far outside."""
     path = tmp_path / "narrow.xodr"
     path.write_text(opendrive(Layout(stop=7.0)), encoding="utf-8")
-    case = Case(at(rvads.find("1", path), "1000"), rvads.Reference, STOPPED)
+    case = Case(at(rvads.find("1", path), "1000"), OnCentreLine, STOPPED)
     run = case.run()
     way = rvads.Itinerary.through(run.junction, 0, 1)
     poses, stations = run.need("pose")[:, 0], run.need("station")[:, 0]

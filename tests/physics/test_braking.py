@@ -68,7 +68,7 @@ def test_where_nothing_is_safe_there_is_no_speed() -> None:
 
 
 def test_an_envelope_that_is_not_monotone_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pytest_rvads.physics.braking._vmax", lambda distance, level, vehicle, engine: 10.0 - distance)
+    monkeypatch.setattr("pytest_rvads.physics.braking._vmax", lambda distance, *_: 10.0 - distance)
     with pytest.raises(RunError, match="not monotone: 9 m/s at 1 m and aggression 1, but 8 m/s at 2 m"):
         envelope((1.0, 2.0))
 
