@@ -188,7 +188,8 @@ def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float) -> Axle
     sweep = Sweep(itinerary, vehicle, lane_width / 2.0 + LANE_TOLERANCE - MARGIN)
     if sweep.fits(sweep.centre):
         return None
-    way = sweep.way(sweep.relax())
+    # Rounded to 0.1 mm: the last bits depend on how many threads the linear algebra has, and a run must not.
+    way = sweep.way(np.round(sweep.relax(), 4))
     path, arc = itinerary.path, itinerary.path.stations - itinerary.origin
     first, *_, last = sweep.stations.tolist()
     points = np.vstack((path.points[arc < first - FINE], way, path.points[arc > last + FINE]))
