@@ -107,12 +107,12 @@ def _summed(junctions: list[dict[str, Any]]) -> str:
     from pytest_rvads.junctions.conflicts import JunctionKind
 
     usable = [junction for junction in junctions if junction["usable"]]
-    said = f"{len(usable)} of {len(junctions)} usable"
+    share = f"{len(usable)} of {len(junctions)} usable"
     if not usable:
-        return said
+        return share
     counts = Counter(junction["kind"] for junction in usable)
     kinds = ", ".join(f"{counts[kind]} {kind}" for kind in JunctionKind if counts[kind])
-    return f"{said}: {kinds}; {_START.format(max(junction['usable_from'] for junction in usable))}"
+    return f"{share}: {kinds}; {_START.format(max(junction['usable_from'] for junction in usable))}"
 
 
 def _details(junction: dict[str, Any]) -> Iterator[str]:
@@ -126,8 +126,8 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
     ways = [movement["entrance"] for movement in junction["movements"]]
     owed = sorted({(ways[one], ways[two]) for one, two in junction["yields"]})
     parts = [f"arm {one} to {_listed([two for _, two in pairs])}" for one, pairs in groupby(owed, key=itemgetter(0))]
-    open_ = sorted({tuple(sorted((ways[one], ways[two]))) for one, two in junction["undecided"]})
-    parts += [f"arms {one} and {two} undecided" for one, two in open_]
+    undecided = sorted({tuple(sorted((ways[one], ways[two]))) for one, two in junction["undecided"]})
+    parts += [f"arms {one} and {two} undecided" for one, two in undecided]
     yield f"gives way: {'; '.join(parts) or 'nobody'}"
 
 

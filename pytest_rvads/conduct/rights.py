@@ -142,14 +142,14 @@ def _find_held(run: Run) -> NDArray[np.bool_]:
 
 
 def comes_first(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """Both have arrived and take turns, and the other one goes first, see `came_first`."""
+    """Return when `other` goes before `agent`: their movements meet, and `other` came first, see `came_first`."""
     if not in_turn(run.junction, run.agents[agent].route.key, run.agents[other].route.key):
         return np.zeros_like(run.here[when, agent])
     return came_first(run, agent, other, when)
 
 
 def came_first(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """Both have arrived, on any arms, the other one clearly earlier, or at about the same time from the right."""
+    """Return when both vehicles have arrived, `other` clearly earlier, or within `TIE` of `agent` and on its right."""
     found: NDArray[np.bool_] = arrivals(run).arrived[when, agent] & arrivals(run).arrived[when, other]
     if found.any():
         later, tie = waited(run, other)[when] - waited(run, agent)[when], ticks(run, TIE)

@@ -123,7 +123,7 @@ def circles(run: Run, found: Sequence[Reason]) -> tuple[NDArray[np.bool_], ...]:
 
     A held vehicle waits, by itself or by way of others, for a vehicle that does not wait for it. In a circle vehicles wait for
     each other, and for nobody else. A stuck vehicle lets nobody pass, and is close behind a vehicle that left it no room when it
-    entered. An intruder is in the way of vehicles that are none, whatever they do to each other.
+    entered. A vehicle that waits for an intruder, see `_intruders`, is held by the intruder, even where both wait for each other.
     """
     result = tuple(np.zeros((run.steps, len(run.agents)), dtype=np.bool_) for _ in range(3))
     intruders = _intruders(run, found)
@@ -157,7 +157,10 @@ def circles(run: Run, found: Sequence[Reason]) -> tuple[NDArray[np.bool_], ...]:
 
 
 def _intruders(run: Run, found: Sequence[Reason]) -> NDArray[np.bool_]:
-    """Return which vehicle came in on red, or on the way of a vehicle inside that it owed the way, shape ``(steps, agents)``."""
+    """Return which vehicles are intruders, shape ``(steps, agents)``.
+
+    An intruder entered on red, or entered the way of a vehicle that was inside before and to which the intruder owed the way.
+    """
     intruders: NDArray[np.bool_] = (run.zone >= Zone.JUNCTION) & (run.facing == Colour.RED)
     for r in found:
         if run.entered[r.agent] < run.entered[r.other] and may_owe(run, r.other, r.agent):

@@ -1,4 +1,4 @@
-"""What an autopilot sees, what it answers, and what it is.
+"""The interface between the simulation and a driver: observations, commands, autopilots, traffic systems.
 
 `Observation` and the commands are made hundreds of times per simulated second, so they are named tuples.
 """

@@ -344,7 +344,8 @@ def _stated(network: Network, id: str, ways: Sequence[Way], graph: MetricGraph) 
 def _joining(ways: Sequence[Way], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
     """Return the pairs of movements into one exit of which the first joins the second.
 
-    It does from a ramp, an entry or exit lane, or a lane that ends; or onto a motorway, where the second comes along one.
+    The first movement comes from a ramp, an entry or exit lane or a lane that ends, and the second does not; or the second
+    movement comes along a motorway, and the first does not.
     """
 
     def rank(way: Way) -> tuple[bool, bool]:

@@ -17,7 +17,7 @@ __all__ = ["clustered"]
 
 
 def clustered(graph: MetricGraph) -> MetricGraph:
-    """Return a metric graph in which each cluster of as many arms as the model has room for is one junction.
+    """Return a metric graph in which each cluster of `FEWEST` to `MOST` arms is one junction.
 
     Raises:
         MapError: see `pytest_rvads.junctions.ways.paths_of`.

@@ -179,7 +179,7 @@ def read_map(path: str | os.PathLike[str], *, uturns: bool = False, clusters: bo
     Args:
         path: of the file.
         uturns: keep U-turns at all junctions, which are left out otherwise.
-        clusters: read junctions whose ways lead into each other as one, where that one has 3 to 8 arms.
+        clusters: read junctions whose ways lead into each other as one junction, if the union has 3 to 8 arms.
 
     Raises:
         MapError: the file cannot be used at all; the message is one sentence.

@@ -100,10 +100,10 @@ class Precedence:
         return self.turns[key] is (Turn.RIGHT if self.left_hand else Turn.LEFT)
 
     def _from_right(self, mine: int, yours: int) -> bool:
-        """Whether the other one comes from the right; from the left, where traffic keeps left.
+        """Return whether entrance `yours` lies to the right of entrance `mine`; to the left, where traffic keeps left.
 
-        The place of the other entrance tells, where each then has the other one on another side. Else, as with two that come head
-        on, the relation of the paper tells, then the angle of the entrances.
+        The places of the entrances decide, if exactly one of them lies to the right of the other. Entrances that face each other
+        may both lie to the right: then the paper's relation decides, and without the relation the angle between the entrances.
         """
         right = self._right_by_place(mine, yours)
         if right != self._right_by_place(yours, mine):
@@ -114,5 +114,6 @@ class Precedence:
         return (turned < math.pi - _AHEAD) != self.left_hand
 
     def _right_by_place(self, mine: int, yours: int) -> bool:
+        """Return whether entrance `yours` lies to the right of the line along which traffic enters at `mine`."""
         (x, y, heading), (u, v, _) = self.starts[mine], self.starts[yours]
         return math.sin(heading) * (u - x) - math.cos(heading) * (v - y) > 0.0

@@ -124,7 +124,11 @@ class Segment:
         return Pose(x + along * ux, y + along * uy, heading)
 
     def piece(self, station: float) -> tuple[float, float, float, float, float, float, float]:
-        """Return the straight piece at `station` [m]: its two stations, where it starts, its unit vector, its heading."""
+        """Return the straight piece of the line at `station` [m].
+
+        Returns:
+            Start and end station [m], start point x and y [m], unit vector x and y, heading [rad].
+        """
         stations, pieces = self._table or self._fill()
         i = bisect_right(stations, station, 1, len(pieces)) - 1
         return stations[i], stations[i + 1], *pieces[i]

@@ -23,7 +23,7 @@ _ROLLING_BACK = 0.01
 
 
 class Body:
-    """One vehicle: where it is on its itinerary, and its dynamics.
+    """One simulated vehicle: its place on the itinerary, and its dynamics.
 
     Args:
         agent: whose body it is.

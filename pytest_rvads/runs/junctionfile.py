@@ -55,7 +55,7 @@ class _Entrance(msgspec.Struct, frozen=True, omit_defaults=True):
     setback: _Length
     approach: _Line | None
     sign_setback: _Length | None = None
-    """Left out where there is none, as files before it have it."""
+    """A file has no such field where no sign stands before the line: files written by earlier versions have none either."""
 
 
 class _Exit(msgspec.Struct, frozen=True):

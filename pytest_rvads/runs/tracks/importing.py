@@ -264,7 +264,7 @@ def placed(vehicle: Samples, intake: Intake) -> tuple[_Values, _Values]:
 
 
 def _ahead(vehicle: Samples, intake: Intake) -> float | None:
-    """Return how far ahead of its point the front of a vehicle is [m]; None where that takes a length that nobody told."""
+    """Return the distance from the recorded point of a vehicle to its front [m]; None where the log states no length."""
     share, size = _AHEAD[intake.point], vehicle.size or intake.size
     if vehicle.ahead is not None or not share:
         return vehicle.ahead or 0.0

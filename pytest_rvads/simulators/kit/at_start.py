@@ -1,4 +1,4 @@
-"""Checks of what a simulator is before it drives: its name, its braking envelope, where vehicles start, what it refuses."""
+"""Checks of a simulator before any vehicle drives: name, braking envelope, places of the start, refused scenarios."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of how drivers are asked: what they see, what their faults do, whom they drive, and that they leave their route."""
+"""Checks of how a simulator asks drivers: observations, faults of drivers, traffic systems, vehicles that leave their route."""
 
 from __future__ import annotations
 
