@@ -39,7 +39,7 @@ def test_data_flows_one_way() -> None:
         ("mujoco", {"physics/mujoco_world.py"}),
         ("libsumo", {"simulators/sumo/libsumo_server.py"}),
         ("rich", {"report/terminal.py", "report/columns.py", "cli/progress_bar.py"}),
-        ("hypothesis", {"search/strategies.py", "search/falsify.py", "studies/methods.py"}),
+        ("hypothesis", {"search/strategies.py", "search/falsify.py"}),
         ("platformdirs", {"physics/cache.py"}),
         ("pytest", {"plugin.py", "hooks.py", "options.py", "collection", "fixtures", "session"}),
     ],

@@ -14,12 +14,10 @@ from collections.abc import Callable, Sequence
 from pytest_rvads import __version__
 from pytest_rvads.cli import (
     check_commands,
-    compare_command,
     export_command,
     import_command,
     init_command,
     map_commands,
-    power_command,
     replay_command,
     report_commands,
     simulate_commands,
@@ -29,7 +27,10 @@ from pytest_rvads.cli.common import warn
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.wording import encode_all, page
 
-__all__ = ["main"]
+__all__ = ["answer", "main"]
+
+_STUDIES = {"compare-simulators": "simulators", "power": "power", "simulate": "prediction"}
+"""Former commands that measure the checks or the simulators themselves, and the modules of ``studies`` that replace them."""
 
 _RENAMED = {
     **{(command, "--rule"): "--rules" for command in ("check", "export", "replay", "rules")},
@@ -40,12 +41,30 @@ _RENAMED = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit status."""
+    """Run ``rvads`` with these words, by default those of the command line, and return the exit status."""
+    words = sys.argv[1:] if arguments is None else arguments
+    if words and words[0] in _STUDIES:
+        replacement = f"python -m studies.{_STUDIES[words[0]]}"
+        warn(f"rvads: rvads {words[0]} is no part of the package any more: run {replacement} in a clone of the project")
+        return 2
+    return answer(_parser(), _renamed(words))
+
+
+def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) -> int:
+    """Run the function that the parsed command line names as ``command``, and return the exit status.
+
+    Args:
+        parser: sets ``command`` to a function that takes the parsed options and returns an exit status.
+        words: the command line; by default that of the process.
+
+    Returns:
+        The status of the command; 2 after an error, which is printed in one line; 130 after Ctrl-C.
+    """
     if sys.stdout is None or sys.stdin is None:  # closed by who started us
         warn("rvads: it needs an open standard input and output: redirect what is of no use to /dev/null")
         return 2
     encode_all(sys.stdout, sys.stderr)
-    options = _parser().parse_args(_renamed(sys.argv[1:] if arguments is None else arguments))
+    options = parser.parse_args(words)
     command: Callable[[argparse.Namespace], int] = options.command
     try:
         return command(options)
@@ -87,10 +106,8 @@ def _parser() -> argparse.ArgumentParser:
         check_commands,
         town_command,
         simulate_commands,
-        compare_command,
         report_commands,
         replay_command,
-        power_command,
     ):
         module.declare(commands)
     return parser

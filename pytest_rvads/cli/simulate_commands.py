@@ -1,4 +1,4 @@
-"""``rvads braking``, ``rvads paper`` and ``rvads simulate``: what is answered by simulating."""
+"""``rvads braking`` and ``rvads paper``: what is answered by simulating."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pytest_rvads.cli import executor_options
-from pytest_rvads.cli.common import Subparsers, lines, progress, say
+from pytest_rvads.cli.common import Subparsers, progress, say
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.storage import write_file
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from pytest_rvads.executors import Progress
-    from pytest_rvads.studies.experiment import Setup
+    from pytest_rvads.paper.experiment import Setup
 
 __all__ = ["declare"]
 
@@ -57,13 +57,6 @@ def declare(commands: Subparsers) -> None:
     executor_options.declare(paper)
     paper.set_defaults(command=_paper)
 
-    simulate = commands.add_parser("simulate", help="simulate scenarios at junctions that are given by the lengths of their ways")
-    what = simulate.add_mutually_exclusive_group(required=True)
-    what.add_argument("--jsonl", action="store_true", help="read a JSON object per line, write one for each")
-    what.add_argument("--recorded", metavar="FILE", nargs="+", help="simulate the runs of recorded files and compare")
-    simulate.add_argument("--simulator", metavar="NAME", help="what makes the runs, a name or module:name")
-    simulate.set_defaults(command=_simulate)
-
 
 def _braking(options: argparse.Namespace) -> int:
     from pytest_rvads.draw.curves import draw_braking
@@ -76,7 +69,7 @@ def _braking(options: argparse.Namespace) -> int:
     curves = envelope(_DISTANCES, limit=limit)
     title = "v(d)max of the plant, full service brake"
     if options.autopilot is not None:
-        from pytest_rvads.studies.stopping import closed_envelope
+        from pytest_rvads.simulators.stopping import closed_envelope
 
         curves = closed_envelope(options.autopilot, _DISTANCES, simulator=options.simulator, progress=_bar(options))
         title = f"v(d)max that the autopilot {options.autopilot} reaches, red light ahead"
@@ -99,7 +92,7 @@ def _braking(options: argparse.Namespace) -> int:
 def _by_movement(options: argparse.Namespace) -> int:
     """Show what an autopilot reaches of v(d)max, a row per movement."""
     from pytest_rvads.junctions.finder import find
-    from pytest_rvads.studies.stopping import closed_by_movement
+    from pytest_rvads.simulators.stopping import closed_by_movement
 
     if not (options.junction and options.autopilot) or options.svg:
         raise ScenarioError(
@@ -131,27 +124,26 @@ def _paper(options: argparse.Namespace) -> int:
 
 
 def _tables(options: argparse.Namespace, executor: Executor | int | None) -> int:
-    from pytest_rvads.studies import paper
-    from pytest_rvads.studies import paper_tables as report
+    from pytest_rvads.paper import table_output, tables
 
     if options.sweep:
-        shares = paper.sweep(_setup(options), executor=executor, progress=_bar(options))
-        print(json.dumps(paper.nested(shares)) if options.json else report.text_sweep(shares))
+        shares = tables.sweep(_setup(options), executor=executor, progress=_bar(options))
+        print(json.dumps(tables.nested(shares)) if options.json else table_output.text_sweep(shares))
         return 0
     if options.margins or options.ablation or options.null_models or options.snapshots:
         return _evidence(options, executor)
-    verdicts = paper.compute(_setup(options), executor=executor, progress=_bar(options))
+    verdicts = tables.compute(_setup(options), executor=executor, progress=_bar(options))
     # Printed first: a picture that can't be written must not cost the answer.
-    print(json.dumps(paper.nested(verdicts)) if options.json else report.text_tables(verdicts), flush=True)
+    print(json.dumps(tables.nested(verdicts)) if options.json else table_output.text_tables(verdicts), flush=True)
     if options.svg:
-        write_file(Path(options.svg), report.svg_tables(verdicts).encode())
-    return 1 if options.strict and report.disagreements(verdicts) else 0
+        write_file(Path(options.svg), table_output.svg_tables(verdicts).encode())
+    return 1 if options.strict and table_output.disagreements(verdicts) else 0
 
 
 def _setup(options: argparse.Namespace) -> Setup:
     """Return what all runs of the tables have in common."""
+    from pytest_rvads.paper.experiment import Setup
     from pytest_rvads.simulators.simulator import named
-    from pytest_rvads.studies.experiment import Setup
 
     named(options.simulator, Path.cwd())  # an unknown one is refused before anything runs
     return Setup(simulator=options.simulator)
@@ -164,39 +156,22 @@ def _bar(options: argparse.Namespace) -> Progress | None:
 
 def _evidence(options: argparse.Namespace, executor: Executor | int | None) -> int:
     """Print or draw what stands beside the tables; text only."""
-    from pytest_rvads.studies import paper, replication, snapshots
+    from pytest_rvads.paper import evidence, snapshots, tables
 
     if options.json or options.svg or options.strict or options.simulator:
         raise ScenarioError(
             "--json, --svg, --strict and --simulator go with the tables: leave them out here, or ask for the tables alone"
         )
     if options.null_models:
-        print(replication.text_null_models())
+        print(evidence.text_null_models())
     elif options.snapshots:
         for path in snapshots.write(options.snapshots):
             print(path)
     elif options.ablation:
-        base = paper.compute(executor=executor, progress=progress)
-        print(replication.text_ablation(replication.ablation(base, executor=executor, progress=progress)))
+        base = tables.compute(executor=executor, progress=progress)
+        print(evidence.text_ablation(evidence.ablation(base, executor=executor, progress=progress)))
     else:
-        print(replication.text_margins(replication.p1_margins(executor=executor, progress=progress)), flush=True)
-        base = paper.compute(executor=executor, progress=progress)
-        print(f"\n{replication.text_rooms(replication.rooms(base, executor=executor, progress=progress))}")
-    return 0
-
-
-def _simulate(options: argparse.Namespace) -> int:
-    from pytest_rvads.simulators.simulator import named
-
-    simulator = named(options.simulator, Path.cwd())
-    if options.recorded:
-        from pytest_rvads.studies.predicted import compare, text_agreement
-
-        for name in options.recorded:
-            say(text_agreement(compare(name, simulator=options.simulator, progress=progress), name))
-        return 0
-    from pytest_rvads.studies.prediction import answer
-
-    for line in lines():
-        print(answer(line.decode("utf-8", errors="replace"), simulator), flush=True)
+        print(evidence.text_margins(evidence.p1_margins(executor=executor, progress=progress)), flush=True)
+        base = tables.compute(executor=executor, progress=progress)
+        print(f"\n{evidence.text_rooms(evidence.rooms(base, executor=executor, progress=progress))}")
     return 0

@@ -185,10 +185,9 @@ def test_monitor_answers_line_by_line() -> None:
     assert "error" in four
 
 
-@pytest.mark.parametrize("command", ["monitor", "simulate"])
-def test_a_line_without_an_end_is_not_waited_for(command: str) -> None:
+def test_a_line_without_an_end_is_not_waited_for() -> None:
     with Path("/dev/zero").open("rb") as endless:
-        done = subprocess.run([RVADS, command, "--jsonl"], stdin=endless, capture_output=True, timeout=60)
+        done = subprocess.run([RVADS, "monitor", "--jsonl"], stdin=endless, capture_output=True, timeout=60)
     told = f"rvads: line 1 of standard input is too long, expected at most {LINE_LIMIT:,} bytes\n"
     assert (done.returncode, done.stdout, done.stderr.decode()) == (2, b"", told)
 
@@ -309,3 +308,13 @@ def test_former_name_of_an_option_does_the_same_and_names_the_present_one(
     assert (same_status, same_out) == (status, out)
     assert status != 2
     assert [line.removeprefix("rvads: warning: ") for line in warned.removesuffix(err).splitlines()] == warnings
+
+
+@pytest.mark.parametrize(
+    ("command", "module"),
+    [("power", "studies.power"), ("compare-simulators", "studies.simulators"), ("simulate", "studies.prediction")],
+)
+def test_former_command_names_the_module_that_replaces_it(command: str, module: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([command, "--help"]) == 2
+    assert f"run python -m {module} in a clone" in capsys.readouterr().err
+    assert (Path(__file__).parents[2] / f"{module.replace('.', '/')}.py").is_file()

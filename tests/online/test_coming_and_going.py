@@ -23,7 +23,7 @@ from pytest_rvads.runs.states import Agent, Colour, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
-from pytest_rvads.studies.mutants import MUTANTS
+from studies.mutants import MUTANTS
 
 LIMIT = 8.0
 ELSEWHERE = ("priority", "right_before_left", "on_lane_allowed")

@@ -28,7 +28,7 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.planar import mujoco
 from pytest_rvads.simulators.simulator import simulate
-from pytest_rvads.studies.contact_cases import CYCLIST, TRUCK, contact_cases
+from studies.contact_cases import CYCLIST, TRUCK, contact_cases
 
 library = pytest.importorskip("mujoco")
 CAR = Vehicle()
@@ -130,7 +130,7 @@ def test_a_run_is_the_same_after_others_in_threads_and_in_another_process() -> N
         assert {run.hash for run in pool.map(mujoco, [hit] * 2)} == {alone}
     code = (
         "from pytest_rvads.simulators.planar import mujoco\n"
-        "from pytest_rvads.studies.contact_cases import contact_cases\n"
+        "from studies.contact_cases import contact_cases\n"
         "print(mujoco(contact_cases()['crossing']).hash)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -15,7 +15,7 @@ from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
-from pytest_rvads.studies.mutants import MUTANTS
+from studies.mutants import MUTANTS
 
 Runs = dict[str, list[Record]]
 """Run to the records of its failed items."""

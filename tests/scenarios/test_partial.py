@@ -7,7 +7,7 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
-from pytest_rvads.studies.mutants.sight import BlindAhead
+from studies.mutants.sight import BlindAhead
 
 PLACE = rvads.find("stop4")
 FACING = {f"0{a}0{b}" for a, b in [*combinations("123", 2), *zip("123", "123", strict=True)]}

@@ -23,8 +23,8 @@ from pytest_rvads.simulators.choice import Choice, choice, choosing
 from pytest_rvads.simulators.closed_loop import closed_vmax
 from pytest_rvads.simulators.planar import usual
 from pytest_rvads.simulators.simulator import meant, named
-from pytest_rvads.studies import killing
-from pytest_rvads.studies.mutants import MUTANTS
+from studies import killing
+from studies.mutants import MUTANTS
 
 OWN = """
     from pytest_rvads.simulators.planar import usual

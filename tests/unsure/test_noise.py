@@ -10,7 +10,7 @@ import pytest
 from pytest_rvads import Agent, Case, Itinerary, LgsvlLike, Run, Scenario, Status, check, find, simulate, validate
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.recording import Recording, Track
-from pytest_rvads.studies.mutants import MUTANTS
+from studies.mutants import MUTANTS
 
 KEPT = {Status.PASS, Status.NA, None}
 CASES: dict[str, tuple[str, str, Any]] = {

@@ -1,0 +1,205 @@
+"""How firmly the replication stands: margins of p1, ablation of the mechanisms, room of the free constants.
+
+``rvads paper --margins``, ``--ablation`` and ``--null-models`` print it; ``docs/replication.md`` quotes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pytest_rvads.drivers.lgsvl import Constants
+from pytest_rvads.executors import Progress, spread
+from pytest_rvads.paper.draws import crossing_wait
+from pytest_rvads.paper.experiment import LIGHT, ROWS, STOP, TABLES, Entry, Key, Setup, Table, entries, judge, run_entry
+from pytest_rvads.paper.published import FITTED, null_models, published
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
+
+__all__ = [
+    "FREE",
+    "Free",
+    "Room",
+    "ablation",
+    "p1_margin",
+    "p1_margins",
+    "rooms",
+    "text_ablation",
+    "text_margins",
+    "text_null_models",
+    "text_rooms",
+]
+
+Margins = Mapping[tuple[int, int, str], int]
+"""Per class, row and configuration the ticks that p1 hangs on."""
+Flips = Mapping[str, list[tuple[Key, str, str]]]
+"""Per deficiency switched off the cells that flip: cell, verdict with it, verdict without it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Free:
+    """A free constant: how to move it, and which tables depend on it."""
+
+    move: Callable[[float], Setup]
+    """Returns the setup of the experiment with this one moved by so much."""
+    resolution: float
+    """Its room is found in steps of this size."""
+    limit: float
+    """Farthest move that is tried."""
+    tables: tuple[Table, ...] = TABLES
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """How far a constant can move without any cell of its tables changing."""
+
+    down: float
+    up: float
+    limit: float
+    """Farther was not tried."""
+
+
+def _with(constants: Constants) -> Setup:
+    """Return the setup with these constants; the draw follows from them, so it is derived anew."""
+    return Setup(constants, wait=crossing_wait(Setup(constants)))
+
+
+def _zone(**moves: float) -> Setup:
+    """Return the setup with the zone of the X moved; lights know no zone, so the draw stays."""
+    box = Constants().zone4
+    return Setup(replace(Constants(), zone4=replace(box, **{name: getattr(box, name) + by for name, by in moves.items()})))
+
+
+FREE: dict[str, Free] = {
+    "zone, toward exit 1 [m]": Free(lambda by: _zone(x=by), 0.06, 0.9, (STOP,)),
+    "zone, toward exit 0 [m]": Free(lambda by: _zone(y=-by), 0.06, 0.9, (STOP,)),
+    "zone, half extent [m]": Free(lambda by: _zone(half_x=by, half_y=by), 0.06, 0.9, (STOP,)),
+    "launch [s]": Free(lambda by: _with(replace(Constants(), launch=Constants().launch + by)), 0.02, 0.14),
+    "halt [m]": Free(lambda by: _with(replace(Constants(), halt=Constants().halt + by)), 0.05, 0.35),
+    "braking": Free(lambda by: _with(replace(Constants(), braking=Constants().braking + by)), 0.03, 0.21),
+    "draw [s]": Free(lambda by: Setup(wait=round(Setup().wait + by, 6)), 0.01, 0.15, (LIGHT,)),
+}
+
+
+def p1_margin(run: Run) -> int:
+    """Return how many ticks the p1 verdict of a run hangs on.
+
+    Positive: the shortest gap between one vehicle leaving the junction and the next one entering it. Negative: the
+    longest time that two were in it together. The verdict turns when it changes sign.
+    """
+    inside = run.zone == Zone.JUNCTION
+    spans = []
+    for column in range(len(run.agents)):
+        ticks = np.flatnonzero(inside[:, column])
+        if len(ticks):
+            spans.append((int(ticks[0]), int(ticks[-1]) + 1))
+    spans.sort()
+    gaps = [later[0] - earlier[1] for k, later in enumerate(spans) for earlier in spans[:k]]
+    return min(gaps, default=run.steps)
+
+
+def p1_margins(*, executor: Executor | int | None = None, progress: Progress | None = None) -> dict[tuple[int, int, str], int]:
+    """Return `p1_margin` per class, row and configuration of the stop table."""
+    wanted = list(entries(STOP))
+    found = spread(_margin, wanted, executor, progress)
+    return {(e.number, e.row, e.configuration): ticks for e, ticks in zip(wanted, found, strict=True)}
+
+
+def ablation(
+    base: Mapping[Key, str],
+    *,
+    names: tuple[str, ...] = ("i1", "i2", "i3", "i4", "i5"),
+    executor: Executor | int | None = None,
+    progress: Progress | None = None,
+) -> Flips:
+    """Return, per deficiency switched off, the cells that flip against `base`, the verdicts with all of them on."""
+    jobs = [(entry, Setup(off=(name,))) for name in names for table in TABLES for entry in entries(table)]
+    found: dict[str, list[tuple[Key, str, str]]] = {name: [] for name in names}
+    for (entry, setup), verdicts in zip(jobs, spread(judge, jobs, executor, progress), strict=True):
+        for rule, value in verdicts.items():
+            if base[entry.key(rule)] != value:
+                found[setup.off[0]].append((entry.key(rule), base[entry.key(rule)], value))
+    return found
+
+
+def rooms(
+    base: Mapping[Key, str],
+    *,
+    names: tuple[str, ...] = tuple(FREE),
+    executor: Executor | int | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Room]:
+    """Return how far each free constant can move, the others fixed, with every cell as in `base`."""
+    jobs = [(name, sign, dict(base)) for name in names for sign in (-1.0, 1.0)]
+    found = list(spread(_room, jobs, executor, progress, batch=1))
+    return {name: Room(found[2 * k], found[2 * k + 1], FREE[name].limit) for k, name in enumerate(names)}
+
+
+def text_margins(margins: Margins) -> str:
+    """Return the margins of p1 as a table."""
+    lines = [
+        "Ticks of 0.01 s that p1 hangs on: > 0 shortest gap between two vehicles in the junction, < 0 longest time together",
+        "class, row" + "".join(f"{letter:>7}" for letter in STOP.configurations),
+    ]
+    for number in STOP.classes:
+        for row in range(ROWS):
+            cells = "".join(f"{margins[number, row, letter]:7}" for letter in STOP.configurations)
+            lines.append(f"{number:5}, {row + 1:<3}{cells}")
+    least = min(abs(ticks) for ticks in margins.values())
+    return "\n".join([*lines, f"The closest cell hangs on {least} ticks."])
+
+
+def text_rooms(found: Mapping[str, Room]) -> str:
+    """Return the room of the constants as a table."""
+    lines = ["How far a constant can move with no cell of its tables changing, the others fixed"]
+    for name, room in found.items():
+        down, up = (f"{by:+.2f}" + (" or more" if abs(by) >= room.limit - 1e-9 else "") for by in (room.down, room.up))
+        lines.append(f"{name:<26}{down:<16}{up}")
+    return "\n".join(lines)
+
+
+def text_ablation(flips: Flips) -> str:
+    """Return, per deficiency switched off, the cells that flip, those of one rule and configuration in a line."""
+    lines = ["Cells of 240 that flip when a deficiency is switched off"]
+    for name, cells in flips.items():
+        lines.append(f"{name.upper()}: {len(cells)} cells")
+        groups: dict[tuple[str, str, str, str], list[str]] = {}
+        for (number, row, letter, rule), one, two in cells:
+            groups.setdefault((rule, letter, one, two), []).append(f"{number}.{row + 1}")
+        lines += [
+            f"  {rule} of {letter}  {one} -> {two}  class.row {' '.join(rows)}"
+            for (rule, letter, one, two), rows in groups.items()
+        ]
+    return "\n".join(lines)
+
+
+def text_null_models() -> str:
+    """Return what tables that know nothing of vehicles would get."""
+    rows = [f"{name:<32}{score:4} of {len(published(FITTED))}" for name, score in null_models().items()]
+    return "\n".join(["Cells of classes 1 and 3 that a table would get with the best answer to cells it can't tell apart", *rows])
+
+
+def _margin(entry: Entry) -> int:
+    return p1_margin(run_entry(entry, Setup()))
+
+
+def _room(job: tuple[str, float, Mapping[Key, str]]) -> float:
+    """Return the farthest move in one direction before a cell changes, in steps from where the constant stands."""
+    name, sign, base = job
+    free = FREE[name]
+    steps = 0
+    while steps < round(free.limit / free.resolution) and _same(free, sign * (steps + 1) * free.resolution, base):
+        steps += 1
+    return round(sign * steps * free.resolution, 6)
+
+
+def _same(free: Free, by: float, base: Mapping[Key, str]) -> bool:
+    setup = free.move(by)
+    # The cells that hang on least come first, so that a change is noticed early.
+    order = [
+        entry for letters in ("CFJ", "BEG", "ADHI") for t in free.tables for entry in entries(t) if entry.configuration in letters
+    ]
+    return all(base[entry.key(rule)] == value for entry in order for rule, value in judge((entry, setup)).items())

@@ -1,0 +1,150 @@
+"""The two tables of the paper's experiment: which scenarios they hold, and how one of them is run and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+
+from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
+from pytest_rvads.errors import RunError
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.runs.run import Run
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.configurations import configuration
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.simulators.simulator import named, simulate
+
+__all__ = [
+    "LIGHT",
+    "ROWS",
+    "STOP",
+    "TABLES",
+    "WAIT",
+    "Entry",
+    "Job",
+    "Key",
+    "Setup",
+    "Table",
+    "entries",
+    "judge",
+    "outcome",
+    "run_entry",
+]
+
+ROWS = 4
+"""Rows per class: the rotations of the junction."""
+WAIT = 3.32
+"""The one random draw of all runs of the tables [s]; `pytest_rvads.paper.draws.crossing_wait` derives it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """One table of the paper."""
+
+    name: str
+    """As in the paper's files."""
+    junction: str
+    """Built-in junction with the recorded lengths."""
+    classes: Mapping[int, str] = field(hash=False)
+    """Directions of row 1 by the paper's number of the class."""
+    configurations: str
+    rules: tuple[str, ...]
+    duration: float
+    """Longest run [s]."""
+
+
+STOP = Table("stop4", "paper_stop4", {1: "2111", 2: "3111"}, "ABCDE", ("p1", "p2", "p3"), 30.0)
+LIGHT = Table("light4", "paper_light4", {3: "1233", 4: "2121"}, "FGHIJ", ("p4", "p5", "p6"), 40.0)
+TABLES = (STOP, LIGHT)
+
+
+Key = tuple[int, int, str, str]
+"""A cell of a table: class, row (0 for row 1), configuration, rule."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One run of a table, which fills one cell per rule."""
+
+    table: Table
+    number: int
+    """The paper's class."""
+    row: int
+    """Rotation, 0 for row 1."""
+    configuration: str
+
+    def key(self, rule: str) -> Key:
+        """Return which cell a rule fills."""
+        return self.number, self.row, self.configuration, rule
+
+    def scenario(self, wait: float = WAIT) -> Scenario:
+        """Return the concrete scenario; `wait` is the random draw [s]."""
+        point = configuration(self.configuration, ROWS)
+        return Scenario(
+            find(self.table.junction),
+            self.table.classes[self.number],
+            distance=point.distances,
+            speed=point.speeds,
+            rotation=self.row,
+            configuration=self.configuration,
+            duration=self.table.duration,
+            wait=wait,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What all runs of an experiment have in common; plain values, so that it can be sent to another process."""
+
+    constants: Constants = field(default_factory=Constants)
+    off: tuple[str, ...] = ()
+    """Deficiencies that are switched off, such as ``("i2",)``."""
+    wait: float = WAIT
+    """[s]."""
+    simulator: str | None = None
+    """What makes the runs, by name; None for the usual one."""
+
+    def system(self) -> partial[LgsvlLike]:
+        """Return the autopilot of the experiment, as a factory."""
+        return partial(LgsvlLike, constants=self.constants, **dict.fromkeys(self.off, False))
+
+
+Job = tuple[Entry, Setup]
+"""A run of a table, and how it is run."""
+
+
+def entries(table: Table) -> Iterator[Entry]:
+    """Yield the runs of a table: classes, rows, configurations in the order of the paper."""
+    for number in table.classes:
+        for row in range(ROWS):
+            for letter in table.configurations:
+                yield Entry(table, number, row, letter)
+
+
+def run_entry(entry: Entry, setup: Setup) -> Run:
+    """Simulate the run of an entry."""
+    return simulate(Case(entry.scenario(setup.wait), setup.system()), named(setup.simulator))
+
+
+def judge(job: Job) -> dict[str, str]:
+    """Simulate and judge a run of a table; one argument, so that it can be mapped over processes."""
+    entry, setup = job
+    return outcome(run_entry(entry, setup), entry.table.rules)
+
+
+def outcome(run: Run, rules: tuple[str, ...]) -> dict[str, str]:
+    """Return PASS, FAIL or NA per rule; an obligation that is open at the end counts as FAIL, as in the paper.
+
+    Raises:
+        RunError: the run can't be judged.
+    """
+    found = {}
+    for rule in rules:
+        verdict = check(run, rule)
+        if verdict.status is Status.ERROR:
+            raise RunError(f"{run.label} could not be judged by {rule}: {verdict.message}")
+        found[rule] = "FAIL" if verdict.status is Status.OPEN else verdict.status.value
+    return found

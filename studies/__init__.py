@@ -1,0 +1,1 @@
+"""What measures the checks and the simulators themselves; run in a clone, no part of the installed package."""

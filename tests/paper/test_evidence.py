@@ -1,0 +1,81 @@
+"""Margins, ablation and room: how firmly the replication stands."""
+
+import pytest
+
+from pytest_rvads import cli
+from pytest_rvads.paper import evidence
+from pytest_rvads.paper.evidence import FREE, Free, Room, ablation, p1_margin, rooms, text_margins, text_rooms
+from pytest_rvads.paper.experiment import STOP, Entry, Setup, Table, outcome, run_entry
+from pytest_rvads.paper.published import published
+
+
+@pytest.mark.parametrize(("row", "configuration"), [(0, "C"), (2, "C"), (2, "B")])
+def test_the_margin_of_p1_has_the_sign_of_the_verdict(row: int, configuration: str) -> None:
+    run = run_entry(Entry(STOP, 1, row, configuration), Setup())
+    together = (run.zone == 2).sum(axis=1) > 1
+    margin = p1_margin(run)
+    assert (margin < 0) == bool(together.any())
+    # Whoever counts ticks with two vehicles inside gets at least the longest such time.
+    assert int(together.sum()) >= -margin
+    assert abs(margin) >= 8, "the verdict hangs on more than 0.08 s"
+
+
+@pytest.mark.extended
+@pytest.mark.parametrize("name", [name for name, free in FREE.items() if free.tables == (STOP,)])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_half_a_foot_of_zone_changes_no_verdict_of_p1(name: str, sign: int) -> None:
+    setup = FREE[name].move(0.15 * sign)
+    for row, expected in ((1, "FAIL"), (2, "PASS")):  # those with the smallest margins
+        assert outcome(run_entry(Entry(STOP, 1, row, "C"), setup), ("p1",)) == {"p1": expected}
+
+
+@pytest.mark.extended
+def test_a_deficiency_that_is_switched_off_flips_the_cells_it_stands_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = Table("light4", "paper_light4", {3: "1233"}, "G", ("p4", "p6"), 40.0)
+    monkeypatch.setattr(evidence, "TABLES", (table,))
+    cells = {key: value for key, value in published((3,)).items() if key[2] == "G"}
+    flips = ablation(cells, names=("i4", "i5"), executor=1)
+    assert flips == {"i4": [], "i5": [((3, row, "G", "p6"), "FAIL", "PASS") for row in range(4)]}
+    shown = evidence.text_ablation(flips).splitlines()
+    assert shown[-2:] == ["I5: 4 cells", "  p6 of G  FAIL -> PASS  class.row 3.1 3.2 3.3 3.4"]
+
+
+@pytest.mark.extended
+def test_the_room_of_the_draw_is_the_time_at_the_entrance(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The crossing vehicle passes its entrance zone in 12 ticks; a right turn that enters then breaks p5, any other does not.
+    table = Table("light4", "paper_light4", {4: "2121"}, "J", ("p5",), 40.0)
+    monkeypatch.setitem(FREE, "draw", Free(FREE["draw [s]"].move, 0.02, 0.2, (table,)))
+    base = {key: value for key, value in published((4,)).items() if key[2:] == ("J", "p5")}
+    (room,) = rooms(base, names=("draw",), executor=1).values()
+    assert 0.08 <= room.up - room.down <= 0.12
+    assert room.down < 0.0 < room.up, "the draw of the tables is not at the edge of its window"
+
+
+def test_a_constant_that_decides_nothing_has_all_the_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = Table("stop4", "paper_stop4", {1: "2111"}, "A", ("p2",), 5.0)
+    monkeypatch.setitem(FREE, "wait", Free(lambda by: Setup(wait=1.0 + by), 0.25, 0.25, (table,)))
+    base = {key: value for key, value in published((1,)).items() if key[2:] == ("A", "p2")}
+    assert rooms(base, names=("wait",), executor=1) == {"wait": Room(-0.25, 0.25, 0.25)}
+
+
+def test_the_tables_of_margins_and_room_read_as_they_should() -> None:
+    margins = {(n, row, letter): 10 * n + row for n in STOP.classes for row in range(4) for letter in STOP.configurations}
+    margins[2, 3, "C"] = -7
+    lines = text_margins(margins).splitlines()
+    assert lines[-2].split() == ["2,", "4", "23", "23", "-7", "23", "23"]
+    assert lines[-1] == "The closest cell hangs on 7 ticks."
+    shown = text_rooms({"halt [m]": Room(-0.35, 0.2, 0.35)}).splitlines()[1]
+    assert shown.split("  ")[0] == "halt [m]"
+    assert "-0.35 or more" in shown
+    assert shown.endswith("+0.20")
+
+
+def test_null_models_are_printed_at_once(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["paper", "--null-models"]) == 0
+    assert "by rule and configuration        117 of 120" in capsys.readouterr().out.splitlines()
+
+
+@pytest.mark.parametrize("wrong", [["--json"], ["--strict"], ["--svg", "x.svg"]])
+def test_options_of_the_tables_are_refused_beside_them(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["paper", "--null-models", *wrong]) == 2
+    assert "go with the tables" in capsys.readouterr().err
