@@ -44,6 +44,7 @@ class Carla:
     """
 
     name = "carla"
+    unsupported = dict.fromkeys(("bodies", "passing"), "bodies are those of its blueprints, cases with others are refused")
 
     def __init__(self, connect: Callable[[], Client], steering: float, place: rvads.Junction) -> None:
         self.connect, self.steering, self.place = connect, steering, place

@@ -35,7 +35,6 @@ from pytest_rvads.junctions.finder import find as find
 from pytest_rvads.junctions.junction import Entrance as Entrance, Exit as Exit, Junction as Junction, Movement as Movement
 from pytest_rvads.maps.control import Sign as Sign
 from pytest_rvads.maps.segment import Turn as Turn
-from pytest_rvads import simulators as simulators
 from pytest_rvads.simulators.choice import limits as limits
 from pytest_rvads.simulators.planar import bullet as bullet, mujoco as mujoco
 from pytest_rvads.simulators.sumo.sumo_simulator import Sumo as Sumo, sumo as sumo

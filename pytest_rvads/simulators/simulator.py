@@ -37,6 +37,8 @@ class Simulator(Protocol):
     ``timing()`` of an autopilot tells is kept under ``timing`` in `Run.provenance`.
 
     A simulator may have an attribute ``caveat``, a sentence on what does not carry over to it: the head of a session says it.
+    The tests of ``pytest_rvads.conformance`` read two more: ``drivers``, the drivers that the simulator has of its own, and
+    ``unsupported``, the checks that it can't pass with a reason for each.
     """
 
     @property

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads as rvads
+from pytest_rvads.conformance.bench import Bench
+from pytest_rvads.conformance.checks import CHECKS, faults
 from pytest_rvads.physics.mujoco_world import MujocoWorld
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
@@ -72,9 +74,9 @@ def test_a_simulator_is_a_world_in_the_loop_and_a_line(monkeypatch: pytest.Monke
 
 
 @pytest.mark.extended
-def test_the_kit_says_what_such_a_simulator_lacks() -> None:
-    report = rvads.simulators.conformance(mine, junctions=["stop4"])
-    failed = {result.name for result in report.failures}
+def test_conformance_tests_find_what_such_a_simulator_lacks() -> None:
+    bench = Bench(mine, (rvads.Reference,), (rvads.find("stop4"),))
+    failed = {check for check in CHECKS if check != "another_process" and faults(check, bench)}
     assert {"crossing", "running_into", "refusals"} <= failed, "nobody touches anybody there"
     assert not failed & {"name", "starts", "clock", "seen", "faults", "hanging", "repeatable", "provenance"}
 
@@ -104,30 +106,22 @@ def test_a_world_of_controls_is_handed_what_drivers_answer_and_one_of_forces_is_
 def test_the_page_shows_what_is_printed(tmp_path: Path) -> None:
     for code in re.findall(r"^```python\n(# (\w+\.py)\n.*?)^```", PAGE, re.MULTILINE | re.DOTALL):
         (tmp_path / code[1]).write_text(code[0].replace("rvads.bullet", f"rvads.{usual().name}"), encoding="utf-8")
-    ((command, shown),) = re.findall(r"^\$ python (-c .*)\n((?:(?!```).*\n)*)", PAGE, re.MULTILINE)
+    ((command, shown),) = re.findall(r"^\$ pytest (.*)\n((?:(?!```).*\n)*)", PAGE, re.MULTILINE)
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(tmp_path)))}
-
-    def printed(*arguments: str) -> list[str]:
-        done = subprocess.run(
-            [sys.executable, *arguments], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-        )
-        assert not done.stderr
-        return done.stdout.splitlines()
-
-    said = printed(*shlex.split(command))
-    for part in shown.split("...\n"):
-        lines = part.splitlines()
-        assert said[said.index(lines[0]) :][: len(lines)] == lines
-    items = printed("-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "lights or clock or name", "test_my_simulator.py")
-    assert [line.partition(" - ")[0] for line in items if line.startswith("FAILED")] == [
-        "FAILED test_my_simulator.py::test_my_simulator[lights]"
-    ]
-    assert "1 failed, 2 passed" in items[-1]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *shlex.split(command)],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    printed = done.stdout.splitlines()
+    lines = shown.splitlines()[:-1]  # the last line stands for what follows
+    assert printed[: len(lines)] == lines
+    assert "1 failed, 24 passed" in printed[-1]
 
 
-def test_the_page_names_every_check_that_nobody_can_do_without() -> None:
-    told = re.findall(r"`(\w+)`", PAGE.partition("No simulator can do without")[2].partition(":")[0])
-    with pytest.raises(rvads.ScenarioError) as refused:
-        rvads.simulators.checks(mine, unsupported={"clock": "slow"})
-    free = str(refused.value).rpartition("it may do without ")[2].split(", ")
-    assert sorted([*told, *free]) == sorted(check.name for check in rvads.simulators.checks(mine))
+def test_page_names_all_checks_that_no_simulator_can_do_without() -> None:
+    names = re.findall(r"`(\w+)`", PAGE.partition("No simulator can do without")[2].partition(":")[0])
+    assert sorted(names) == sorted(name for name, (_, needed) in CHECKS.items() if needed)

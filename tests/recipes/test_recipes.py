@@ -86,7 +86,7 @@ def test_every_path_it_names_is_there() -> None:
     [
         ("simulators/simulator.py", ["SIMULATORS", "_Shipped"]),
         ("simulators/loop.py", ["Loop"]),
-        ("simulators/kit/conformance.py", ["conformance"]),
+        ("conformance/checks.py", ["CHECKS"]),
         ("report/files.py", ["FORMATS"]),
         ("report/outline.py", ["outline", "plain"]),
         ("junctions/formats.py", ["READERS"]),

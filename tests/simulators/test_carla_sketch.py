@@ -12,19 +12,14 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.simulators.kit.conformance import Check, Outcome
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.conformance.bench import Bench
+from pytest_rvads.conformance.checks import CHECKS, faults, unsupported
+from pytest_rvads.drivers.reference import Reference
 
 ROOT = Path(__file__).parents[2]
 EXCHANGE = [
     json.loads(line) for line in Path(__file__).with_name("carla_exchange.jsonl").read_text(encoding="utf-8").splitlines()
 ]
-UNSUPPORTED = {
-    "bodies": "bodies are those of its blueprints, cases with others are refused",
-    "passing": "bodies are those of its blueprints, cases with others are refused",
-}
-CHECKS = [check.name for check in rvads.simulators.checks(usual())]
-KEPT: dict[str, Check] = {}
 
 
 @pytest.fixture(autouse=True)
@@ -93,18 +88,18 @@ def test_another_exchange_is_noticed(line: int, field: str, value: Any) -> None:
         rvads.simulate(case, sketch(lambda: Exchange(other)))
 
 
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    with pytest.MonkeyPatch.context() as patch:
+        for folder in (ROOT / "examples", Path(__file__).parent):
+            patch.syspath_prepend(folder)
+        return Bench(sketch(steering=stand_in().STEERING), (Reference,), (rvads.find("stop4"), rvads.find("light4")))
+
+
 @pytest.mark.extended
-@pytest.mark.parametrize("name", CHECKS)
-def test_the_kit_runs_against_it_and_a_stand_in(name: str) -> None:
-    if not KEPT:  # checks share runs
-        found = rvads.simulators.checks(
-            sketch(steering=stand_in().STEERING), junctions=["stop4", "light4"], unsupported=UNSUPPORTED
-        )
-        KEPT.update({check.name: check for check in found})
-    result = KEPT[name].result()
-    assert (result.outcome, result.told) == (
-        (Outcome.UNSUPPORTED, (UNSUPPORTED[name],)) if name in UNSUPPORTED else (Outcome.PASSED, ())
-    )
+@pytest.mark.parametrize("check", CHECKS)
+def test_sketch_with_a_stand_in_for_the_server_passes_all_checks_but_those_of_bodies(check: str, bench: Bench) -> None:
+    assert bool(faults(check, bench)) == (check in unsupported(bench.simulator))
 
 
 def test_nothing_is_left_on_the_server_when_a_run_has_ended() -> None:

@@ -61,6 +61,7 @@ class Sumo:
         "SUMO's driver drives only where it is named (--rvads-autopilot sumo, traffic='sumo'); its vehicles have no tyres, brake "
         "without a lag and never leave their lanes, and v(d)max is the smaller of theirs and that of our dynamics"
     )
+    drivers = (SumoDriver,)
 
     def __init__(self, **attributes: str | float) -> None:
         for name, value in attributes.items():

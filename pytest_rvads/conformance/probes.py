@@ -96,7 +96,7 @@ class Raises:
     def control(self, seen: Observation) -> Control:
         """Brake, then raise."""
         if _due(seen):
-            raise ValueError("raised by the test kit")
+            raise ValueError("raised by the conformance tests")
         return Control(brake=1.0)
 
 
@@ -121,4 +121,4 @@ class Hangs:
 
 def unmade() -> Brakes:
     """Raise instead of making a driver."""
-    raise ValueError("raised by the test kit")
+    raise ValueError("raised by the conformance tests")

@@ -9,6 +9,8 @@ from functools import partial
 import numpy as np
 
 from pytest_rvads.conduct.validate import validate
+from pytest_rvads.conformance.bench import Bench, crowd, own_row
+from pytest_rvads.conformance.probes import Brakes, Cruises, Witness
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW
@@ -16,8 +18,6 @@ from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Colour, Kind, Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
-from pytest_rvads.simulators.kit.bench import Bench, crowd, own_row
-from pytest_rvads.simulators.kit.probes import Brakes, Cruises, Witness
 
 __all__ = [
     "bodies_of_the_fleet",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pytest_rvads.conduct.validate import damage
+from pytest_rvads.conformance.probes import Brakes, Cruises
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.junction import Junction, Movement
@@ -19,11 +20,12 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.orbits import Orbits
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.choice import limits
-from pytest_rvads.simulators.kit.probes import Brakes, Cruises
 from pytest_rvads.simulators.simulator import Simulator, answered
 
-__all__ = ["Bench", "Broken", "Look", "NotTried", "among", "crowd", "meeting", "own_row", "set_back", "straight"]
+__all__ = ["JUNCTIONS", "Bench", "Broken", "Look", "NotTried", "among", "crowd", "meeting", "own_row", "set_back", "straight"]
 
+JUNCTIONS = ("stop4", "stop3", "light4", "yield4", "lanes4")
+"""Names of the built-in junctions at which a simulator is checked; most is tried at the first one."""
 _SETBACK = 3.0
 """Of stopping lines that are set back [m]."""
 
@@ -45,9 +47,9 @@ class Bench:
     """What drives where any driver will do."""
     junctions: tuple[Junction, ...]
     """At least one."""
-    where: str | None
+    where: str | None = None
     """How another process finds the simulator, ``module:name``; None: it is named or pickled."""
-    longest: float
+    longest: float = 60.0
     """Real time that a run may take [s]."""
     _trips: list[Run] = field(default_factory=list, repr=False, compare=False)
 

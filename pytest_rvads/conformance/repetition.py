@@ -11,10 +11,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from pytest_rvads import __version__
+from pytest_rvads.conformance.bench import Bench, crowd
+from pytest_rvads.conformance.probes import Brakes
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.choice import limits
-from pytest_rvads.simulators.kit.bench import Bench, crowd
-from pytest_rvads.simulators.kit.probes import Brakes
 from pytest_rvads.simulators.simulator import SIMULATORS, Simulator, made_by, named, simulate
 from pytest_rvads.wording import one_line
 
@@ -54,22 +54,21 @@ def _cases(bench: Bench) -> list[Case]:
 def another_process(bench: Bench) -> Iterator[str]:
     """The same case gives the same run in another process: workers, machines and whoever repeats a failure have to agree.
 
-    The other process finds the simulator by ``where="module:name"``, by its name if it ships, or pickled.
+    The other process finds the simulator by ``--rvads-simulator=module:name``, by its name if it ships, or pickled.
     """
     cases = _cases(bench)
     try:
         pickled = base64.b64encode(pickle.dumps((bench.where or _shipped(bench.simulator), cases))).decode()
     except Exception as error:
         yield (
-            f"the simulator or a driver can't be sent to another process, {one_line(repr(error), 120)}: say "
-            "where='module:name', and "
-            "take drivers that can be imported"
+            f"the simulator or a driver can't be sent to another process, {one_line(repr(error), 120)}: "
+            "name it by --rvads-simulator=module:name, and take drivers that can be imported"
         )
         return
     here = [bench.run(case).hash for case in cases]
     asked = json.dumps({"path": sys.path, "pickled": pickled, "longest": bench.longest})
     longest = bench.longest * len(cases)
-    program = [sys.executable, "-c", _PROGRAM.format(str(Path(__file__).parents[3]))]
+    program = [sys.executable, "-c", _PROGRAM.format(str(Path(__file__).parents[2]))]
     try:
         done = subprocess.run(program, input=asked, capture_output=True, text=True, check=False, timeout=longest)
     except subprocess.TimeoutExpired:
@@ -89,7 +88,7 @@ def another_process(bench: Bench) -> Iterator[str]:
             yield f"{case.scenario.name}: its hash is {one[:_CUT]}, in another process {two[:_CUT]}: depend on the case alone"
 
 
-_PROGRAM = "import sys; sys.path.insert(0, {!r}); from pytest_rvads.simulators.kit.repetition import answer; answer()"
+_PROGRAM = "import sys; sys.path.insert(0, {!r}); from pytest_rvads.conformance.repetition import answer; answer()"
 _MARK = "rvads hashes of runs:"
 
 

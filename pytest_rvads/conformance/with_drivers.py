@@ -8,16 +8,8 @@ from functools import partial
 import numpy as np
 
 from pytest_rvads.conduct.lane import off_route
-from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.maps.segment import SPEED_LIMIT
-from pytest_rvads.physics.braking import STANDING
-from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.vehicle import Vehicle
-from pytest_rvads.scenarios.case import Case, Fleet
-from pytest_rvads.simulators.kit.bench import Bench, Broken, NotTried, crowd, own_row
-from pytest_rvads.simulators.kit.probes import (
+from pytest_rvads.conformance.bench import Bench, Broken, NotTried, crowd, own_row
+from pytest_rvads.conformance.probes import (
     FAULTY_FROM,
     Brakes,
     Cruises,
@@ -28,6 +20,14 @@ from pytest_rvads.simulators.kit.probes import (
     Witness,
     unmade,
 )
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.maps.segment import SPEED_LIMIT
+from pytest_rvads.physics.braking import STANDING
+from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.simulators.simulator import vmax
 
 __all__ = ["brakes_by_its_envelope", "faults", "hanging", "leaving_the_route", "subject_and_traffic", "what_drivers_see"]

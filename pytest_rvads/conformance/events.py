@@ -10,14 +10,14 @@ from functools import partial
 import numpy as np
 
 from pytest_rvads.conduct.bodies import overlap
+from pytest_rvads.conformance.bench import Bench, NotTried, among, meeting, straight
+from pytest_rvads.conformance.probes import Cast, Cruises, Witness
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.runs.itineraries import EXIT_LENGTH
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
-from pytest_rvads.simulators.kit.bench import Bench, NotTried, among, meeting, straight
-from pytest_rvads.simulators.kit.probes import Cast, Cruises, Witness
 
 __all__ = ["crossing", "gone_for_good", "passing", "running_into"]
 

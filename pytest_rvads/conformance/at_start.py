@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 
+from pytest_rvads.conformance.bench import Bench, Broken, NotTried, crowd, own_row, set_back
+from pytest_rvads.conformance.probes import Brakes
 from pytest_rvads.errors import MapError, RunError, RvadsError, ScenarioError
 from pytest_rvads.physics.body import start
 from pytest_rvads.physics.braking import FASTEST
@@ -14,8 +16,6 @@ from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
-from pytest_rvads.simulators.kit.bench import Bench, Broken, NotTried, crowd, own_row, set_back
-from pytest_rvads.simulators.kit.probes import Brakes
 from pytest_rvads.simulators.simulator import usable, vmax
 from pytest_rvads.wording import one_line
 
