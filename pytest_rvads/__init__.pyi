@@ -37,14 +37,14 @@ from pytest_rvads.maps.control import Sign as Sign
 from pytest_rvads.maps.segment import Turn as Turn
 from pytest_rvads.simulators.choice import limits as limits
 from pytest_rvads.simulators.planar import bullet as bullet, mujoco as mujoco
-from pytest_rvads.simulators.sumo.sumo_simulator import Sumo as Sumo, sumo as sumo
+from pytest_rvads.satellites.sumo.sumo_simulator import Sumo as Sumo, sumo as sumo
 from pytest_rvads.simulators.simulator import Simulator as Simulator, simulate as simulate, vmax as vmax
 from pytest_rvads.scenarios.case import Case as Case, Fleet as Fleet
 from pytest_rvads.scenarios.scenario import Scenario as Scenario
 from pytest_rvads.scenarios.senses import Senses as Senses
-from pytest_rvads.openscenario.run_export import export_run as export_run
-from pytest_rvads.openscenario.scenario_export import save_scenario as save_scenario
-from pytest_rvads.openscenario.scenario_import import load_scenario as load_scenario
+from pytest_rvads.satellites.openscenario.run_export import export_run as export_run
+from pytest_rvads.satellites.openscenario.scenario_export import save_scenario as save_scenario
+from pytest_rvads.satellites.openscenario.scenario_import import load_scenario as load_scenario
 from pytest_rvads.search import strategies as strategies
 from pytest_rvads.search.chance import sweep as sweep
 from pytest_rvads.search.metamorphic import equivalent as equivalent
@@ -57,7 +57,7 @@ from pytest_rvads.runs.recording import Recording as Recording
 from pytest_rvads.runs.recordingfile import load_recording as load_recording, save_recording as save_recording
 from pytest_rvads.runs.run import Collision as Collision, Facts as Facts, Fault as Fault, Run as Run
 from pytest_rvads.runs.runfile import load_run as load_run, save_run as save_run
-from pytest_rvads.runs.tracks.importing import read_tracks as read_tracks
+from pytest_rvads.satellites.tracks.importing import read_tracks as read_tracks
 from pytest_rvads.runs.states import Agent as Agent, Colour as Colour, Kind as Kind, VehicleState as VehicleState, Zone as Zone
 from pytest_rvads.drivers.interface import (
     Acceleration as Acceleration,

@@ -37,7 +37,7 @@ def test_data_flows_one_way() -> None:
     [
         ("pybullet", {"physics/bullet_world.py"}),
         ("mujoco", {"physics/mujoco_world.py"}),
-        ("libsumo", {"simulators/sumo/libsumo_server.py"}),
+        ("libsumo", {"satellites/sumo/libsumo_server.py"}),
         ("rich", {"report/terminal.py", "report/columns.py", "cli/progress_bar.py"}),
         ("hypothesis", {"search/strategies.py", "search/falsify.py"}),
         ("platformdirs", {"physics/cache.py"}),

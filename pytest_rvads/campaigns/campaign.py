@@ -25,7 +25,7 @@ from pytest_rvads.logic.rules.book import SHIPPED, get_rule, is_rulebook, rules_
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.choice import choice
-from pytest_rvads.simulators.simulator import SIMULATORS, Simulator, meant
+from pytest_rvads.simulators.simulator import Simulator, meant
 from pytest_rvads.versions import code, versions
 
 __all__ = ["campaign"]
@@ -178,8 +178,7 @@ def _asked(rules: str | Rule | Iterable[str | Rule]) -> tuple[str | Rule, ...]:
 
 
 def _libraries(simulator: Simulator) -> tuple[str, ...]:
-    shipped = SIMULATORS.get(simulator.name)
-    return shipped.libraries if shipped else ()
+    return tuple(getattr(simulator, "libraries", ()))
 
 
 def _head(question: Question, keys: Keys, first: Case | None) -> Head:

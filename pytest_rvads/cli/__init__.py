@@ -14,8 +14,6 @@ from collections.abc import Callable, Sequence
 from pytest_rvads import __version__
 from pytest_rvads.cli import (
     check_commands,
-    export_command,
-    import_command,
     init_command,
     map_commands,
     replay_command,
@@ -24,6 +22,7 @@ from pytest_rvads.cli import (
     town_command,
 )
 from pytest_rvads.cli.common import warn
+from pytest_rvads.entrypoints import entries, load
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.wording import encode_all, page
 
@@ -101,8 +100,6 @@ def _parser() -> argparse.ArgumentParser:
     for module in (
         init_command,
         map_commands,
-        import_command,
-        export_command,
         check_commands,
         town_command,
         simulate_commands,
@@ -110,4 +107,6 @@ def _parser() -> argparse.ArgumentParser:
         replay_command,
     ):
         module.declare(commands)
+    for name in entries("commands"):
+        load("commands", name).declare(commands)
     return parser

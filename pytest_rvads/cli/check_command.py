@@ -6,8 +6,8 @@ import argparse
 from contextlib import closing
 from pathlib import Path
 
-from pytest_rvads.cli import follow_command
 from pytest_rvads.cli.common import Subparsers
+from pytest_rvads.entrypoints import load
 from pytest_rvads.errors import RunError
 
 __all__ = ["declare"]
@@ -39,7 +39,7 @@ def declare(commands: Subparsers) -> None:
     check.add_argument("--kpis", action="store_true", help="also the key performance indicators of every run")
     check.add_argument("-j", "--jobs", type=_count, default=1, metavar="N", help="judge on so many processes (default: 1)")
     check.add_argument("-v", "--verbose", action="store_true", help="of many runs, print all verdicts and warnings")
-    follow_command.declare(check)
+    load("streams", "follow").declare(check)
     check.set_defaults(command=_check)
 
 
@@ -54,9 +54,11 @@ _count.__name__ = "number of processes"  # argparse names it in its messages
 
 
 def _check(options: argparse.Namespace) -> int:
+    following = load("streams", "follow")
     if options.follow:
-        return follow_command.follow(options)
-    follow_command.refuse_without(options)
+        status: int = following.follow(options)
+        return status
+    following.refuse_without(options)
     from pytest_rvads.cli.answers import named_rules
     from pytest_rvads.cli.check_teller import Teller
     from pytest_rvads.cli.check_totals import Totals

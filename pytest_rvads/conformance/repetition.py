@@ -15,7 +15,7 @@ from pytest_rvads.conformance.bench import Bench, crowd
 from pytest_rvads.conformance.probes import Brakes
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.choice import limits
-from pytest_rvads.simulators.simulator import SIMULATORS, Simulator, made_by, named, simulate
+from pytest_rvads.simulators.simulator import Simulator, made_by, named, simulate, simulators
 from pytest_rvads.wording import one_line
 
 __all__ = ["another_process", "answer", "provenance", "repeatable"]
@@ -106,7 +106,7 @@ def answer() -> None:
 def _shipped(simulator: Simulator) -> Simulator | str:
     """Return the name of a simulator that comes with the package, others as they are."""
     name = simulator.name
-    return name if name in SIMULATORS and named(name) is simulator else simulator
+    return name if name in simulators() and named(name) is simulator else simulator
 
 
 def provenance(bench: Bench) -> Iterator[str]:

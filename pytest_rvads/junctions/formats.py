@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
+from pytest_rvads.entrypoints import entries, load
 from pytest_rvads.maps.network import Network
 from pytest_rvads.opendrive.builder import read_network
 
@@ -13,8 +15,16 @@ __all__ = ["READERS", "read_file"]
 
 Reader = Callable[[str | os.PathLike[str]], Network]
 
-READERS: dict[str, Reader] = {".xodr": read_network}
-"""Per suffix, in lower case, what reads such a file and raises MapError where it can't; a format of your own is a row here."""
+
+def _added(name: str, path: str | os.PathLike[str]) -> Network:
+    """Read a map file by the entry point of that name."""
+    network: Network = load("maps", name)(path)
+    return network
+
+
+READERS: dict[str, Reader] = {".xodr": read_network, **{f".{name}": partial(_added, name) for name in entries("maps")}}
+"""Per suffix, in lower case, what reads such a file and raises MapError where it can't; formats of other packages are entry
+points ``rvads.maps``, named by the suffix."""
 
 
 def read_file(path: str | os.PathLike[str]) -> Network:

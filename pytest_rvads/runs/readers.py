@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
+from pytest_rvads.entrypoints import entries, load
 from pytest_rvads.errors import RunError
 from pytest_rvads.runs.archive import peek
-from pytest_rvads.runs.playedfile import read_played
 from pytest_rvads.runs.recorded import read_recorded
 from pytest_rvads.runs.recordingfile import FORMAT, load_recording
 from pytest_rvads.runs.run import Run
@@ -25,12 +26,19 @@ def _is_recording(path: Path) -> bool:
     return f'"format": "{FORMAT}"'.encode() in peek(path, "header")
 
 
+def _added(name: str, path: str | Path) -> Sequence[Run]:
+    """Read a file by the entry point of that name."""
+    runs: Sequence[Run] = load("runs", name)(path)
+    return runs
+
+
 READERS: dict[str, Callable[[str | Path], Sequence[Run]]] = {
     ".json": read_recorded,
     ".npz": _kept,
-    ".xosc": read_played,
+    **{f".{name}": partial(_added, name) for name in entries("runs")},
 }
-"""Per suffix, in small letters: a function that reads a file and raises `RunError` where it can't."""
+"""Per suffix, in small letters: a function that reads a file and raises `RunError` where it can't; those of other packages are
+entry points ``rvads.runs``, named by the suffix."""
 
 
 def read_runs(path: str | Path) -> Sequence[Run]:

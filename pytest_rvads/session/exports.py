@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from pytest_rvads.entrypoints import load
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.storage import open_file, slug
 from pytest_rvads.wording import one_line
@@ -30,9 +31,7 @@ def check_library() -> None:
     Raises:
         RvadsError: the library is missing; the message says how to install it.
     """
-    from pytest_rvads.openscenario.writing import library
-
-    library()
+    load("exports", "xosc").library()
 
 
 def export(item: pytest.Item, folder: Path, name: str, run: Run, verdict: Verdict, map: str | None) -> str:
@@ -46,8 +45,6 @@ def export(item: pytest.Item, folder: Path, name: str, run: Run, verdict: Verdic
         verdict: what went wrong.
         map: of the session, where the run does not say which map it is from.
     """
-    from pytest_rvads.openscenario.run_export import export_run
-
     path, here = folder / f"{slug(name)}.xosc", item.config.invocation_params.dir
     told = path.relative_to(here) if path.is_relative_to(here) else path
     if _holds(path, run):
@@ -56,7 +53,7 @@ def export(item: pytest.Item, folder: Path, name: str, run: Run, verdict: Verdic
     if written >= _MOST:
         return f"not written: {_MOST} failures of this process are written already"
     try:
-        export_run(run, path, map=map, verdict=verdict)
+        load("exports", "xosc").export_run(run, path, map=map, verdict=verdict)
     except (RvadsError, OSError) as error:  # a file for others never costs a verdict
         return f"not written: {one_line(str(error))}"
     item.config.stash[_WRITTEN] = written + 1

@@ -22,6 +22,7 @@ class Planar:
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
         self.name = engine.name
+        self.libraries = (engine.library,)
 
     def __call__(self, case: Case) -> Run:
         """Simulate a case, see `pytest_rvads.simulators.simulator.simulate`."""

@@ -7,12 +7,13 @@ from collections.abc import Iterable
 from importlib.util import find_spec
 from numbers import Real
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from pytest_rvads.conduct.validate import impossible
 from pytest_rvads.drivers.naming import at
+from pytest_rvads.entrypoints import entries
 from pytest_rvads.errors import RunError, ScenarioError, needs, require, suggest
 from pytest_rvads.maps.segment import SPEED_LIMIT
 from pytest_rvads.runs.run import DT, Run
@@ -23,7 +24,7 @@ from pytest_rvads.simulators.choice import choice
 from pytest_rvads.simulators.patience import TooLate, Watch
 from pytest_rvads.simulators.planar import usual
 
-__all__ = ["SIMULATORS", "Simulator", "answered", "made_by", "meant", "named", "simulate", "usable", "vmax"]
+__all__ = ["Simulator", "answered", "made_by", "meant", "named", "simulate", "simulators", "usable", "vmax"]
 
 
 class Simulator(Protocol):
@@ -38,7 +39,8 @@ class Simulator(Protocol):
 
     A simulator may have an attribute ``caveat``, a sentence on what does not carry over to it: the head of a session says it.
     The tests of ``pytest_rvads.conformance`` read two more: ``drivers``, the drivers that the simulator has of its own, and
-    ``unsupported``, the checks that it can't pass with a reason for each.
+    ``unsupported``, the checks that it can't pass with a reason for each. An attribute ``libraries`` names what the simulator
+    imports when it simulates, if an extra of the name of the simulator installs it.
     """
 
     @property
@@ -57,21 +59,10 @@ class Simulator(Protocol):
         """Return the greatest speed up to 30 m/s from which the vehicle stops within `distance` [m]; None where none is safe."""
 
 
-class _Shipped(NamedTuple):
-    """A simulator that comes with the package."""
-
-    where: str
-    """Module and attribute."""
-    libraries: tuple[str, ...]
-    """What it imports when it simulates; also the extra of the same name installs them."""
-
-
-SIMULATORS = {
-    "bullet": _Shipped("pytest_rvads.simulators.planar:bullet", ("pybullet",)),
-    "mujoco": _Shipped("pytest_rvads.simulators.planar:mujoco", ("mujoco",)),
-    "sumo": _Shipped("pytest_rvads.simulators.sumo.sumo_simulator:sumo", ("libsumo",)),
-}
-"""By name, as options call them; an extra of the package has the same name."""
+def simulators() -> dict[str, str]:
+    """Return where the simulators are that have a name, ``module:name``; those of other packages are entry points."""
+    core = {name: f"pytest_rvads.simulators.planar:{name}" for name in ("bullet", "mujoco")}
+    return core | {name: entry.value for name, entry in entries("simulators").items()}
 
 
 def named(name: str | None, here: Path | None = None) -> Simulator:
@@ -86,19 +77,20 @@ def named(name: str | None, here: Path | None = None) -> Simulator:
     """
     if name is None:
         return usual()
-    shipped = SIMULATORS.get(name, _Shipped(name, ()))
-    for library in shipped.libraries:
-        if not find_spec(library):
-            raise ScenarioError(needs(f"simulator {name!r}", library, name))
-    where = shipped.where
+    places = simulators()
+    where = places.get(name, name)
     if ":" not in where:
         raise ScenarioError(
-            f"unknown simulator {name!r}, there is {', '.join(SIMULATORS)}, or say module:name{suggest(name, SIMULATORS)}"
+            f"unknown simulator {name!r}, there is {', '.join(places)}, or say module:name{suggest(name, places)}"
         )
     try:
-        return usable(at(where, here), repr(name))
+        simulator = usable(at(where, here), repr(name))
     except (ImportError, AttributeError) as error:
         raise ScenarioError(f"simulator {name!r} can't be loaded: {error}") from error
+    for library in getattr(simulator, "libraries", ()):
+        if not find_spec(library):
+            raise ScenarioError(needs(f"simulator {name!r}", library, name))
+    return simulator
 
 
 def usable(simulator: Any, said: str = "") -> Simulator:
@@ -186,7 +178,7 @@ def made_by(simulator: Simulator, run: Run) -> str:
     ``sumo`` leaves cases in which SUMO is to drive nobody to the usual simulator.
     """
     told = str(run.provenance.get("simulator"))
-    return told if {simulator.name, told} <= SIMULATORS.keys() else simulator.name
+    return told if {simulator.name, told} <= simulators().keys() else simulator.name
 
 
 def vmax(

@@ -14,10 +14,10 @@ from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.readers import READERS, read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
-from pytest_rvads.runs.tracks.importing import read_tracks
-from pytest_rvads.runs.tracks.logformats import FORMATS, Format
-from pytest_rvads.runs.tracks.samples import Gather, Log
-from pytest_rvads.runs.tracks.source import Watch, opened
+from pytest_rvads.satellites.tracks.importing import read_tracks
+from pytest_rvads.satellites.tracks.logformats import FORMATS, Format
+from pytest_rvads.satellites.tracks.samples import Gather, Log
+from pytest_rvads.satellites.tracks.source import Watch, opened
 
 ZONES = {zone.name.lower(): zone for zone in Zone}
 

@@ -6,6 +6,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.simulators.loop import Loop
 from pytest_rvads.simulators.planar import usual
-from pytest_rvads.simulators.simulator import SIMULATORS, _Shipped, named
+from pytest_rvads.simulators.simulator import named, simulators
 from pytest_rvads.versions import versions
 
 ROOT = Path(__file__).parents[2]
@@ -66,7 +67,9 @@ mine = Mine()
 
 
 def test_a_simulator_is_a_world_in_the_loop_and_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(SIMULATORS, "mine", _Shipped(f"{__name__}:mine", ()))
+    entry = EntryPoint("mine", f"{__name__}:mine", "rvads.simulators")
+    monkeypatch.setattr("pytest_rvads.simulators.simulator.entries", lambda group: {"mine": entry})
+    assert list(simulators()) == ["bullet", "mujoco", "mine"]
     assert named("mine") is mine
     scenario = rvads.Scenario(rvads.find("stop4"), "2000", distance=20, speed=8.0, duration=0.5)
     run = rvads.simulate(rvads.Case(scenario, rvads.RollingStop), mine)

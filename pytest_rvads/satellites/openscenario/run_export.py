@@ -1,0 +1,160 @@
+"""A run as OpenSCENARIO XML: everybody on a trajectory, the lights as they were, the map beside."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from pytest_rvads.decoding import decode, encode
+from pytest_rvads.errors import RunError, RvadsError, require
+from pytest_rvads.logic.judging.verdicts import Verdict
+from pytest_rvads.maps.segment import Pose
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent, Zone
+from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.satellites.openscenario.document import Actor, Body, Document, Trajectory, body_of
+from pytest_rvads.satellites.openscenario.mapfile import mapped, put_map
+from pytest_rvads.satellites.openscenario.phases import phases_of_run
+from pytest_rvads.satellites.openscenario.playedfile import Judged, Note
+from pytest_rvads.satellites.openscenario.writing import library, written
+from pytest_rvads.storage import write_file
+from pytest_rvads.wording import one_line
+
+__all__ = ["export_run", "recorded_map", "vehicles", "write"]
+
+
+class Excerpted(msgspec.Struct, frozen=True):
+    """What a file says of an excerpt of a recording, which is read as recorded traffic: for people, but for `unsized`."""
+
+    label: str
+    hash: str
+    verdict: Judged | None
+    unsized: list[str]
+    """Vehicles of unknown size, whose box is that of a usual car."""
+
+
+def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None = None, verdict: Verdict | None = None) -> None:
+    """Write a run as OpenSCENARIO XML 1.2, and the map that its junction is from beside it; equal runs give equal files.
+
+    Every vehicle follows a trajectory of its rear axle, with a vertex per state, but for those in which it stands. Lights are
+    phases of a controller. `read_runs` and ``rvads check`` read the file and judge it as the run was; an excerpt of a recording
+    is read as recorded traffic.
+
+    Args:
+        run: what happened.
+        path: of the file, by convention ``.xosc``; folders are made.
+        map: OpenDRIVE file that the junction is from; by default the one that it or its scenario says.
+        verdict: what it is exported for, told in the file.
+
+    Raises:
+        RunError: the run holds no positions, or the file can't be written.
+        MapError: it is not known which map the junction is from.
+        RvadsError: the library scenariogeneration is not installed.
+    """
+    require(run, Run, "export_run takes a run, such as rvads.simulate(case) returns", RunError)
+    require(verdict, Verdict | None, "verdict= must be what rvads.check(run, rule) returns", RunError)
+    library()
+    path = Path(path)
+    if not run.steps or not run.agents:
+        raise RunError(f"run {run.label!r} can't be exported: it has no states, or nobody in it")
+    run.need("pose")
+    place = mapped(run.junction, map, recorded_map(run.provenance))
+    told = None if verdict is None else Judged(verdict.rule, str(verdict.status), one_line(verdict.message))
+    title = run.label if told is None else f"{run.label}: {told.message}"
+    known = vehicles(run)
+    bodies = [body_of(agent, known[agent.name]) for agent in run.agents]
+    actors = tuple(actor for k, body in enumerate(bodies) if (actor := _actor(run, k, body)) is not None)
+    unsized = [agent.name for agent in run.agents if agent.size is None]
+    note = Note.of(run, told) if _whole(run) else Excerpted(run.label, run.hash, told, unsized)
+    said = encode(note)
+    decode(said, type(note), f"run {run.label!r:.60} can't be exported", RunError)
+    document = Document(
+        one_line(title),
+        put_map(place, path.parent),
+        ("rvads.run" if isinstance(note, Note) else "rvads.excerpt", said.decode()),
+        actors,
+        phases_of_run(place, run.lights, run.dt),
+        run.duration,
+    )
+    write(path, document)
+
+
+def write(path: Path, document: Document) -> None:
+    """Write a document.
+
+    Raises:
+        RvadsError: it can't be written, or has the name of the map that lies beside it.
+    """
+    if path.name == document.map:
+        raise RvadsError(f"{path}: the map beside has this name: give the file another one, such as {path.with_suffix('.xosc')}")
+    try:
+        write_file(path, written(document))
+    except OSError as error:
+        raise RvadsError(f"{path}: can't be written: {error.strerror}") from error
+
+
+def recorded_map(provenance: Mapping[str, Any]) -> str | None:
+    """Return the map file that a run says its scenario is from."""
+    scenario = provenance.get("scenario")
+    found = scenario.get("map") if isinstance(scenario, Mapping) else None
+    return found if isinstance(found, str) else None
+
+
+def vehicles(run: Run) -> dict[str, Vehicle | None]:
+    """Return the parameters that every agent was simulated with, None where the run does not tell."""
+    return {agent.name: _vehicle(run.provenance, agent) for agent in run.agents}
+
+
+def _vehicle(provenance: Mapping[str, Any], agent: Agent) -> Vehicle | None:
+    others = provenance.get("others")
+    told = (others.get(agent.name) if isinstance(others, Mapping) else None) or provenance.get("vehicle")
+    try:
+        return msgspec.convert(told, Vehicle)
+    except (msgspec.ValidationError, RvadsError):
+        return None
+
+
+def _whole(run: Run) -> bool:
+    """Return whether a file holds all of a run: who comes and goes, and how exactly that is known, is that of a recording."""
+    return run.excerpt is None and run.spread is None and not (run.zone == Zone.ABSENT).any()
+
+
+def _actor(run: Run, column: int, body: Body) -> Actor | None:
+    """Return somebody with its trajectory, from its first state to its last or that in which it is gone; None if it has none."""
+    agent, zone, pose = run.agents[column], run.zone[:, column], run.need("pose")[:, column]
+    begin, end = run.spans[column].tolist()
+    gone = np.flatnonzero(zone == Zone.GONE)
+    leaves = end < run.steps or bool(len(gone))
+    if len(gone):
+        end = int(gone[0]) + 1
+    if end - begin < 2 and not _whole(run):
+        return None
+    axle = pose[begin:end].copy()
+    axle[:, 0] -= body.back * np.cos(axle[:, 2])
+    axle[:, 1] -= body.back * np.sin(axle[:, 2])
+    if len(axle) == 1:  # a trajectory has two vertices; what comes after the end of the run is not read
+        axle = np.vstack((axle, axle))
+    kept = _telling(axle)
+    times = np.round((begin + kept) * run.dt, 9)
+    speed = 0.0 if run.speed is None else float(run.speed[begin, column])
+    return Actor(
+        agent.name,
+        body,
+        Pose(*axle[0].tolist()),
+        speed,
+        Trajectory(times, axle[kept]),
+        appears=float(times[0]) if begin else None,
+        leaves=float(times[-1]) if leaves else None,
+    )
+
+
+def _telling(poses: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.int64]]:
+    """Return the numbers of the states that tell something: those in the midst of a stand follow from its first and last one."""
+    same = (np.diff(poses, axis=0) == 0.0).all(axis=1)
+    idle = np.concatenate(([False], same[:-1] & same[1:], [False]))
+    return np.flatnonzero(~idle)

@@ -1,0 +1,198 @@
+"""From a `Document` to XML, by the library scenariogeneration: the one module that knows it.
+
+The version is 1.2: the first whose file header holds properties, and to which every rule of ASAM's quality checker applies.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from importlib import import_module
+from typing import Any
+from xml.etree import ElementTree
+
+from pytest_rvads.errors import RvadsError, needs
+from pytest_rvads.maps.segment import Pose
+from pytest_rvads.runs.states import Kind
+from pytest_rvads.satellites.openscenario.document import Actor, Body, Document
+from pytest_rvads.satellites.openscenario.played import LAMPS
+
+__all__ = ["library", "written"]
+
+_MINOR = 2
+_DATE = datetime(2000, 1, 1)
+"""Equal runs give equal files, so that no day is told."""
+_AUTHOR = "pytest-rvads"
+_FASTEST = 70.0
+"""Nobody here is faster [m/s]."""
+_TRACK, _WHEEL = 0.85, 0.64
+"""For pictures: track width over width of the body, and diameter of wheels [m], of usual cars."""
+_NO_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""XML 1.0, section 2.2."""
+_CATEGORY = {Kind.CAR: "car", Kind.TRUCK: "truck", Kind.CYCLIST: "bicycle"}
+
+
+def library() -> Any:
+    """Return ``scenariogeneration.xosc``.
+
+    Raises:
+        RvadsError: it is not installed.
+    """
+    try:
+        return import_module("scenariogeneration.xosc")
+    except ImportError as error:
+        raise RvadsError(needs("writing OpenSCENARIO", "scenariogeneration", "openscenario")) from error
+
+
+def written(document: Document) -> bytes:
+    """Return a file; equal documents give equal bytes.
+
+    Raises:
+        RvadsError: the library is not installed, or a name that OpenSCENARIO takes for a parameter, or that XML can't hold.
+    """
+    signals = {name for phase in document.phases for name in phase.colours}
+    names = (document.title, document.map, *(actor.name for actor in document.actors), *sorted(signals))
+    for text in (*names, *document.note):
+        if text.startswith("$"):
+            raise RvadsError(f"{text!r:.60} can't stand in OpenSCENARIO, where '$' begins the name of a parameter: rename it")
+        if found := _NO_XML.search(text):
+            raise RvadsError(f"{text!a:.60} can't stand in XML, which has no character {found[0]!a}: rename it")
+    xosc = library()
+    with _version(xosc):
+        root = _Writer(xosc).scenario(document).get_element()
+    ElementTree.indent(root)
+    content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return content + b"\n"
+
+
+@contextmanager
+def _version(xosc: Any) -> Iterator[None]:
+    """Keep the version of others who use the library in this process: it has one for all."""
+    base = xosc.VersionBase
+    before = base.version_minor
+    base.version_minor = _MINOR
+    try:
+        yield
+    finally:
+        base.version_minor = before
+
+
+class _Writer:
+    """Makes the objects of the library."""
+
+    def __init__(self, xosc: Any) -> None:
+        self.xosc = xosc
+
+    def scenario(self, document: Document) -> Any:
+        xosc = self.xosc
+        properties = xosc.Properties()
+        properties.add_property(*document.note)
+        roads = xosc.RoadNetwork(document.map)
+        if document.phases:
+            roads.add_traffic_signal_controller(self.controller(document))
+        entities, init = xosc.Entities(), xosc.Init()
+        for actor in document.actors:
+            entities.add_scenario_object(actor.name, self.body(actor.body))
+            for action in self.starting(actor):
+                init.add_init_action(actor.name, action)
+        board = xosc.StoryBoard(init, self.at(document.duration, "the end", "stop"))
+        driven = [actor for actor in document.actors if actor.trajectory is not None]
+        if driven:
+            act = xosc.Act("trajectories", self.at(0.0, "the start"))
+            for actor in driven:
+                act.add_maneuver_group(self.group(actor))
+            story = xosc.Story("run")
+            story.add_act(act)
+            board.add_story(story)
+        return xosc.Scenario(
+            document.title,
+            _AUTHOR,
+            xosc.ParameterDeclarations(),
+            entities,
+            board,
+            roads,
+            xosc.Catalog(),
+            osc_minor_version=_MINOR,
+            creation_date=_DATE,
+            header_properties=properties,
+        )
+
+    def controller(self, document: Document) -> Any:
+        found = self.xosc.TrafficSignalController("lights")
+        for number, phase in enumerate(document.phases):
+            step = self.xosc.Phase(f"phase {number}", phase.duration)
+            for name, colour in phase.colours.items():
+                step.add_signal_state(name, LAMPS[colour])
+            found.add_phase(step)
+        return found
+
+    def body(self, body: Body) -> Any:
+        """Return a vehicle or pedestrian; the centre of its box is told from its reference point."""
+        xosc, vehicle = self.xosc, body.vehicle
+        box = xosc.BoundingBox(body.width, body.length, body.height, body.back - body.length / 2, 0.0, body.height / 2)
+        if body.kind is Kind.PEDESTRIAN:
+            return xosc.Pedestrian(str(body.kind), vehicle.mass, xosc.PedestrianCategory.pedestrian, box)
+        turned = vehicle.steering_limit, _WHEEL, _TRACK * body.width
+        return xosc.Vehicle(
+            str(body.kind),
+            getattr(xosc.VehicleCategory, _CATEGORY[body.kind]),
+            box,
+            xosc.Axle(*turned, body.wheelbase, _WHEEL / 2),
+            xosc.Axle(*turned, 0.0, _WHEEL / 2),
+            _FASTEST,
+            vehicle.drive,
+            max(vehicle.brake),
+            mass=vehicle.mass,
+        )
+
+    def starting(self, actor: Actor) -> Iterator[Any]:
+        """Yield what somebody starts with; nothing of those who are added later."""
+        xosc = self.xosc
+        if actor.appears is not None:
+            return
+        yield xosc.TeleportAction(self.place(actor.start))
+        step = xosc.TransitionDynamics(xosc.DynamicsShapes.step, xosc.DynamicsDimension.time, 0)
+        yield xosc.AbsoluteSpeedAction(actor.speed, step)
+        if actor.route:
+            route = xosc.Route(f"way of {actor.name}")
+            for pose in actor.route:
+                route.add_waypoint(self.place(pose), xosc.RouteStrategy.shortest)
+            yield xosc.AssignRouteAction(route)
+
+    def group(self, actor: Actor) -> Any:
+        """Return what somebody does: appears, follows its trajectory, leaves."""
+        xosc = self.xosc
+        maneuver = xosc.Maneuver(f"{actor.name} drives")
+        begins = 0.0 if actor.appears is None else actor.appears
+        steps = [("follows", begins, self.following(actor))]
+        if actor.appears is not None:
+            steps.insert(0, ("appears", begins, xosc.AddEntityAction(actor.name, self.place(actor.start))))
+        if actor.leaves is not None:
+            steps.append(("leaves", actor.leaves, xosc.DeleteEntityAction(actor.name)))
+        for what, time, action in steps:
+            event = xosc.Event(f"{actor.name} {what}", xosc.Priority.parallel)
+            event.add_trigger(self.at(time, f"{actor.name} {what}"))
+            event.add_action(f"{actor.name} {what}", action)
+            maneuver.add_event(event)
+        group = xosc.ManeuverGroup(actor.name)
+        group.add_actor(actor.name)
+        group.add_maneuver(maneuver)
+        return group
+
+    def following(self, actor: Actor) -> Any:
+        xosc, way = self.xosc, actor.trajectory
+        assert way is not None, "who calls has looked"
+        line = xosc.Trajectory(f"of {actor.name}", False)
+        places = [self.place(Pose(*pose)) for pose in way.poses.tolist()]
+        line.add_shape(xosc.Polyline(way.times.tolist(), places))
+        return xosc.FollowTrajectoryAction(line, xosc.FollowingMode.position, xosc.ReferenceContext.absolute, 1.0, 0.0)
+
+    def place(self, pose: Pose) -> Any:
+        return self.xosc.WorldPosition(pose.x, pose.y, h=pose.heading)
+
+    def at(self, time: float, name: str, what: str = "start") -> Any:
+        xosc = self.xosc
+        rule = xosc.Rule.greaterThan if what == "stop" else xosc.Rule.greaterOrEqual
+        return xosc.ValueTrigger(name, 0, xosc.ConditionEdge.none, xosc.SimulationTimeCondition(time, rule), what)

@@ -1,0 +1,73 @@
+"""docs/sumo.md tells the truth: its tables are what SUMO does, its commands print what it says."""
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from pytest_rvads.cli import main
+
+from .with_sumo import needs_sumo
+
+pytestmark = needs_sumo
+
+ROOT = Path(__file__).parents[3]
+PAGE = (ROOT / "docs" / "sumo.md").read_text(encoding="utf-8")
+SHOWN = {
+    command: [line.strip() for line in lines.splitlines() if line.strip(" .")]
+    for command, lines in re.findall(r"^```text\n\$ (.*)\n((?:(?!```).*\n)*)```", PAGE, re.MULTILINE)
+}
+
+
+@pytest.fixture(scope="module")
+def tables() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_sumo_tables", ROOT / "tools" / "make_sumo_tables.py")
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def holds(tables: ModuleType, place: str) -> None:
+    verdicts = tables.judged(place, tables.rules_of(place))
+    for name, lines in ((place, tables.totals(verdicts)), (f"{place} by class", tables.by_class(place, verdicts))):
+        assert not lines or f"<!-- {name} -->" in PAGE
+        assert tables.written(PAGE, name, lines) == PAGE, "run: python tools/make_sumo_tables.py"
+
+
+@pytest.mark.extended
+def test_the_tables_of_the_t_are_what_sumo_does(tables: ModuleType) -> None:
+    holds(tables, "stop3")
+
+
+@pytest.mark.slow
+def test_all_tables_are_what_sumo_does(tables: ModuleType) -> None:
+    for place in tables.PLACES:
+        holds(tables, place)
+    assert tables.written(PAGE, tables.VARIANTS, tables.variants()) == PAGE
+
+
+@pytest.mark.extended
+@pytest.mark.parametrize("command", [command for command in SHOWN if command.startswith("pytest")], ids=["alone", "traffic"])
+def test_sessions_print_what_the_page_says(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+    """The page shows what a terminal of 80 columns does, and leaves the version out, which every release changes."""
+    monkeypatch.setenv("COLUMNS", "80")
+    (code,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+    pytester.makepyfile(test_sumo=code)
+    said = pytester.runpytest(*command.split()[1:]).outlines
+    printed = [re.sub(r"\(pytest-rvads [^)]*\)", "(pytest-rvads ...)", line).strip() for line in said]
+    for line in SHOWN[command]:
+        assert line in printed
+
+
+@pytest.mark.extended
+def test_the_limits_are_those_of_our_dynamics_as_the_page_says(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "`rvads braking --simulator sumo` prints what `rvads braking`" in " ".join(PAGE.split())
+    printed = []
+    for options in ([], ["--simulator", "sumo"]):
+        assert main(["braking", *options]) == 0
+        printed.append(capsys.readouterr().out)
+    assert printed[0] == printed[1]
