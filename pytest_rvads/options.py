@@ -39,8 +39,8 @@ _DECLARED = {
         metavar="COMMAND",
     ),
     "autopilot": _Option(
-        "system under test: 'reference' for the bundled one, a traffic policy, or module:name of your class, whatever the "
-        "fixtures say",
+        "system under test: 'reference' for the bundled one, as it obeys the rulebook road, another traffic policy, or "
+        "module:name of your class, whatever the fixtures say",
         metavar="NAME",
     ),
     "simulator": _Option(

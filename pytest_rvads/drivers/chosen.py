@@ -12,7 +12,7 @@ __all__ = ["chosen"]
 
 
 def chosen(name: str, here: Path, option: str = "rvads_autopilot") -> Any:
-    """Return the autopilot of a name: ``reference``, a traffic policy, or ``module:name``.
+    """Return the autopilot of a name: a traffic policy, of which ``reference`` is the first, or ``module:name``.
 
     Args:
         name: the value of the option.
@@ -22,10 +22,6 @@ def chosen(name: str, here: Path, option: str = "rvads_autopilot") -> Any:
     Raises:
         RvadsError: there is none, or nothing that can be called.
     """
-    if name == "reference":
-        from pytest_rvads.drivers.reference import Reference
-
-        return Reference
     if ":" not in name:
         from pytest_rvads.drivers.traffic import traffic
 

@@ -17,6 +17,7 @@ from pytest_rvads.drivers.spacing import BEFORE, LEEWAY, can_stop, stop_before, 
 from pytest_rvads.drivers.stop_sign import HOLD, WAIVER
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.maps.control import JunctionControl, Sign
+from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, VehicleState
 
 __all__ = ["GiveWay", "clear_of_meetings"]
@@ -167,19 +168,29 @@ class GiveWay:
         return self._after(seen, other, meeting) or self._before(seen, other, meeting, margin)
 
     def _before(self, seen: Observation, other: VehicleState, meeting: Meeting, margin: float) -> bool:
-        """Return whether one has passed `margin` [s] before the earliest arrival of `other`."""
+        """Return whether the own vehicle has passed `margin` [s] before the earliest arrival of `other`.
+
+        A vehicle that joins the exit of another vehicle to which it owes the way is clear of it only `LEAVE` down the exit road:
+        it also has to be clear before `other` comes at its present speed, since `other` may brake meanwhile.
+        """
         me, (mine, yours, merges) = seen.me, meeting.shared
         if other.station >= yours.start:
             return False
         speed = min(me.speed, self._cruise)
-        delay = SET_OFF if me.speed < 1.0 else 0.0
+        cruise, delay = min(self._cruise, seen.speed_limit), SET_OFF if me.speed < 1.0 else 0.0
         if not merges:
-            leaves = delay + time_to(mine.end + me.length - me.station, speed, DRIVE, min(self._cruise, seen.speed_limit))
+            leaves = delay + time_to(mine.end + me.length - me.station, speed, DRIVE, cruise)
             return leaves + margin < self._arrives(seen, other, yours.start)
+        if (meeting.mine or seen.lights[me.entrance] is _RED) and not self._will_stop(other):
+            inside = seen.itinerary.length - me.station
+            fast = min(math.sqrt(speed * speed + 2.0 * DRIVE * inside), cruise)
+            clear = delay + time_to(inside, speed, DRIVE, cruise) + time_to(LEAVE + me.length, fast, DRIVE, seen.speed_limit)
+            if yours.start - other.station < other.speed * (clear + margin):
+                return False
         # Whoever comes behind is faster for a while: it must neither come near nor have to brake for that.
         way = mine.start - me.station
-        there = delay + time_to(way, speed, DRIVE, min(self._cruise, seen.speed_limit))
-        reached = min(math.sqrt(speed * speed + 2.0 * DRIVE * max(way, 0.0)), self._cruise, seen.speed_limit)
+        there = delay + time_to(way, speed, DRIVE, cruise)
+        reached = min(math.sqrt(speed * speed + 2.0 * DRIVE * max(way, 0.0)), cruise)
         limit = max(seen.limit_of(other), other.speed)
         fast = min(math.sqrt(other.speed**2 + 2.0 * EAGER * (yours.start - other.station)), limit)
         closing = max(fast - reached, 0.0)

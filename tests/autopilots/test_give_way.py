@@ -154,6 +154,18 @@ def minor(entrance: int, *others: VehicleState, time: float = 0.0, turn: Turn = 
     return Observation(time, me, others, (Colour.NONE,) * 4, way, place, Vehicle(), LIMIT, created=1)
 
 
+@pytest.mark.parametrize(("distance", "at_once"), [(64.0, False), (85.0, True)])
+def test_gap_for_a_right_turn_covers_the_part_of_the_exit_road_that_is_owed(distance: float, at_once: bool) -> None:
+    """The rear is 15 m down the exit road some 6.1 s after the vehicle entered at 2.3 s, and 1 s has to remain.
+
+    The other vehicle, at 11.2 m/s by then, would come to the common stretch 5.5 s later if it started 64 m away, 7.4 s if 85 m.
+    """
+    scenario = Scenario(find("yield4"), "1213", distance=(distance, distance, 20.0, distance), speed=8.0, subject=2)
+    run = simulate(Case(scenario, ROAD, traffic=traffic("stopped")))
+    assert wrong(run) == []
+    assert (float(run.entered[2]) * run.dt < 3.0) is at_once
+
+
 def test_nobody_takes_the_way_of_a_vehicle_first_at_its_line_before_it_waives_its_right() -> None:
     """From the priority road one that stands at its line comes past where a right turn from the minor road ends."""
     stands = VehicleState("a0", 0, Turn.STRAIGHT, Zone.ENTRANCE, -0.5, 0, 0, 0, 0.0, 0.0, 4.6, 1.86)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.conduct.standing import stopped
+from pytest_rvads.drivers.chosen import chosen
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.playback import Replay
@@ -21,7 +22,8 @@ from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.runfile import save_run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.configurations import configuration
+from pytest_rvads.scenarios.scenario import Scenario, started
 from pytest_rvads.simulators.simulator import simulate
 
 Among = Callable[[str, str], Run]
@@ -32,6 +34,14 @@ class Parked(Follower):
 
     def target_speed(self, seen: Observation) -> float:
         return 0.0
+
+
+@pytest.mark.parametrize(("name", "kept"), [("reference", "PASS"), ("pytest_rvads:Reference", "FAIL")])
+def test_reference_by_option_takes_close_arrivals_for_simultaneous(tmp_path: Path, name: str, kept: str) -> None:
+    """The vehicle on the right of the subject arrives 0.01 s later: by `right_first` it goes first, by p3 the subject does."""
+    place = find("stop3")
+    case = Scenario(place, "112", subject=2, **started(configuration("C", 3), place, 0, 2, 0))
+    assert check(simulate(Case(case, chosen(name, tmp_path), traffic=traffic("hesitant"))), "right_first").status == kept
 
 
 @pytest.fixture(scope="module")
