@@ -60,6 +60,7 @@ class Mover:
         "slow_at_entry",
         "speed",
         "speeds",
+        "spread",
         "station",
         "stood",
         "stop_place",
@@ -81,6 +82,7 @@ class Mover:
         self.outreach = 0.0 if agent.size is None else math.hypot(agent.size[0], agent.size[1] / 2)
         self.zone = int(ABSENT)
         self.station = self.speed = self.x = self.y = self.heading = self.advance = math.nan
+        self.spread = math.nan
         self.wt = 0
         self.entered, self.facing = NEVER, 0
         self.fresh = True

@@ -47,6 +47,8 @@ class Itinerary:
     """Station of the end of the itinerary, on the exit road [m]."""
     leave: float = field(init=False)
     """Station from which on the vehicle counts as having left [m]."""
+    borders: NDArray[np.float64] = field(init=False)
+    """Stations at which the zones after `APPROACH` begin, shape ``(4,)`` [m]."""
     limits: Limits = field(init=False)
     """The speed limits that the map states: the station where each begins [m], and the limit [m/s]; empty without any."""
 
@@ -54,6 +56,8 @@ class Itinerary:
         end = self.path.length - self.origin
         object.__setattr__(self, "end", end)
         object.__setattr__(self, "leave", min(self.length + LEAVE, end))
+        borders = (self.line - ENTRANCE_ZONE, np.nextafter(0.0, 1.0), self.length, end)
+        object.__setattr__(self, "borders", np.array(borders))
         object.__setattr__(self, "limits", tuple((at - self.origin, limit) for at, limit in self.path.limits))
 
     @classmethod

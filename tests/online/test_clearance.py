@@ -35,9 +35,8 @@ def wander(seed: int, wide: float) -> Run:
         pose[:, 1] += aside * np.cos(pose[:, 2])
         pose[:, 2] += 0.3 * wide * np.sin(station / 2)
         size = (float(rng.uniform(1, 12)), float(rng.uniform(0.5, 2.5)))
-        columns.append(
-            (Agent(f"v{len(columns)}", JUNCTION.movements[key], size=size), zones(way, station), station, pace / 0.01, pose)
-        )
+        zone = zones(way.borders, station)
+        columns.append((Agent(f"v{len(columns)}", JUNCTION.movements[key], size=size), zone, station, pace / 0.01, pose))
     agents, *arrays = zip(*columns, strict=True)
     zone, station, speed, pose = (np.stack(values, axis=1) for values in arrays)
     lights = np.zeros((STEPS, 4), dtype=np.int8)

@@ -243,7 +243,7 @@ def _moved(run: Run, signs: NDArray[np.float64]) -> Run:
     station, zone = run.need("station") + by, run.zone.copy()
     for column, (begin, end) in enumerate(run.spans.tolist()):
         who = run.agents[column]
-        zone[begin:end, column] = zones(itinerary(run.junction, who.entrance, who.exit), station[begin:end, column])
+        zone[begin:end, column] = zones(itinerary(run.junction, who.entrance, who.exit).borders, station[begin:end, column])
     return replace(run, zone=zone, station=station, pose=None if run.pose is None else _shifted(run, by, 0.0), spread=None)
 
 
