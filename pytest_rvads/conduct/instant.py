@@ -9,22 +9,53 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pytest_rvads.conduct.mover import NEVER, Mover, Pair
+from pytest_rvads.conduct.blocks import Block, Stream, as_block
+from pytest_rvads.conduct.memo import given
+from pytest_rvads.conduct.motion import NEVER, advance, entered, facing, wt
+from pytest_rvads.conduct.mover import Mover, Pair
 from pytest_rvads.conduct.priority import HEADWAY
 from pytest_rvads.conduct.rights import DUE, GAP, PACE, ROOM, WAIVER
-from pytest_rvads.conduct.standing import STANDSTILL, TIE
+from pytest_rvads.conduct.standing import STANDSTILL, TIE, arrivals, arrived, stopped
 from pytest_rvads.junctions.conflicts import Stretch
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Collision, Facts, Run
-from pytest_rvads.runs.states import ABSENT, APPROACH, ENTRANCE, EXIT, JUNCTION, Agent, Colour
+from pytest_rvads.runs.states import ABSENT, ENTRANCE, EXIT, JUNCTION, Agent, Colour
 
 __all__ = ["Instant"]
 
+_CARRIED, _MOVING = (wt, entered, facing, arrivals), (advance, stopped)
+"""Signals with a carry: those that need zones and lights only, and those that need stations and speeds."""
 _GREEN, _YELLOW, _RED = int(Colour.GREEN), int(Colour.YELLOW), int(Colour.RED)
+
+
+class _State(Run):
+    """A run of one state, which knows the states before by the block that is given for it."""
+
+    @cached_property
+    def wt(self) -> NDArray[np.int32]:
+        found: NDArray[np.int32] = wt(self)
+        return found
+
+    @cached_property
+    def entered(self) -> NDArray[np.int64]:
+        found: NDArray[np.int64] = entered(self)[0]
+        return found
+
+    @cached_property
+    def facing(self) -> NDArray[np.int8]:
+        found: NDArray[np.int8] = facing(self)
+        return found
+
+    @cached_property
+    def advance(self) -> NDArray[np.float64]:
+        found: NDArray[np.float64] = advance(self)
+        return found
 
 
 class Instant:
@@ -50,9 +81,29 @@ class Instant:
         self._pairs: dict[tuple[Mover, Mover], Pair] = {}
         self._run: Run | None = None
         self._all_way = junction.control is JunctionControl.STOP
-        self.turned: set[Mover] = set()
-        """Vehicles that have arrived now, or whose arrival has ended now."""
+        self._stream = Stream(junction, dt, facts)
+        self._cast: list[Mover] = []
+        self.block = Block(self._stream.cast, np.empty((1, 0), dtype=np.int8), np.array([self.lights], dtype=np.int8))
+        """The state."""
         self._tie, self._waiver = round(TIE / dt), round(WAIVER / dt)
+
+    def _feed(
+        self,
+        zones: Sequence[int],
+        stations: Sequence[float] | None,
+        speeds: Sequence[float] | None,
+        poses: Sequence[Sequence[float]] | None,
+        lights: Sequence[int],
+    ) -> Block:
+        """Return the state as a block."""
+        if self._cast != self.slots:
+            columns = {mover: column for column, mover in enumerate(self._cast)}
+            self._stream.recast([mover.agent for mover in self.slots], [columns.get(mover) for mover in self.slots])
+            self._cast = list(self.slots)
+        station, speed, pose = (None if values is None else np.array([values]) for values in (stations, speeds, poses))
+        signals = _CARRIED if station is None or speed is None else (*_CARRIED, *_MOVING)
+        state = np.array([zones], dtype=np.int8), np.array([lights], dtype=np.int8)
+        return self._stream.feed(signals, *state, station=station, speed=speed, pose=pose)
 
     def add(self, agent: Agent, slot: int) -> Mover:
         """Return a vehicle that appears in the next instant, in a column of its own or one that has become free."""
@@ -78,44 +129,31 @@ class Instant:
         """Go on to the next instant, and return whose zone is another one now; arguments are by column."""
         self.tick += 1
         self._run = None
+        self.block = self._feed(zones, stations, speeds, poses, lights)
         self.lights = list(lights)
         self.located, self.timed, self.posed = stations is not None, speeds is not None, poses is not None
         changed = [mover for mover, zone in zip(self.slots, zones, strict=True) if self._zone(mover, zone)]
         self.movers = [mover for mover in self.slots if mover.zone != ABSENT]
+        waiting, faced, found = (values[0].tolist() for values in (wt(self.block), facing(self.block), arrived(self.block)))
+        since = arrivals(self.block).tick[0].tolist()
+        pace = advance(self.block)[0].tolist() if self.located and self.timed else [math.nan] * len(self.slots)
+        for mover in self.slots:
+            slot = mover.slot
+            mover.wt, mover.facing, mover.arrived, mover.arrived_at = waiting[slot], faced[slot], found[slot], since[slot]
         for mover in self.movers:
             slot, before = mover.slot, mover.station
+            mover.advance = pace[slot]
             if stations is not None:
                 mover.station = stations[slot]
             if speeds is not None:
                 mover.speed = speed = speeds[slot]
                 mover.speeds.append(speed)
-                if stations is not None:
-                    mover.advance = speed if mover.fresh else (mover.station - before) / self.dt
             if poses is not None:
                 self._pose(mover, poses[slot], 0.0 if stations is None else mover.station - before)
             mover.fresh = False
-        self._arrive()
         if self.located and self.timed and self.junction.stretches is not None:
             self._wait(changed)
         return changed
-
-    def _arrive(self) -> None:
-        """Work out which vehicles have arrived."""
-        measured = self.located and self.timed
-        self.turned = set()
-        for mover in self.slots:
-            before, zone = mover.arrived, mover.zone
-            here = zone == ENTRANCE or (measured and zone == APPROACH and mover.station >= mover.stop_place[0])
-            if not here:
-                mover.arrived = mover.stood = False
-            elif not (mover.arrived and mover.stood):
-                still = measured and abs(mover.speed) <= STANDSTILL and mover.station <= mover.stop_place[1] and self.leads(mover)
-                mover.stood = mover.stood or (still and (mover.driven or zone == ENTRANCE))
-                if not mover.arrived and (zone == ENTRANCE or still):
-                    mover.arrived, mover.arrived_at = True, self.tick
-            if mover.arrived is not before:
-                self.turned.add(mover)
-            mover.driven = mover.driven or (mover.here and abs(mover.speed) > STANDSTILL)
 
     def _wait(self, changed: Sequence[Mover]) -> None:
         """Work out which vehicles are next to go, and for how long they have stood so."""
@@ -135,7 +173,6 @@ class Instant:
     def _zone(self, mover: Mover, zone: int) -> bool:
         """Take over the zone of a vehicle, and return whether it is another one."""
         tick = self.tick
-        mover.wt = mover.wt + 1 if zone == ENTRANCE and tick else 0
         changed = zone != mover.zone
         if changed:
             mover.zone = zone
@@ -143,8 +180,6 @@ class Instant:
                 mover.entered = tick
             if zone == ABSENT:
                 mover.station = mover.speed = mover.advance = math.nan
-        if mover.entered >= tick:
-            mover.facing = self.lights[mover.entrance]
         return changed
 
     @staticmethod
@@ -166,7 +201,7 @@ class Instant:
     def _as_run(self) -> Run:
         slots = self.slots
         pairs = None if self.touching is None else tuple(Collision(0.0, _two(pair), 0.0) for pair in self.touching)
-        run = Run(
+        run = _State(
             "live",
             self.junction,
             tuple(m.agent for m in slots),
@@ -179,13 +214,7 @@ class Instant:
             collisions=pairs,
             facts=self.facts,
         )
-        known = run.__dict__
-        known["wt"] = np.array([[m.wt for m in slots]], dtype=np.int32)
-        # Columns of one state: who is inside has entered by now, at a tick that tells who came first.
-        known["entered"] = np.array([m.entered for m in slots], dtype=np.int64)
-        known["facing"] = np.array([[m.facing for m in slots]], dtype=np.int8)
-        if self.located and self.timed:
-            known["advance"] = np.array([[m.advance for m in slots]])
+        given(run, as_block, self.block)
         return run
 
     def require(self, *names: str) -> None:
@@ -213,23 +242,6 @@ class Instant:
         if not (self.located and self.timed):
             return mover.wt
         return self.tick - mover.arrived_at if mover.arrived else 0
-
-    def inside(self, mover: Mover) -> bool:
-        """`progress.inside`."""
-        behind = mover.station - mover.length - mover.agent.route.length
-        return mover.station > 0.0 and behind < 0.0 and mover.here
-
-    def meet(self, pair: Pair) -> bool:
-        """`stretches.meet`."""
-        common, one, two = pair.common, pair.me, pair.you
-        if common is None or not (_on(one, common.mine) and _on(two, common.yours)):
-            return False
-        if not common.merges:
-            return True
-        front, ahead = one.station - one.agent.route.length, two.station - two.agent.route.length
-        rear = (one.station - one.length) - one.agent.route.length
-        behind = (two.station - two.length) - two.agent.route.length
-        return front > behind and ahead > rear
 
     def yields(self, pair: Pair) -> bool:
         """`priority.yields`."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from collections import deque
 
-import numpy as np
-
 from pytest_rvads.conduct.grounds import ground_of, in_turn, lit, may_owe
+from pytest_rvads.conduct.motion import NEVER
 from pytest_rvads.conduct.priority import WINDOW
-from pytest_rvads.conduct.standing import stop_place
 from pytest_rvads.conduct.stretches import contested, parting, shared
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.junctions.junction import Junction
@@ -17,10 +15,7 @@ from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import ABSENT, GONE, Agent
 
-__all__ = ["NEVER", "Mover", "Pair"]
-
-NEVER = int(np.iinfo(np.int64).max)
-"""The tick in which a vehicle has entered that has not."""
+__all__ = ["Mover", "Pair"]
 
 
 class Mover:
@@ -38,7 +33,6 @@ class Mover:
         "agent",
         "arrived",
         "arrived_at",
-        "driven",
         "entered",
         "entrance",
         "facing",
@@ -62,8 +56,6 @@ class Mover:
         "speeds",
         "spread",
         "station",
-        "stood",
-        "stop_place",
         "stop_sign",
         "wt",
         "x",
@@ -76,7 +68,6 @@ class Mover:
         self.agent, self.slot, self.entrance = agent, slot, agent.entrance
         self.lit = lit(junction, agent.entrance)
         self.line = -junction.setbacks[agent.entrance]
-        self.stop_place = stop_place(junction, agent.entrance)
         self.stop_sign = place.sign is Sign.STOP
         self.length = math.nan if agent.size is None else agent.size[0]
         self.outreach = 0.0 if agent.size is None else math.hypot(agent.size[0], agent.size[1] / 2)
@@ -86,7 +77,7 @@ class Mover:
         self.wt = 0
         self.entered, self.facing = NEVER, 0
         self.fresh = True
-        self.driven = self.stood = self.arrived = self.next_to_go = False
+        self.arrived = self.next_to_go = False
         self.arrived_at = self.last_ready = -1
         self.ready = self.free = 0
         self.slow_at_entry: frozenset[Mover] = frozenset()

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.grounds import lit, may_owe
-from pytest_rvads.conduct.memo import each
+from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.motion import facing
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.conduct.rights import due, held, kept_by, starting, waives, yields
 from pytest_rvads.conduct.standing import STANDSTILL
@@ -62,7 +63,7 @@ def unhindered(run: Run, agent: int) -> NDArray[np.bool_]:
     """The agent has no reason of its own to brake: its light, its stop sign, whom it owes the way, who drives ahead of it."""
     found: NDArray[np.bool_] = ~held(run)[:, agent]
     if lit(run.junction, run.agents[agent].entrance):
-        found &= run.facing[:, agent] == Colour.GREEN
+        found &= facing(run)[:, agent] == Colour.GREEN
     elif run.junction.entrances[run.agents[agent].entrance].sign is Sign.STOP:
         found &= run.zone[:, agent] >= Zone.JUNCTION
     for other, who in enumerate(run.agents):
@@ -77,12 +78,12 @@ def unhindered(run: Run, agent: int) -> NDArray[np.bool_]:
 
 def owes(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
     """The agent, from its entrance zone on until it has been clear for `MIN_GAP`, has to let the other one go first."""
-    return each(run, _encounter, agent, other)[0]
+    return once(run, _encounter, agent, other)[0]
 
 
 def obstructs(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
     """The agent took the way that it owed to the other one, and got in its way."""
-    return each(run, _encounter, agent, other)[1]
+    return once(run, _encounter, agent, other)[1]
 
 
 def _encounter(run: Run, agent: int, other: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -140,7 +141,7 @@ class Meeting(NamedTuple):
 
 def _meetings(run: Run, agent: int, other: int, bound: NDArray[np.bool_], when: slice) -> list[Meeting]:
     (front, rear), (ahead, _) = (position(run, k, when) for k in (agent, other))
-    thirds = np.delete(each(run, kept_by, agent), other, axis=1)
+    thirds = np.delete(once(run, kept_by, agent), other, axis=1)
     columns = (
         run.zone[when, agent] >= Zone.JUNCTION,
         run.zone[when, agent] >= Zone.ENTRANCE,
@@ -152,7 +153,7 @@ def _meetings(run: Run, agent: int, other: int, bound: NDArray[np.bool_], when: 
         np.abs(run.need("speed")[when, agent]) <= STANDSTILL,
         ahead,
         run.need("speed")[when, other],
-        each(run, unhindered, other)[when],
+        once(run, unhindered, other)[when],
         starting(run)[when, other],
         waives(run)[when, other],
         thirds[when].any(axis=1),

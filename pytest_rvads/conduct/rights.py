@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.grounds import ground_of, in_turn, lit, may_owe
 from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.motion import facing
 from pytest_rvads.conduct.predicates import ticks
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.conduct.standing import TIE, arrivals, leads, stands, waited
@@ -57,8 +58,8 @@ ROOM = 2.5
 
 def has_way(run: Run, agent: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
     """No light keeps the agent from going: it is green or yellow, was when the agent entered, or there is none."""
-    facing = run.facing[when, agent]
-    found: NDArray[np.bool_] = (facing == Colour.GREEN) | (facing == Colour.YELLOW)
+    colour = facing(run)[when, agent]
+    found: NDArray[np.bool_] = (colour == Colour.GREEN) | (colour == Colour.YELLOW)
     return found if lit(run.junction, run.agents[agent].entrance) else np.ones_like(found)
 
 
@@ -70,15 +71,15 @@ def yields(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np
     to who comes to a light, as long as that lets it go.
     """
     me, you, junction = run.agents[agent], run.agents[other], run.junction
-    facing = run.facing[when, agent]
+    colour = facing(run)[when, agent]
     if not lit(junction, me.entrance):
-        mine = np.ones(len(facing), dtype=np.bool_)
+        mine = np.ones(len(colour), dtype=np.bool_)
     elif me.turn is junction.near:
-        mine = facing == Colour.RED
+        mine = colour == Colour.RED
         if not lit(junction, you.entrance) and ground_of(junction, me.route.key, you.route.key) is not None:
             mine = np.ones_like(mine)
     else:
-        mine = facing != Colour.RED
+        mine = colour != Colour.RED
     found: NDArray[np.bool_] = mine & has_way(run, other, when)
     return found
 
@@ -107,10 +108,8 @@ def first_at_line(run: Run) -> NDArray[np.bool_]:
 
 
 def _find_first(run: Run) -> NDArray[np.bool_]:
-    found = arrivals(run).arrived.copy()
-    for agent in np.flatnonzero(found.any(axis=0)).tolist():
-        found[:, agent] &= leads(run, agent)
-    return found
+    found: NDArray[np.bool_] = arrivals(run).arrived
+    return found & leads(run) if found.any() else found
 
 
 def held(run: Run) -> NDArray[np.bool_]:
@@ -167,7 +166,7 @@ def _find_next(run: Run) -> NDArray[np.bool_]:
     found = first_at_line(run) & ~held(run)
     for agent, who in enumerate(run.agents):
         if lit(run.junction, who.entrance):
-            found[:, agent] &= run.facing[:, agent] == Colour.GREEN
+            found[:, agent] &= facing(run)[:, agent] == Colour.GREEN
     return found
 
 

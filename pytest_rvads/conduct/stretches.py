@@ -6,12 +6,14 @@ Functions that take `when` return what holds in a part of the run only: all of i
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.presence import window
+from pytest_rvads.conduct.blocks import Block, Cast, Pairs, pairs, signal, sized
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import CONFLICT_WIDTH, Key, Shared, Stretch
 from pytest_rvads.junctions.junction import Junction
@@ -25,8 +27,10 @@ __all__ = [
     "contested",
     "first_stretch",
     "meet",
+    "meeting",
     "on_stretch",
     "parting",
+    "places",
     "position",
     "shared",
 ]
@@ -37,7 +41,7 @@ _SPACING = 0.5
 """Movements are compared at stations so far apart [m]."""
 
 
-def shared(run: Run, one: int, two: int) -> Shared | None:
+def shared(run: Run | Cast, one: int, two: int) -> Shared | None:
     """Return what the movements of two agents, given by column, share; None where they don't meet.
 
     Raises:
@@ -49,7 +53,7 @@ def shared(run: Run, one: int, two: int) -> Shared | None:
     return found.get((run.agents[one].route.key, run.agents[two].route.key))
 
 
-def contested(run: Run, one: int, two: int) -> Shared | None:
+def contested(run: Run | Cast, one: int, two: int) -> Shared | None:
     """Return what two agents share, up to `LEAVE` down the exit road where both lead into the same exit; None as in `shared`.
 
     On the beginning of a common exit road the vehicle that merged is still gathering speed: there the other vehicle runs into it.
@@ -111,21 +115,56 @@ def on_stretch(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> 
     return found
 
 
-def meet(run: Run, one: int, two: int) -> NDArray[np.bool_]:
-    """Return where both agents are on the stretch that their movements share, shape ``(steps,)``.
+def meeting(cast: Cast) -> Pairs:
+    """Return the pairs of vehicles whose movements share a stretch.
+
+    Raises:
+        RunError: the run holds no geometry of its junction.
+    """
+    return pairs(cast, lambda one, two: shared(cast, one, two) is not None)
+
+
+class Places(NamedTuple):
+    """Where the stretches lie that pairs of vehicles share, each of shape ``(pairs,)`` [m]."""
+
+    begin: NDArray[np.float64]
+    """Of the stretch on the way of the first vehicle."""
+    end: NDArray[np.float64]
+    begin_of_two: NDArray[np.float64]
+    """Of the stretch on the way of the second vehicle."""
+    end_of_two: NDArray[np.float64]
+    merges: NDArray[np.bool_]
+    """Whether both lead into the same exit."""
+
+
+def places(commons: Iterable[Shared | None]) -> Places:
+    """Return where the stretches of pairs lie; NaN where there is none."""
+    nothing = (math.nan,) * 4 + (False,)
+    rows = [nothing if c is None else (c.mine.start, c.mine.end, c.yours.start, c.yours.end, c.merges) for c in commons]
+    begin, end, begin_of_two, end_of_two, merges = np.array(rows, dtype=np.float64).reshape(-1, 5).T
+    return Places(begin, end, begin_of_two, end_of_two, merges.astype(np.bool_))
+
+
+def _meeting_places(cast: Cast) -> Places:
+    both = cast.static(meeting)
+    return places(shared(cast, one, two) for one, two in both.column)
+
+
+@signal(pairs=meeting, needs=sized)
+def meet(block: Block) -> NDArray[np.bool_]:
+    """Which two vehicles are both on the stretch that their movements share.
 
     Where both lead into the same exit they meet when one is beside the other, not when it follows.
     """
-    common = shared(run, one, two)
-    if common is None:
-        return np.zeros(run.steps, dtype=np.bool_)
-    begin, end = window(run, (one, two))
-    when = slice(begin, end)
-    both = on_stretch(run, one, common.mine, when) & on_stretch(run, two, common.yours, when)
-    if common.merges:
-        (front, rear), (ahead, behind) = before_exit(run, one, when), before_exit(run, two, when)
-        both &= (front > behind) & (ahead > rear)
-    return np.concatenate((np.zeros(begin, dtype=np.bool_), both, np.zeros(run.steps - end, dtype=np.bool_)))
+    cast, both, at = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places)
+    front = block.need("station")
+    rear = front - cast.length
+    found: NDArray[np.bool_] = (front[:, both.one] >= at.begin) & (rear[:, both.one] <= at.end)
+    found &= (front[:, both.two] >= at.begin_of_two) & (rear[:, both.two] <= at.end_of_two)
+    found &= block.here[:, both.one] & block.here[:, both.two]
+    front, rear = front - cast.way, rear - cast.way
+    found &= ~at.merges | ((front[:, both.one] > rear[:, both.two]) & (front[:, both.two] > rear[:, both.one]))
+    return found
 
 
 def ahead_by(run: Run, agent: int, other: int, common: Shared | None, when: slice) -> NDArray[np.float64]:

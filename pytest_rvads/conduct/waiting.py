@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.grounds import ground_of, may_owe
 from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.motion import entered, facing
 from pytest_rvads.conduct.presence import near, window
 from pytest_rvads.conduct.rights import DUE, PACE, came_first, close_behind, due, first_at_line, has_way, waives, yields
 from pytest_rvads.conduct.stretches import ALWAYS, ahead_by, on_stretch, position, shared
@@ -161,9 +162,10 @@ def _intruders(run: Run, found: Sequence[Reason]) -> NDArray[np.bool_]:
 
     An intruder entered on red, or entered the way of a vehicle that was inside before and to which the intruder owed the way.
     """
-    intruders: NDArray[np.bool_] = (run.zone >= Zone.JUNCTION) & (run.facing == Colour.RED)
+    intruders: NDArray[np.bool_] = (run.zone >= Zone.JUNCTION) & (facing(run) == Colour.RED)
+    entries = entered(run)[-1]
     for r in found:
-        if run.entered[r.agent] < run.entered[r.other] and may_owe(run, r.other, r.agent):
+        if entries[r.agent] < entries[r.other] and may_owe(run, r.other, r.agent):
             when = slice(r.begin, r.begin + len(r.yielding))
             inside = run.zone[when, r.other] == Zone.JUNCTION
             intruders[when, r.other] |= inside & r.yielding & yields(run, r.other, r.agent, when)

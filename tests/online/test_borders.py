@@ -58,7 +58,7 @@ def recording(in_turn: bool) -> Recording:
             station[stands] += NOISE * (-1.0) ** np.arange(len(stands))
         pose = np.array([way.pose(float(s)) for s in station])
         agent = Agent(f"v{number}", PLACE.movements[way.entrance, way.exit], size=(4.6, 1.8))
-        tracks.append(Track(agent, np.arange(len(station)) * RATE, station, speed, pose))
+        tracks.append(Track(agent, np.arange(len(station), dtype=np.float64) * RATE, station, speed, pose))
     return Recording("stands on the border", PLACE, tuple(tracks))
 
 

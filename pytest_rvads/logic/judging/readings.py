@@ -208,7 +208,7 @@ def _of_the_past(run: Run) -> tuple[Reading, ...]:
     if run.excerpt is None or run.speed is None or run.station is None:
         return ()
     stopping, rolling = run.speed.copy(), run.speed.copy()
-    late = [a for a, (begin, end) in enumerate(run.spans) if end > begin + 1 and stops(run, a)[0][begin]]
+    late = [a for a, (begin, end) in enumerate(run.spans) if end > begin + 1 and stops(run)[0][begin, a]]
     for agent in late:
         begin, end = run.spans[agent]
         still = stands(run)[begin:end, agent]

@@ -9,21 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pytest_rvads.conduct.backlog import Backlog
+from pytest_rvads.conduct.blocks import Cast, Signal
 from pytest_rvads.conduct.clearance import Bodies, Course
 from pytest_rvads.conduct.following import Follower, Giving
 from pytest_rvads.conduct.instant import Instant
 from pytest_rvads.conduct.mover import Mover
-from pytest_rvads.conduct.standing import SPEED_TOLERANCE, limits_of
 from pytest_rvads.logic.judging.evaluate import OPERATORS, Values
 from pytest_rvads.logic.live.ground_atoms import element_of, in_columns, key_of
 from pytest_rvads.logic.live.watch import Fact
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, BUILT_IN, word_of
 from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.maps.segment import limit_in
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION
 
 __all__ = ["Board"]
@@ -51,7 +50,9 @@ class Board:
         self._lost: list[tuple[Fact, _Test]] = []
         self._apart: list[tuple[Fact, Bodies, _Test]] = []
         self._within: list[tuple[Fact, Mover, Course, _Test]] = []
-        self._meetings: list[tuple[Fact, Mover, Mover, _Test]] = []
+        self._signals: dict[Signal[Any], list[tuple[Fact, tuple[Mover, ...]]]] = {}
+        self._columns: dict[Signal[Any], list[tuple[Fact, int]]] = {}
+        self._cast: Cast | None = None
         self._followed: list[tuple[Fact, Follower]] = []
         self._givings: dict[tuple[Mover, Mover], Giving] = {}
         self._given: list[tuple[Giving, Fact, Fact]] = []
@@ -99,8 +100,10 @@ class Board:
         for fact, test in self._polled:
             fact.tell(test())
         self._read_distances()
-        for fact, one, two, test in self._meetings:
-            fact.tell(one.zone >= JUNCTION and two.zone >= JUNCTION and test())
+        for signal in self._signals:
+            row = signal(now.block)[-1].tolist()
+            for fact, column in self._columns_of(signal):
+                fact.tell(row[column])
         for giving, owes, obstructs in self._given:
             giving.follow(now)
             owing, hit = giving.value
@@ -125,9 +128,8 @@ class Board:
         for mover in changed:
             for fact, zones in self._places.get(mover, ()):
                 fact.tell(mover.zone in zones)
-        turned = now.turned.union(changed)
         for mover, waits in self._waits.items():
-            if mover in turned or mover.wt in crossings or now.waited(mover) in crossings:
+            if mover in changed or mover.arrived_at == now.tick or mover.wt in crossings or now.waited(mover) in crossings:
                 for fact, test in waits:
                     fact.tell(test())
         if now.lights != self._lights:
@@ -175,6 +177,9 @@ class Board:
     def _quick(self, atom: f.Atom, agents: Sequence[Mover], tie: float) -> Fact | None:
         """Return a fact that is told when it changes, None where this is no word of ours that can be followed so."""
         now = self.now
+        word = word_of(atom)
+        if word is not None and isinstance(word.holds, Signal):
+            return self._of_signal(word.holds, agents)
         if atom.word is not None:
             return None
         match atom.name, atom.terms:
@@ -186,22 +191,32 @@ class Board:
                 return self._wait(atom.name, agents, tie, lambda mover: mover.wt)
             case (("<" | "<=" | "=" | "!=" | ">" | ">="), (f.Attr(_, "waited"), f.Attr(_, "waited"))):
                 return self._wait(atom.name, agents, tie, now.waited)
-            case "arrived", _:
-                who = agents[0]
-                fact = Fact(who.arrived)
-                return self._keep(fact, self._waits.setdefault(who, []), (fact, lambda: who.arrived))
             case (("=" | "!="), (f.Attr(f.Element(Sort.LIGHT, number), "cl"), f.Value(name))):
                 return self._colour(number, name, equal=atom.name == "=")
             case (("owes" | "obstructs"), _):
                 return self._give(atom.name, *agents)
-            case "meet", _:
-                pair = now.pair(*agents)
-                fact = Fact(now.meet(pair))
-                return self._keep(fact, self._meetings, (fact, agents[0], agents[1], lambda: now.meet(pair)))
             case "may_go", _:
                 backlog, who = self._losses(), agents[0]
                 return Fact(False, lambda: backlog.may_go(who))
         return self._continuous(atom.name, agents)
+
+    def _of_signal(self, signal: Signal[Any], agents: Sequence[Mover]) -> Fact:
+        """Return a fact that is one column of a signal."""
+        fact = Fact(bool(signal(self.now.block, *(mover.slot for mover in agents))[-1]))
+        self._columns.pop(signal, None)
+        return self._keep(fact, self._signals.setdefault(signal, []), (fact, tuple(agents)))
+
+    def _columns_of(self, signal: Signal[Any]) -> list[tuple[Fact, int]]:
+        """Return the facts about a signal, and which column of the signal each of them is."""
+        cast, facts = self.now.block.cast, self._signals[signal]
+        if cast is not self._cast:
+            self._cast = cast
+            self._columns.clear()
+        columns = self._columns.get(signal)
+        if columns is None or len(columns) != len(facts):
+            found = ((fact, signal.column(cast, [mover.slot for mover in movers])) for fact, movers in facts)
+            columns = self._columns[signal] = [(fact, column) for fact, column in found if column is not None]
+        return columns
 
     def _continuous(self, name: str, agents: Sequence[Mover]) -> Fact | None:
         """Return a fact about something continuous, None where none is called so."""
@@ -222,16 +237,8 @@ class Board:
         """Return what works an atom out in every instant."""
         now = self.now
         match name, agents:
-            case "stopped", [who]:
-                return lambda: who.stood
             case "gives_up", [who]:
                 return lambda: now.waives(who) or not who.arrived
-            case "inside", [who]:
-                return lambda: now.inside(who)
-            case "speeding", [who]:
-                limits = limits_of(now.junction, who.agent.route.key, now.facts)
-                self._needs.update(_PLACE[: len(limits) - 1])
-                return lambda: abs(who.speed) > (limit_in(limits, who.station) or 0.0) + SPEED_TOLERANCE
             case "idles", [who]:
                 return partial(self._losses().idles, who)
             case "blocks", [who]:
@@ -332,19 +339,15 @@ class Board:
 
 _PRESENT = ("@", "inside", "meet", "collide", "stopped", "arrived")
 """Words that hold of nobody who is absent."""
-_PLACE, _MOTION = ("station",), ("station", "speed")
+_MOTION = "station", "speed"
 _NEEDS: Mapping[str, tuple[str, ...]] = {
-    "stopped": _MOTION,
-    "inside": _PLACE,
     "blocks": _MOTION,
     "idles": _MOTION,
     "may_go": _MOTION,
     "owes": _MOTION,
     "obstructs": _MOTION,
-    "meet": _PLACE,
     "off_lane": ("station", "pose"),
     "off_route": ("station", "pose"),
-    "speeding": ("speed",),
     "collide": (),
 }
 """What our words ask of a state."""

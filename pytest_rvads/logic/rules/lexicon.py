@@ -11,9 +11,10 @@ from pytest_rvads.conduct import predicates
 from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.grounds import Ground
 from pytest_rvads.conduct.lane import lane_allows, off_lane, off_route
+from pytest_rvads.conduct.motion import inside, wt
 from pytest_rvads.conduct.predicates import Static
 from pytest_rvads.conduct.priority import obstructs, owes
-from pytest_rvads.conduct.progress import blocks, idles, inside, may_go
+from pytest_rvads.conduct.progress import blocks, idles, may_go
 from pytest_rvads.conduct.rights import waives
 from pytest_rvads.conduct.standing import arrived, speeding, stopped, waited
 from pytest_rvads.conduct.stretches import meet
@@ -222,7 +223,7 @@ ATTRIBUTES = {
             "wt",
             Sort.AGENT,
             "number",
-            lambda run, agent: run.wt[:, agent],
+            wt,
             waited=True,
             says=(
                 ("=", _SAME, "{0} and {1} did not arrive at the same time"),
