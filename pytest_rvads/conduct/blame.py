@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pytest_rvads.conduct.bodies import tick_of
+from pytest_rvads.conduct.blocks import tick_of
 from pytest_rvads.conduct.grounds import may_owe
 from pytest_rvads.conduct.lane import off_lane
 from pytest_rvads.conduct.priority import HEADWAY, MIN_GAP, WINDOW, brakes_hard, owes, unhindered

@@ -6,7 +6,7 @@ a carry, which one block hands on to the next block: so the values are the same 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Generic, TypeVar, overload
@@ -17,24 +17,27 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.memo import once
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.runs.run import DT, Facts, Run
+from pytest_rvads.runs.run import DT, Collision, Facts, Run
 from pytest_rvads.runs.states import ABSENT, GONE, Agent
 
-__all__ = ["Block", "Cast", "Pairs", "Signal", "Stream", "as_block", "latched", "pairs", "signal", "sized"]
+__all__ = ["Block", "Cast", "Pairs", "Signal", "Stream", "as_block", "latched", "pairs", "signal", "sized", "tick_of"]
 
 _Value = TypeVar("_Value")
 
 
 class Pairs:
-    """Ordered pairs of vehicles, by column.
+    """Pairs of vehicles, by column.
 
     Args:
         pairs: increasing.
+        ordered: whether a pair is not the same in the other order.
     """
 
-    def __init__(self, pairs: Sequence[tuple[int, int]]) -> None:
+    def __init__(self, pairs: Sequence[tuple[int, int]], *, ordered: bool = True) -> None:
         self.one, self.two = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
         self.column = {pair: number for number, pair in enumerate(pairs)}
+        if not ordered:
+            self.column |= {(two, one): number for number, (one, two) in enumerate(pairs)}
         self._starts = np.flatnonzero(np.diff(self.one, prepend=-1))
 
     def __len__(self) -> int:
@@ -82,13 +85,18 @@ class Cast:
         return result
 
 
-def sized(block: Block, columns: Sequence[int]) -> None:
+def sized(block: Block, columns: Sequence[int], position: str = "station") -> None:
     """Check that positions, and the sizes of some vehicles, are known.
+
+    Args:
+        block: the states.
+        columns: of the vehicles.
+        position: ``station`` or ``pose``.
 
     Raises:
         RunError: they are not.
     """
-    block.need("station")
+    block.need(position)
     if any(block.cast.agents[column].size is None for column in columns):
         raise RunError("the run holds no size of its vehicles")
 
@@ -172,8 +180,8 @@ class Block:
     station: NDArray[np.float64] | None = None
     speed: NDArray[np.float64] | None = None
     pose: NDArray[np.float64] | None = None
-    touching: Mapping[frozenset[str], Sequence[int]] | None = None
-    """Names of pairs that touch for the first time, and in which rows; None where nobody recorded it."""
+    touching: Sequence[tuple[frozenset[str], int]] | None = None
+    """Names of the pairs that touch for the first time, and in which row; None where nobody recorded it."""
     tick: int = 0
     """Of the first state."""
     before: _Carry = field(default_factory=dict)
@@ -283,7 +291,14 @@ class Stream:
 
 def as_block(run: Run) -> Block:
     """Return a whole run as one block."""
-    return Block(Cast(run.junction, run.agents, run.facts), run.zone, run.lights, run.dt, run.station, run.speed, run.pose)
+    contacts = None if run.collisions is None else [(frozenset(c.agents), tick_of(run, c)) for c in run.collisions]
+    cast = Cast(run.junction, run.agents, run.facts)
+    return Block(cast, run.zone, run.lights, run.dt, run.station, run.speed, run.pose, contacts)
+
+
+def tick_of(run: Run, collision: Collision) -> int:
+    """Return the tick of a collision."""
+    return min(max(round(collision.time / run.dt), 0), run.steps - 1)
 
 
 def latched(set_: NDArray[np.bool_], reset: NDArray[np.bool_], before: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from pytest_rvads.conduct.clearance import Bodies
+from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.instant import Instant
 from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.conduct.priority import Encounter, Meeting
@@ -26,16 +26,15 @@ class Giving:
         now: the instant in which both are there for the first time.
         me: the vehicle that may owe the way.
         you: the one that it may owe it to.
-        bodies: of the two.
 
     Raises:
         RunError: it is not known where the lanes lie.
     """
 
-    __slots__ = ("_active", "_bodies", "_encounter", "_me", "_pair", "_you", "never", "value")
+    __slots__ = ("_active", "_encounter", "_me", "_pair", "_you", "never", "value")
 
-    def __init__(self, now: Instant, me: Mover, you: Mover, bodies: Bodies) -> None:
-        self._me, self._you, self._bodies = me, you, bodies
+    def __init__(self, now: Instant, me: Mover, you: Mover) -> None:
+        self._me, self._you = me, you
         self._pair = now.pair(me, you)
         common = self._pair.contested if self._pair.owing else None
         self.never = common is None
@@ -84,6 +83,4 @@ class Giving:
             encounter.step(Meeting(False, False, False, False, nan, nan, False, nan, speed, False, False, False, False))
 
     def _touching(self, now: Instant) -> bool:
-        if now.touching is None:
-            return self._bodies.look(now)
-        return frozenset((self._me.agent.name, self._you.agent.name)) in now.touching
+        return bool(collide(now.block, self._me.slot, self._you.slot)[0])

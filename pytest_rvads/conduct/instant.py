@@ -102,8 +102,9 @@ class Instant:
             self._cast = list(self.slots)
         station, speed, pose = (None if values is None else np.array([values]) for values in (stations, speeds, poses))
         signals = _CARRIED if station is None or speed is None else (*_CARRIED, *_MOVING)
+        touching = None if self.touching is None else [(pair, 0) for pair in self.touching]
         state = np.array([zones], dtype=np.int8), np.array([lights], dtype=np.int8)
-        return self._stream.feed(signals, *state, station=station, speed=speed, pose=pose)
+        return self._stream.feed(signals, *state, station=station, speed=speed, pose=pose, touching=touching)
 
     def add(self, agent: Agent, slot: int) -> Mover:
         """Return a vehicle that appears in the next instant, in a column of its own or one that has become free."""
@@ -141,16 +142,13 @@ class Instant:
             slot = mover.slot
             mover.wt, mover.facing, mover.arrived, mover.arrived_at = waiting[slot], faced[slot], found[slot], since[slot]
         for mover in self.movers:
-            slot, before = mover.slot, mover.station
+            slot = mover.slot
             mover.advance = pace[slot]
             if stations is not None:
                 mover.station = stations[slot]
             if speeds is not None:
                 mover.speed = speed = speeds[slot]
                 mover.speeds.append(speed)
-            if poses is not None:
-                self._pose(mover, poses[slot], 0.0 if stations is None else mover.station - before)
-            mover.fresh = False
         if self.located and self.timed and self.junction.stretches is not None:
             self._wait(changed)
         return changed
@@ -182,15 +180,6 @@ class Instant:
                 mover.station = mover.speed = mover.advance = math.nan
         return changed
 
-    @staticmethod
-    def _pose(mover: Mover, pose: Sequence[float], along: float) -> None:
-        """Take over where a vehicle is, and how far each point of its body has moved at most."""
-        x, y, heading = pose
-        if not mover.fresh and (x != mover.x or y != mover.y or heading != mover.heading):
-            turned = mover.outreach * abs(math.remainder(heading - mover.heading, math.tau))
-            mover.moved += max(math.hypot(x - mover.x, y - mover.y), abs(along)) + turned
-        mover.x, mover.y, mover.heading = x, y, heading
-
     @property
     def run(self) -> Run:
         """A run of this state alone, that knows what it takes over from those before."""
@@ -208,9 +197,9 @@ class Instant:
             np.array([[m.zone for m in slots]], dtype=np.int8),
             np.array([self.lights], dtype=np.int8),
             self.dt,
-            station=np.array([[m.station for m in slots]]) if self.located else None,
-            speed=np.array([[m.speed for m in slots]]) if self.timed else None,
-            pose=np.array([[(m.x, m.y, m.heading) for m in slots]]).reshape(1, -1, 3) if self.posed else None,
+            station=self.block.station,
+            speed=self.block.speed,
+            pose=self.block.pose,
             collisions=pairs,
             facts=self.facts,
         )

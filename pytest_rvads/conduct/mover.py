@@ -37,17 +37,13 @@ class Mover:
         "entrance",
         "facing",
         "free",
-        "fresh",
-        "heading",
         "held_at",
         "is_held",
         "last_ready",
         "length",
         "line",
         "lit",
-        "moved",
         "next_to_go",
-        "outreach",
         "reach",
         "ready",
         "slot",
@@ -58,8 +54,6 @@ class Mover:
         "station",
         "stop_sign",
         "wt",
-        "x",
-        "y",
         "zone",
     )
 
@@ -70,19 +64,16 @@ class Mover:
         self.line = -junction.setbacks[agent.entrance]
         self.stop_sign = place.sign is Sign.STOP
         self.length = math.nan if agent.size is None else agent.size[0]
-        self.outreach = 0.0 if agent.size is None else math.hypot(agent.size[0], agent.size[1] / 2)
         self.zone = int(ABSENT)
-        self.station = self.speed = self.x = self.y = self.heading = self.advance = math.nan
+        self.station = self.speed = self.advance = math.nan
         self.spread = math.nan
         self.wt = 0
         self.entered, self.facing = NEVER, 0
-        self.fresh = True
         self.arrived = self.next_to_go = False
         self.arrived_at = self.last_ready = -1
         self.ready = self.free = 0
         self.slow_at_entry: frozenset[Mover] = frozenset()
         self.speeds: deque[float] = deque(maxlen=max(round(WINDOW / dt), 1) + 1)
-        self.moved = 0.0
         self.reach = 20.0 + 100.0 * dt
         self.held_at, self.is_held = -1, False
 

@@ -18,7 +18,7 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import ADVISED, SPEED_LIMIT, Limits, Pose, Segment, Turn, join, limit_in
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, GONE, JUNCTION, Zone
 
-__all__ = ["ENTRANCE_ZONE", "EXIT_LENGTH", "LEAVE", "Itinerary", "itinerary"]
+__all__ = ["ENTRANCE_ZONE", "EXIT_LENGTH", "LEAVE", "Itinerary", "directions", "itinerary"]
 
 ENTRANCE_ZONE = 1.0
 """A vehicle is at the entrance from this far before the stopping line up to the entrance vertex [m]."""
@@ -101,7 +101,7 @@ class Itinerary:
         points, arc = self.path.points, self.path.stations
         along = station + self.origin
         piece = np.searchsorted(arc[1:-1], along, side="right")
-        ahead = _directions(self.path)[piece]
+        ahead = directions(self.path)[piece]
         return points[piece] + (along - arc[piece])[:, None] * ahead, ahead
 
     def project(self, x: float, y: float, near: float) -> tuple[float, float]:
@@ -129,7 +129,7 @@ def itinerary(junction: Junction, entrance: int, exit: int) -> Itinerary:
 
 
 @lru_cache(maxsize=256)
-def _directions(path: Segment) -> NDArray[np.float64]:
+def directions(path: Segment) -> NDArray[np.float64]:
     """Return the unit vector along every piece of a line, shape ``(pieces, 2)``."""
     found: NDArray[np.float64] = np.diff(path.points, axis=0) / np.diff(path.stations)[:, None]
     return found

@@ -9,6 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.blocks import Block, Signal, Stream
+from pytest_rvads.conduct.bodies import overlap
+from pytest_rvads.conduct.lane import off_lane, off_route
 from pytest_rvads.conduct.motion import advance, facing, inside, wt
 from pytest_rvads.conduct.standing import arrived, leads, speeding, stands, stopped, waited
 from pytest_rvads.conduct.stretches import meet
@@ -20,7 +22,7 @@ from pytest_rvads.runs.states import Agent, Colour, Zone
 
 STEPS, COUNT, DT = 400, 9, 0.1
 CARRIED: tuple[Signal[Any], ...] = (wt, facing, advance, stopped, arrived)
-SIGNALS: tuple[Signal[Any], ...] = (*CARRIED, stands, leads, waited, inside, speeding, meet)
+SIGNALS: tuple[Signal[Any], ...] = (*CARRIED, stands, leads, waited, inside, speeding, meet, overlap, off_lane, off_route)
 PLACES = ("stop4", "light4", "yield4")
 
 
@@ -39,7 +41,9 @@ def traffic(place: str, seed: int) -> Run:
         here = slice(begin, begin + int(rng.integers(50, STEPS - begin + 1)))
         along = along[: here.stop - begin]
         zone[here, k], station[here, k], speed[here, k] = zones(way.borders, along), along, speeds[: len(along)]
-        pose[here, k] = [way.pose(float(s)) for s in along]
+        aside = 4.0 * np.sin(along / 6.0) * (k % 3 == 0)
+        lines = np.array([way.pose(float(s)) for s in along])
+        pose[here, k] = lines + np.column_stack((-aside * np.sin(lines[:, 2]), aside * np.cos(lines[:, 2]), 0.0 * aside))
         agents.append(Agent(f"v{k}", junction.movements[way.entrance, way.exit], size=(float(rng.choice([4.6, 10.0])), 1.8)))
     colours = rng.choice([Colour.GREEN, Colour.YELLOW, Colour.RED], (STEPS // 20, len(junction.entrances)))
     lights = np.repeat(colours, 20, axis=0).astype(np.int8)

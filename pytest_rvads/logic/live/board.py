@@ -1,7 +1,7 @@
 """What is the case now: the ground atoms that live monitors look at, each worked out once for all rules, and only as needed.
 
 Zones, waiting times and lights are looked at when they change. What is continuous is worked out by `conduct.instant` in every
-instant, or by `conduct.clearance` and `conduct.backlog` when it may have changed; and what else there is, users' words among it,
+instant, or by `conduct.backlog` when it may have changed; and what else there is, users' words among it,
 on a run of one state, where a monitor asks for it.
 """
 
@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 
 from pytest_rvads.conduct.backlog import Backlog
 from pytest_rvads.conduct.blocks import Cast, Signal
-from pytest_rvads.conduct.clearance import Bodies, Course
 from pytest_rvads.conduct.following import Follower, Giving
 from pytest_rvads.conduct.instant import Instant
 from pytest_rvads.conduct.mover import Mover
@@ -48,16 +47,12 @@ class Board:
         self._colours: list[tuple[Fact, _Test]] = []
         self._polled: list[tuple[Fact, _Test]] = []
         self._lost: list[tuple[Fact, _Test]] = []
-        self._apart: list[tuple[Fact, Bodies, _Test]] = []
-        self._within: list[tuple[Fact, Mover, Course, _Test]] = []
         self._signals: dict[Signal[Any], list[tuple[Fact, tuple[Mover, ...]]]] = {}
         self._columns: dict[Signal[Any], list[tuple[Fact, int]]] = {}
         self._cast: Cast | None = None
         self._followed: list[tuple[Fact, Follower]] = []
         self._givings: dict[tuple[Mover, Mover], Giving] = {}
         self._given: list[tuple[Giving, Fact, Fact]] = []
-        self._bodies: dict[frozenset[Mover], Bodies] = {}
-        self._courses: dict[Mover, Course] = {}
         self._backlog: Backlog | None = None
         self._needs: set[str] = set()
         self._checked: set[tuple[str, bool]] = set()
@@ -71,11 +66,10 @@ class Board:
             self._backlog.drop(mover)
         for end in self._ends.pop(mover, ()):
             end()
-        for known in (self._places, self._waits, self._courses, self._bodily):
+        for known in (self._places, self._waits, self._bodily):
             known.pop(mover, None)
         for key in [key for key, fact in self._facts.items() if not fact.watches]:
             del self._facts[key]
-        self._bodies = {pair: bodies for pair, bodies in self._bodies.items() if mover not in pair}
         self._givings = {pair: giving for pair, giving in self._givings.items() if mover not in pair}
 
     def bodily(self, movers: Iterable[Mover]) -> frozenset[Fact]:
@@ -99,7 +93,6 @@ class Board:
                 fact.tell(test())
         for fact, test in self._polled:
             fact.tell(test())
-        self._read_distances()
         for signal in self._signals:
             row = signal(now.block)[-1].tolist()
             for fact, column in self._columns_of(signal):
@@ -111,16 +104,6 @@ class Board:
             obstructs.tell(hit)
         for fact, follow in self._followed:
             fact.tell(bool(follow(now.run)))
-
-    def _read_distances(self) -> None:
-        """Tell what hangs on distances, of who has moved far enough for it to matter."""
-        recorded = self.now.touching is not None
-        for fact, bodies, test in self._apart:
-            if recorded or fact.value or bodies.one.moved + bodies.two.moved >= bodies.due:
-                fact.tell(test())
-        for fact, mover, course, test in self._within:
-            if fact.value or mover.moved >= course.due_lane or mover.moved >= course.due_route:
-                fact.tell(test())
 
     def _read_changes(self, changed: Sequence[Mover]) -> None:
         """Tell what hangs on zones, waiting times and lights."""
@@ -227,10 +210,6 @@ class Board:
         match name:
             case "idles" | "blocks":
                 return self._keep(fact, self._lost, (fact, test))
-            case "collide":
-                return self._keep(fact, self._apart, (fact, self._two(*agents), test))
-            case "off_lane" | "off_route":
-                return self._keep(fact, self._within, (fact, agents[0], self._course(agents[0]), test))
         return self._keep(fact, self._polled, (fact, test))
 
     def _test(self, name: str, agents: Sequence[Mover]) -> _Test | None:
@@ -243,13 +222,6 @@ class Board:
                 return partial(self._losses().idles, who)
             case "blocks", [who]:
                 return partial(self._losses().blocks, who)
-            case "off_lane", [who]:
-                return partial(self._course(who).off_lane, now)
-            case "off_route", [who]:
-                return partial(self._course(who).off_route, now)
-            case "collide", [one, two]:
-                bodies, names = self._two(one, two), frozenset((one.agent.name, two.agent.name))
-                return lambda: bodies.look(now) if now.touching is None else names in now.touching
         return None
 
     def _general(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
@@ -295,7 +267,7 @@ class Board:
     def _give(self, name: str, me: Mover, you: Mover) -> Fact:
         giving = self._givings.get((me, you))
         if giving is None:
-            giving = self._givings[me, you] = Giving(self.now, me, you, self._two(me, you))
+            giving = self._givings[me, you] = Giving(self.now, me, you)
             giving.follow(self.now)
             facts = Fact(giving.value[0]), Fact(giving.value[1])
             for word, fact in zip(("owes", "obstructs"), facts, strict=True):
@@ -309,17 +281,6 @@ class Board:
             self._backlog = Backlog(self.now)
             self._backlog.add()
         return self._backlog
-
-    def _course(self, who: Mover) -> Course:
-        if who not in self._courses:
-            self._courses[who] = Course(self.now, who)
-        return self._courses[who]
-
-    def _two(self, one: Mover, two: Mover) -> Bodies:
-        pair = frozenset((one, two))
-        if pair not in self._bodies:
-            self._bodies[pair] = Bodies(one, two)
-        return self._bodies[pair]
 
     def _keep(self, fact: Fact, where: list[_Entry], entry: _Entry, *until: Mover) -> Fact:
         """Have a fact looked after in a list, as long as somebody looks at it, or until one of these vehicles is dropped."""
@@ -346,8 +307,5 @@ _NEEDS: Mapping[str, tuple[str, ...]] = {
     "may_go": _MOTION,
     "owes": _MOTION,
     "obstructs": _MOTION,
-    "off_lane": ("station", "pose"),
-    "off_route": ("station", "pose"),
-    "collide": (),
 }
 """What our words ask of a state."""
