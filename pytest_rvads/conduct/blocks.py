@@ -7,6 +7,7 @@ a carry, which one block hands on to the next block: so the values are the same 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Generic, TypeVar, overload
@@ -20,7 +21,21 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.run import DT, Collision, Facts, Run
 from pytest_rvads.runs.states import ABSENT, GONE, Agent
 
-__all__ = ["Block", "Cast", "Pairs", "Signal", "Stream", "as_block", "latched", "pairs", "signal", "sized", "tick_of"]
+__all__ = [
+    "Block",
+    "Cast",
+    "Pairs",
+    "Signal",
+    "Stream",
+    "as_block",
+    "everybody",
+    "lasting",
+    "latched",
+    "pairs",
+    "signal",
+    "sized",
+    "tick_of",
+]
 
 _Value = TypeVar("_Value")
 
@@ -68,6 +83,7 @@ class Cast:
     def __init__(self, junction: Junction, agents: Sequence[Agent], facts: Facts) -> None:
         self.junction, self.agents, self.facts = junction, tuple(agents), facts
         self.entrance = np.array([agent.entrance for agent in self.agents], dtype=np.int64)
+        self.exit = np.array([agent.exit for agent in self.agents], dtype=np.int64)
         self.way = np.array([agent.route.length for agent in self.agents], dtype=np.float64)
         """Lengths of the movements [m]."""
         self.length, self.width = np.array([agent.size or (np.nan, np.nan) for agent in self.agents]).reshape(-1, 2).T
@@ -114,12 +130,15 @@ class Signal(Generic[_Value]):
     work: Callable[..., Any]
     """Takes the block and the carry; returns the value, and with a carry also one array per part of it, whose last row is the
     carry of the next block."""
-    start: tuple[Any, ...] = ()
-    """The carry of a vehicle, or of a pair of vehicles, that was not there before; empty: the signal has no carry."""
+    start: tuple[Any, ...] | Callable[[float], tuple[Any, ...]] = ()
+    """The carry of a vehicle, or of a pair of vehicles, that was not there before, or what returns it for the time between two
+    states [s]; empty: the signal has no carry."""
     pairs: Callable[[Cast], Pairs] | None = None
     """Which pairs the columns of the value and the carry are about; None: vehicles."""
     needs: Callable[[Block, Sequence[int]], None] | None = None
     """Raises a `RunError` where the value about some vehicles, given by column, is not known."""
+    otherwise: Any = False
+    """The value about two vehicles that make no pair."""
 
     @overload
     def __call__(self, states: Block | Run) -> _Value: ...
@@ -130,14 +149,14 @@ class Signal(Generic[_Value]):
     def __call__(self, states: Block | Run, *columns: int) -> Any:
         """Return the value on a block or a whole run: for all vehicles or pairs, or for one, given by column.
 
-        Of two vehicles that make no pair, the truth is false.
+        Of two vehicles that make no pair it is `otherwise` in every state.
         """
         block = states if isinstance(states, Block) else once(states, as_block)
         if not columns:
             return block.values[self] if self in block.values else block.value(self)
         column = self.column(block.cast, columns)
         if column is None:
-            return np.zeros(len(block.zone), dtype=np.bool_)
+            return np.full(len(block.zone), self.otherwise)
         if self.needs is not None:
             self.needs(block, columns)
         values: Any = self(block)
@@ -155,9 +174,10 @@ def signal(work: Callable[[Block], _Value]) -> Signal[_Value]: ...
 @overload
 def signal(
     *,
-    start: tuple[Any, ...] = ...,
+    start: tuple[Any, ...] | Callable[[float], tuple[Any, ...]] = ...,
     pairs: Callable[[Cast], Pairs] | None = ...,
     needs: Callable[[Block, Sequence[int]], None] | None = ...,
+    otherwise: Any = ...,
 ) -> Callable[..., Signal[Any]]: ...
 
 
@@ -184,6 +204,8 @@ class Block:
     """Names of the pairs that touch for the first time, and in which row; None where nobody recorded it."""
     tick: int = 0
     """Of the first state."""
+    last: bool = False
+    """Whether it is known that no block comes after this one."""
     before: _Carry = field(default_factory=dict)
     """What signals carry over from the block before."""
     after: _Carry = field(default_factory=dict)
@@ -222,7 +244,7 @@ class Block:
         """Work out the value of a signal."""
         value: _Value
         if signal.start:
-            carry = self.before.get(signal) or _fresh(signal, self.cast)
+            carry = self.before.get(signal) or _fresh(signal, self.cast, self.dt)
             value, *tracks = signal.work(self, *carry)
             self.after[signal] = tuple([track[-1] for track in tracks])
         else:
@@ -231,9 +253,10 @@ class Block:
         return value
 
 
-def _fresh(signal: Signal[Any], cast: Cast) -> tuple[NDArray[Any], ...]:
+def _fresh(signal: Signal[Any], cast: Cast, dt: float) -> tuple[NDArray[Any], ...]:
     count = len(cast if signal.pairs is None else cast.static(signal.pairs))
-    return tuple(np.full(count, start) for start in signal.start)
+    starts = signal.start(dt) if callable(signal.start) else signal.start
+    return tuple(np.repeat(np.asarray(start)[..., None], count, axis=-1) for start in starts)
 
 
 class Stream:
@@ -268,9 +291,9 @@ class Stream:
                 moved = (((columns.get(one), columns.get(two)), number) for (one, two), number in then.items())
                 moves = [(number, now[pair]) for pair, number in moved if pair in now]
             source, target = np.array(moves, dtype=np.int64).reshape(-1, 2).T
-            fresh = _fresh(signal, self.cast)
+            fresh = _fresh(signal, self.cast, self.dt)
             for part, was in zip(fresh, carry, strict=True):
-                part[target] = was[source]
+                part[..., target] = was[..., source]
             self._carry[signal] = fresh
 
     def feed(self, signals: Iterable[Signal[Any]], zone: NDArray[np.int8], lights: NDArray[np.int8], **arrays: Any) -> Block:
@@ -284,7 +307,8 @@ class Stream:
         """
         block = Block(self.cast, zone, lights, self.dt, **arrays, tick=self._tick, before=self._carry)
         for signal in signals:
-            signal(block)
+            with suppress(RunError):  # what is not known now has no carry either
+                signal(block)
         self._carry, self._tick = block.after, self._tick + len(zone)
         return block
 
@@ -293,12 +317,28 @@ def as_block(run: Run) -> Block:
     """Return a whole run as one block."""
     contacts = None if run.collisions is None else [(frozenset(c.agents), tick_of(run, c)) for c in run.collisions]
     cast = Cast(run.junction, run.agents, run.facts)
-    return Block(cast, run.zone, run.lights, run.dt, run.station, run.speed, run.pose, contacts)
+    return Block(cast, run.zone, run.lights, run.dt, run.station, run.speed, run.pose, contacts, last=True)
 
 
 def tick_of(run: Run, collision: Collision) -> int:
     """Return the tick of a collision."""
     return min(max(round(collision.time / run.dt), 0), run.steps - 1)
+
+
+def everybody(cast: Cast) -> Pairs:
+    """Return all pairs of vehicles, in both orders."""
+    return pairs(cast, lambda _one, _two: True)
+
+
+def lasting(truths: NDArray[np.bool_], before: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return for how many states, up to each, something has been true without a break.
+
+    Args:
+        truths: shape ``(n, columns)``.
+        before: for how many states it had been true before the first state, shape ``(columns,)``.
+    """
+    count = np.arange(1, len(truths) + 1)[:, None]
+    return count - np.maximum.accumulate(np.where(truths, -before, count), axis=0)
 
 
 def latched(set_: NDArray[np.bool_], reset: NDArray[np.bool_], before: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -128,7 +128,10 @@ def _close(block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     length, width = np.nan_to_num(cast.length), np.nan_to_num(cast.width)
     centre = pose[..., :2] - length[:, None] / 2 * np.stack((np.cos(pose[..., 2]), np.sin(pose[..., 2])), axis=-1)
     reach = np.hypot(length, width) / 2 + _MARGIN / 2
-    rows, numbers = np.nonzero(np.repeat(_near(block, centre, reach), _BLOCK, axis=0)[: len(pose)])
+    if len(pose) > _BLOCK:
+        rows, numbers = np.nonzero(np.repeat(_near(block, centre, reach), _BLOCK, axis=0)[: len(pose)])
+    else:
+        rows, numbers = (part.ravel() for part in np.indices((len(pose), len(both))))
     one, two = both.one[numbers], both.two[numbers]
     apart = centre[rows, one] - centre[rows, two]
     near = np.einsum("ij,ij->i", apart, apart) <= (reach[one] + reach[two]) ** 2
@@ -139,8 +142,6 @@ def _close(block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def _near(block: Block, centre: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return in which spans of `_BLOCK` ticks circles of which pairs might touch, shape ``(spans, pairs)``."""
     both, starts = block.cast.static(couples), np.arange(0, len(centre), _BLOCK)
-    if not len(starts):
-        return np.zeros((0, len(both)), dtype=np.bool_)
     place, known = centre.copy(), block.zone != Zone.ABSENT
     for column in np.flatnonzero(known.any(axis=0) & ~known.all(axis=0)).tolist():
         ticks = np.flatnonzero(known[:, column])

@@ -25,13 +25,16 @@ __all__ = [
     "ahead_by",
     "before_exit",
     "contested",
+    "contested_places",
     "first_stretch",
     "meet",
     "meeting",
+    "neighbours",
     "on_stretch",
     "parting",
     "places",
     "position",
+    "roads",
     "shared",
 ]
 
@@ -167,18 +170,62 @@ def meet(block: Block) -> NDArray[np.bool_]:
     return found
 
 
-def ahead_by(run: Run, agent: int, other: int, common: Shared | None, when: slice) -> NDArray[np.float64]:
-    """Return how far ahead of the agent, in its lane or on its exit road, the rear of the other one is [m], else infinity."""
-    me, you = run.agents[agent], run.agents[other]
-    (front, _), (ahead, behind) = position(run, agent, when), position(run, other, when)
-    if me.entrance == you.entrance:
-        way = behind < parting(run.junction, me.route.key, you.route.key)
-    elif me.exit == you.exit:
-        way = ahead >= (common.yours.start if common else you.route.length)
-        front = front + (you.route.length - me.route.length)
-    else:
-        return np.full(len(front), np.inf)
-    return np.where(way & (ahead > front) & run.here[when, other], behind - front, np.inf)
+def neighbours(cast: Cast) -> Pairs:
+    """Return the pairs of vehicles that share a stretch, an entrance or an exit.
+
+    Raises:
+        RunError: the run holds no geometry of its junction.
+    """
+
+    def belong(one: int, two: int) -> bool:
+        me, you = cast.agents[one], cast.agents[two]
+        return shared(cast, one, two) is not None or me.entrance == you.entrance or me.exit == you.exit
+
+    return pairs(cast, belong)
+
+
+def contested_places(cast: Cast) -> Places:
+    """Return the contested stretches of `neighbours`."""
+    return places(contested(cast, one, two) for one, two in cast.static(neighbours).column)
+
+
+class _Roads(NamedTuple):
+    """Where the roads lie that `neighbours` share, each of shape ``(pairs,)``."""
+
+    entrance: NDArray[np.bool_]
+    """Whether they come to one entrance."""
+    exit: NDArray[np.bool_]
+    """Whether they leave by one exit."""
+    parting: NDArray[np.float64]
+    """See `parting` [m]."""
+    joining: NDArray[np.float64]
+    """From which station on the second vehicle is in the lane of the first vehicle, where both leave by one exit [m]."""
+    shift: NDArray[np.float64]
+    """How much longer the movement of the second vehicle is [m]."""
+
+
+def roads(cast: Cast) -> _Roads:
+    """Return what roads `neighbours` share."""
+    both, agents = cast.static(neighbours), cast.agents
+    commons = [shared(cast, one, two) for one, two in both.column]
+    entrance, exit = cast.entrance[both.one] == cast.entrance[both.two], cast.exit[both.one] == cast.exit[both.two]
+    partings = [
+        parting(cast.junction, agents[one].route.key, agents[two].route.key) if same else 0.0
+        for (one, two), same in zip(both.column, entrance.tolist(), strict=True)
+    ]
+    joins = [c.yours.start if c else agents[two].route.length for (_, two), c in zip(both.column, commons, strict=True)]
+    return _Roads(entrance, exit, np.array(partings), np.array(joins), cast.way[both.two] - cast.way[both.one])
+
+
+@signal(pairs=neighbours, needs=sized, otherwise=math.inf)
+def ahead_by(block: Block) -> NDArray[np.float64]:
+    """How far ahead of the first vehicle, in its lane or on its exit road, the rear of the second is [m], else infinity."""
+    both, road, station = block.cast.static(neighbours), block.cast.static(roads), block.need("station")
+    front, ahead = station[:, both.one], station[:, both.two]
+    behind = ahead - block.cast.length[both.two]
+    way = np.where(road.entrance, behind < road.parting, road.exit & (ahead >= road.joining))
+    front = np.where(road.entrance, front, front + road.shift)
+    return np.where(way & (ahead > front) & block.here[:, both.two], behind - front, np.inf)
 
 
 def before_exit(run: Run, agent: int, when: slice = ALWAYS) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -12,6 +12,8 @@ from pytest_rvads.conduct.blocks import Block, Signal, Stream
 from pytest_rvads.conduct.bodies import overlap
 from pytest_rvads.conduct.lane import off_lane, off_route
 from pytest_rvads.conduct.motion import advance, facing, inside, wt
+from pytest_rvads.conduct.priority import brakes_hard, obstructs, owes, unhindered
+from pytest_rvads.conduct.rights import close_behind, held, kept_by, next_to_go, starting, waives
 from pytest_rvads.conduct.standing import arrived, leads, speeding, stands, stopped, waited
 from pytest_rvads.conduct.stretches import meet
 from pytest_rvads.junctions.finder import find
@@ -21,8 +23,24 @@ from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
 STEPS, COUNT, DT = 400, 9, 0.1
-CARRIED: tuple[Signal[Any], ...] = (wt, facing, advance, stopped, arrived)
-SIGNALS: tuple[Signal[Any], ...] = (*CARRIED, stands, leads, waited, inside, speeding, meet, overlap, off_lane, off_route)
+CARRIED: tuple[Signal[Any], ...] = (wt, facing, advance, stopped, arrived, starting, waives, kept_by, brakes_hard, owes)
+SIGNALS: tuple[Signal[Any], ...] = (
+    *CARRIED,
+    stands,
+    leads,
+    waited,
+    inside,
+    speeding,
+    meet,
+    overlap,
+    off_lane,
+    off_route,
+    held,
+    next_to_go,
+    close_behind,
+    unhindered,
+    obstructs,
+)
 PLACES = ("stop4", "light4", "yield4")
 
 

@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 
 from pytest_rvads.conduct.backlog import Backlog
 from pytest_rvads.conduct.blocks import Cast, Signal
-from pytest_rvads.conduct.following import Follower, Giving
 from pytest_rvads.conduct.instant import Instant
 from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.logic.judging.evaluate import OPERATORS, Values
@@ -22,6 +21,7 @@ from pytest_rvads.logic.live.watch import Fact
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, BUILT_IN, word_of
 from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.rules.vocabulary import Follower
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION
 
 __all__ = ["Board"]
@@ -45,14 +45,13 @@ class Board:
         self._crossings: set[int] = set()
         """Waiting times at which a comparison of two of them may change [ticks]."""
         self._colours: list[tuple[Fact, _Test]] = []
-        self._polled: list[tuple[Fact, _Test]] = []
         self._lost: list[tuple[Fact, _Test]] = []
         self._signals: dict[Signal[Any], list[tuple[Fact, tuple[Mover, ...]]]] = {}
         self._columns: dict[Signal[Any], list[tuple[Fact, int]]] = {}
         self._cast: Cast | None = None
+        self._rows: dict[Signal[Any], list[bool]] = {}
+        """Of every signal the state before."""
         self._followed: list[tuple[Fact, Follower]] = []
-        self._givings: dict[tuple[Mover, Mover], Giving] = {}
-        self._given: list[tuple[Giving, Fact, Fact]] = []
         self._backlog: Backlog | None = None
         self._needs: set[str] = set()
         self._checked: set[tuple[str, bool]] = set()
@@ -70,7 +69,6 @@ class Board:
             known.pop(mover, None)
         for key in [key for key, fact in self._facts.items() if not fact.watches]:
             del self._facts[key]
-        self._givings = {pair: giving for pair, giving in self._givings.items() if mover not in pair}
 
     def bodily(self, movers: Iterable[Mover]) -> frozenset[Fact]:
         """Return the facts that are false as long as one of these vehicles is absent."""
@@ -91,17 +89,16 @@ class Board:
         if self._backlog is not None and (self._backlog.add() or any(fact.value for fact, _ in self._lost)):
             for fact, test in self._lost:
                 fact.tell(test())
-        for fact, test in self._polled:
-            fact.tell(test())
+        if now.block.cast is not self._cast:
+            self._cast = now.block.cast
+            self._columns.clear()
+            self._rows.clear()
         for signal in self._signals:
             row = signal(now.block)[-1].tolist()
-            for fact, column in self._columns_of(signal):
-                fact.tell(row[column])
-        for giving, owes, obstructs in self._given:
-            giving.follow(now)
-            owing, hit = giving.value
-            owes.tell(owing)
-            obstructs.tell(hit)
+            if row != self._rows.get(signal):
+                self._rows[signal] = row
+                for fact, column in self._columns_of(signal):
+                    fact.tell(row[column])
         for fact, follow in self._followed:
             fact.tell(bool(follow(now.run)))
 
@@ -176,12 +173,14 @@ class Board:
                 return self._wait(atom.name, agents, tie, now.waited)
             case (("=" | "!="), (f.Attr(f.Element(Sort.LIGHT, number), "cl"), f.Value(name))):
                 return self._colour(number, name, equal=atom.name == "=")
-            case (("owes" | "obstructs"), _):
-                return self._give(atom.name, *agents)
             case "may_go", _:
                 backlog, who = self._losses(), agents[0]
                 return Fact(False, lambda: backlog.may_go(who))
-        return self._continuous(atom.name, agents)
+            case (("idles" | "blocks"), [_]):
+                test: _Test = partial(getattr(self._losses(), atom.name), agents[0])
+                fact = Fact(test())
+                return self._keep(fact, self._lost, (fact, test))
+        return None
 
     def _of_signal(self, signal: Signal[Any], agents: Sequence[Mover]) -> Fact:
         """Return a fact that is one column of a signal."""
@@ -191,38 +190,11 @@ class Board:
 
     def _columns_of(self, signal: Signal[Any]) -> list[tuple[Fact, int]]:
         """Return the facts about a signal, and which column of the signal each of them is."""
-        cast, facts = self.now.block.cast, self._signals[signal]
-        if cast is not self._cast:
-            self._cast = cast
-            self._columns.clear()
-        columns = self._columns.get(signal)
+        cast, facts, columns = self.now.block.cast, self._signals[signal], self._columns.get(signal)
         if columns is None or len(columns) != len(facts):
             found = ((fact, signal.column(cast, [mover.slot for mover in movers])) for fact, movers in facts)
             columns = self._columns[signal] = [(fact, column) for fact, column in found if column is not None]
         return columns
-
-    def _continuous(self, name: str, agents: Sequence[Mover]) -> Fact | None:
-        """Return a fact about something continuous, None where none is called so."""
-        test = self._test(name, agents)
-        if test is None:
-            return None
-        fact = Fact(test())
-        match name:
-            case "idles" | "blocks":
-                return self._keep(fact, self._lost, (fact, test))
-        return self._keep(fact, self._polled, (fact, test))
-
-    def _test(self, name: str, agents: Sequence[Mover]) -> _Test | None:
-        """Return what works an atom out in every instant."""
-        now = self.now
-        match name, agents:
-            case "gives_up", [who]:
-                return lambda: now.waives(who) or not who.arrived
-            case "idles", [who]:
-                return partial(self._losses().idles, who)
-            case "blocks", [who]:
-                return partial(self._losses().blocks, who)
-        return None
 
     def _general(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
         """Return a fact that is worked out on a run of one state."""
@@ -264,18 +236,6 @@ class Board:
         fact = Fact((now.lights[light] == wanted) is equal)
         return self._keep(fact, self._colours, (fact, lambda: (now.lights[light] == wanted) is equal))
 
-    def _give(self, name: str, me: Mover, you: Mover) -> Fact:
-        giving = self._givings.get((me, you))
-        if giving is None:
-            giving = self._givings[me, you] = Giving(self.now, me, you)
-            giving.follow(self.now)
-            facts = Fact(giving.value[0]), Fact(giving.value[1])
-            for word, fact in zip(("owes", "obstructs"), facts, strict=True):
-                self._facts[BUILT_IN[word].name, (me, you), 0.0] = fact
-            if not giving.never:
-                self._keep(facts[0], self._given, (giving, *facts), me)
-        return self._facts[BUILT_IN[name].name, (me, you), 0.0]
-
     def _losses(self) -> Backlog:
         if self._backlog is None:
             self._backlog = Backlog(self.now)
@@ -305,7 +265,5 @@ _NEEDS: Mapping[str, tuple[str, ...]] = {
     "blocks": _MOTION,
     "idles": _MOTION,
     "may_go": _MOTION,
-    "owes": _MOTION,
-    "obstructs": _MOTION,
 }
 """What our words ask of a state."""

@@ -9,9 +9,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pytest_rvads.conduct.blocks import Signal
 from pytest_rvads.conduct.instant import Instant
+from pytest_rvads.conduct.motion import advance
 from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.conduct.predicates import extract
+from pytest_rvads.conduct.rights import waives
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.prepare import Template, prepare
@@ -22,6 +25,7 @@ from pytest_rvads.logic.live.watch import Fact, Reading, Watch
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 from pytest_rvads.logic.rules.book import RuleBook, rules_for
+from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.telling.phrase import element_name
@@ -81,6 +85,10 @@ class RuleMonitor:
             self._agents = tuple(replace(a, size=size) for a, size in zip(self._agents, sizes, strict=True))
         self._size = None if vehicle_size is None or agents is not None else sizes_of(vehicle_size, 1)[0]
         self._now = Instant(junction, dt, Facts(speed_limit=speed_limit))
+        words = {word_of(atom) for rule in self.rules for atom in f.atoms(rule.formula)}
+        self._now.signals += [word.holds for word in words if word is not None and isinstance(word.holds, Signal)]
+        if any(word is not None and word.name in ("idles", "blocks", "may_go") for word in words):
+            self._now.signals += [advance, waives]
         self._board = Board(self._now)
         self._queue: list[Watch] = []
         self._readings: dict[tuple[int, tuple[int, ...]], tuple[Machine, Reading]] = {}
@@ -324,7 +332,6 @@ class RuleMonitor:
             del self._about[mover]
             self._free.append(mover.slot)
             self._board.drop(mover)
-            self._now.drop(mover)
             self._broken = {watch: movers for watch, movers in self._broken.items() if mover not in movers}
         return tuple(decided)
 
