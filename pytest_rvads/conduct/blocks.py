@@ -7,7 +7,6 @@ a carry, which one block hands on to the next block: so the values are the same 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Generic, TypeVar, overload
@@ -19,9 +18,15 @@ from pytest_rvads.conduct.memo import once
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.run import DT, Collision, Facts, Run
-from pytest_rvads.runs.states import ABSENT, GONE, Agent
+from pytest_rvads.runs.states import Agent, Zone
 
 __all__ = [
+    "ABSENT",
+    "APPROACH",
+    "ENTRANCE",
+    "EXIT",
+    "GONE",
+    "JUNCTION",
     "Block",
     "Cast",
     "Pairs",
@@ -38,6 +43,8 @@ __all__ = [
 ]
 
 _Value = TypeVar("_Value")
+APPROACH, ENTRANCE, JUNCTION, EXIT, GONE, ABSENT = map(int, Zone)
+"""The zones as plain numbers: numpy compares arrays with members of an enumeration several times as slowly."""
 
 
 class Pairs:
@@ -152,15 +159,16 @@ class Signal(Generic[_Value]):
         Of two vehicles that make no pair it is `otherwise` in every state.
         """
         block = states if isinstance(states, Block) else once(states, as_block)
+        values = block.values
         if not columns:
-            return block.values[self] if self in block.values else block.value(self)
+            return values[self] if self in values else block.value(self)
         column = self.column(block.cast, columns)
         if column is None:
             return np.full(len(block.zone), self.otherwise)
         if self.needs is not None:
             self.needs(block, columns)
-        values: Any = self(block)
-        return values[:, column]
+        value: Any = self(block)
+        return value[:, column]
 
     def column(self, cast: Cast, columns: Sequence[int]) -> int | None:
         """Return which column of the value is about a vehicle or a pair, given by its columns."""
@@ -307,8 +315,10 @@ class Stream:
         """
         block = Block(self.cast, zone, lights, self.dt, **arrays, tick=self._tick, before=self._carry)
         for signal in signals:
-            with suppress(RunError):  # what is not known now has no carry either
+            try:
                 signal(block)
+            except RunError:
+                continue  # what is not known now has no carry either
         self._carry, self._tick = block.after, self._tick + len(zone)
         return block
 

@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, Cast, Pairs, as_block, signal, sized
+from pytest_rvads.conduct.blocks import ABSENT, Block, Cast, Pairs, as_block, signal, sized
 from pytest_rvads.conduct.memo import once
 from pytest_rvads.runs.run import Collision, Run
-from pytest_rvads.runs.states import Zone
 
-__all__ = ["Box", "close", "collide", "contacts", "couples", "gap", "overlap", "touch", "velocity"]
+__all__ = ["Box", "close", "collide", "contacts", "couples", "gap", "headings", "overlap", "touch", "velocity"]
 
 
 _Size = float | NDArray[np.float64]
@@ -90,14 +89,13 @@ def touch(bodies: Sequence[tuple[NDArray[np.float64], tuple[_Size, _Size]]]) -> 
         bodies: of each of the two its poses, shape ``(steps, 3)`` [m, m, rad], and its length and width [m], which may be arrays
             of the shape ``(steps,)``.
     """
-    boxes = [_box(pose, *size) for pose, size in bodies]
-    apart = boxes[1][0] - boxes[0][0]
-    there = np.ones(len(apart), dtype=np.bool_)
-    for _, axes in boxes:
-        for unit in (axes / np.hypot(axes[..., :1], axes[..., 1:])).swapaxes(0, 1):
-            reach = sum(np.abs((halves * unit[:, None]).sum(axis=-1)).sum(axis=-1) for _, halves in boxes)
-            there &= np.abs((apart * unit).sum(axis=-1)) < reach
-    return there
+    centres, halves = zip(*(_box(pose, *size) for pose, size in bodies), strict=True)
+    apart, sides = centres[1] - centres[0], np.concatenate(halves, axis=1)
+    units = sides / np.hypot(sides[..., :1], sides[..., 1:])
+    along = np.abs((sides[:, None] * units[:, :, None]).sum(axis=-1))
+    reach = along.reshape(len(along), -1, 2, 2).sum(axis=-1).sum(axis=-1)
+    found: NDArray[np.bool_] = (np.abs((apart[:, None] * units).sum(axis=-1)) < reach).all(axis=1)
+    return found
 
 
 def close(run: Run) -> NDArray[np.bool_]:
@@ -122,12 +120,25 @@ _MARGIN = 1.0
 
 
 @signal
+def headings(block: Block) -> NDArray[np.float64]:
+    """The unit vector in which every vehicle points, shape ``(n, agents, 2)``."""
+    heading = block.need("pose")[..., 2]
+    found = np.empty((*heading.shape, 2))
+    found[..., 0], found[..., 1] = np.cos(heading), np.sin(heading)
+    return found
+
+
+def _circles(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how far behind the fronts circles around the bodies have their centres, and how far these reach [m]."""
+    length, width = np.nan_to_num(cast.length), np.nan_to_num(cast.width)
+    return length / 2, np.hypot(length, width) / 2 + _MARGIN / 2
+
+
+@signal
 def _close(block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return in which rows circles around the bodies of which pairs touch, or nearly so."""
-    pose, cast, both = block.need("pose"), block.cast, block.cast.static(couples)
-    length, width = np.nan_to_num(cast.length), np.nan_to_num(cast.width)
-    centre = pose[..., :2] - length[:, None] / 2 * np.stack((np.cos(pose[..., 2]), np.sin(pose[..., 2])), axis=-1)
-    reach = np.hypot(length, width) / 2 + _MARGIN / 2
+    pose, both, (half, reach) = block.need("pose"), block.cast.static(couples), block.cast.static(_circles)
+    centre = pose[..., :2] - half[:, None] * headings(block)
     if len(pose) > _BLOCK:
         rows, numbers = np.nonzero(np.repeat(_near(block, centre, reach), _BLOCK, axis=0)[: len(pose)])
     else:
@@ -142,7 +153,7 @@ def _close(block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def _near(block: Block, centre: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return in which spans of `_BLOCK` ticks circles of which pairs might touch, shape ``(spans, pairs)``."""
     both, starts = block.cast.static(couples), np.arange(0, len(centre), _BLOCK)
-    place, known = centre.copy(), block.zone != Zone.ABSENT
+    place, known = centre.copy(), block.zone != ABSENT
     for column in np.flatnonzero(known.any(axis=0) & ~known.all(axis=0)).tolist():
         ticks = np.flatnonzero(known[:, column])
         place[: ticks[0], column], place[ticks[-1] :, column] = centre[ticks[0], column], centre[ticks[-1], column]

@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, Cast, signal, sized
+from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, Cast, signal, sized
+from pytest_rvads.conduct.bodies import headings
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.bends import least_radius
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.itineraries import Itinerary, directions, itinerary
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import AXLE, ENTRANCE, JUNCTION
+from pytest_rvads.runs.states import AXLE
 from pytest_rvads.runs.vehicle import usual_radius
 
 __all__ = ["LANE_TOLERANCE", "MAX_OFFSET", "NEAR", "beside", "lane_allows", "off_lane", "off_route", "too_tight", "wrong_lanes"]
@@ -124,9 +126,9 @@ def off_route(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is off its route, see `beside`."""
     pose, station, ways = block.need("pose"), block.need("station"), block.cast.static(_ways)
     found = np.zeros(block.zone.shape, dtype=np.bool_)
-    rows, columns = np.nonzero(block.here)
+    rows, columns, (offset, _), _ = _beside(block)
     # Projecting takes a while, so it is done where a look at the place at that station says that it is worth it.
-    far = np.abs(ways.offset(columns, pose[rows, columns, :2], station[rows, columns])) > MAX_OFFSET - 2 * NEAR
+    far = np.abs(offset) > MAX_OFFSET - 2 * NEAR
     for row, column in zip(rows[far].tolist(), columns[far].tolist(), strict=True):
         x, y, heading = pose[row, column].tolist()
         length = float(block.cast.length[column])
@@ -161,21 +163,30 @@ def off_lane(block: Block) -> NDArray[np.bool_]:
     return found
 
 
+@signal
+def _beside(block: Block) -> tuple[NDArray[Any], ...]:
+    """Return where the vehicles that are there are beside their ways.
+
+    These are rows and columns; and how far the middles of front and rear are to the left of the way at their stations, and how
+    far from the way there, each of shape ``(2, places)`` [m].
+    """
+    ways, (rows, columns) = block.cast.static(_ways), np.nonzero(block.here)
+    front, station = block.need("pose")[rows, columns, :2], block.need("station")[rows, columns]
+    length = block.cast.length[columns]
+    points = np.concatenate((front, front - length[:, None] * headings(block)[rows, columns]))
+    place, ahead = ways.centre(np.tile(columns, 2), np.concatenate((station, station - length)))
+    apart = points - place
+    offset = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
+    return rows, columns, offset.reshape(2, -1), np.hypot(apart[:, 0], apart[:, 1]).reshape(2, -1)
+
+
 def _aside(block: Block, half: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return where the middle of front or rear of a vehicle is so far from its itinerary that a corner may be over a border.
 
     Elsewhere that is known without looking for the nearest place of each corner.
     """
-    cast, ways = block.cast, block.cast.static(_ways)
-    rows, columns = np.nonzero(block.here)
-    pose, station = block.need("pose")[rows, columns], block.need("station")[rows, columns]
-    ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
-    far = np.zeros(len(rows), dtype=np.bool_)
-    for back in (np.zeros(len(rows)), cast.length[columns]):
-        place, _ = ways.centre(columns, station - back)
-        apart = pose[:, :2] - place
-        apart -= back[:, None] * ahead
-        far |= np.hypot(apart[:, 0], apart[:, 1]) > half - cast.width[columns] / 2 - _SURE
+    rows, columns, _, apart = _beside(block)
+    far = (apart > half - block.cast.width[columns] / 2 - _SURE).any(axis=0)
     return rows[far], columns[far]
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, signal, sized
-from pytest_rvads.runs.states import ENTRANCE, JUNCTION
+from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, signal, sized
 
 __all__ = ["NEVER", "advance", "entered", "facing", "inside", "wt"]
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, Cast, lasting, signal, sized
+from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, Cast, lasting, signal, sized
 from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.motion import entered, facing
 from pytest_rvads.conduct.rights import (
@@ -35,7 +35,7 @@ from pytest_rvads.conduct.stretches import contested, neighbours
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.runs.states import ENTRANCE, JUNCTION, Agent
+from pytest_rvads.runs.states import Agent
 
 __all__ = [
     "HARD_BRAKING",
@@ -190,13 +190,18 @@ class Meeting(NamedTuple):
     """Whether the other vehicle brakes harder than it does by itself."""
 
 
+def _thirds(cast: Cast) -> dict[tuple[int, int], list[int]]:
+    """Return for two vehicles the columns of `neighbours` that are about the first of them and a third vehicle."""
+    of = cast.static(neighbours).column.items()
+    return {(one, two): [n for (me, you), n in of if me == one and you != two] for one, two in cast.static(owing).column}
+
+
 _UNSEEN = Meeting(False, False, math.nan, math.nan, False, math.nan, math.nan, False, False, False, False, False)
 """Of a vehicle that entered before the other one was there."""
 
 
 def _meetings(block: Block, one: int, two: int, bound: NDArray[np.bool_], when: slice) -> Iterator[Meeting]:
-    cast, both = block.cast, block.cast.static(neighbours)
-    thirds = [column for pair, column in both.column.items() if pair[0] == one and pair[1] != two]
+    cast, thirds = block.cast, block.cast.static(_thirds)[one, two]
     station, speed = block.need("station")[when], block.need("speed")[when]
     columns = (
         bound[when],

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, Cast, Pairs, everybody, lasting, pairs, signal, sized
+from pytest_rvads.conduct.blocks import ABSENT, EXIT, Block, Cast, Pairs, everybody, lasting, pairs, signal, sized
 from pytest_rvads.conduct.grounds import ground_of, in_turn, lit, may_owe
 from pytest_rvads.conduct.motion import entered, facing
 from pytest_rvads.conduct.standing import TIE, arrivals, arrived, leads, stands, waited
@@ -29,7 +29,7 @@ from pytest_rvads.conduct.stretches import (
 from pytest_rvads.junctions.conflicts import Stretch
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import ABSENT, EXIT, Colour
+from pytest_rvads.runs.states import Colour
 
 __all__ = [
     "DUE",
@@ -58,6 +58,7 @@ __all__ = [
 
 GREEN, YELLOW, RED = int(Colour.GREEN), int(Colour.YELLOW), int(Colour.RED)
 _Ends = float | NDArray[np.float64]
+_ALL_WAY = JunctionControl.STOP
 _LONG_AGO = -(10**9)
 """The tick in which a vehicle last stood ready that never did."""
 DUE = 4.0
@@ -178,7 +179,7 @@ def held(block: Block) -> NDArray[np.bool_]:
     is due by standing there. At an all-way stop the order of arrival holds vehicles.
     """
     cast, first = block.cast, first_at_line(block)
-    if block.junction.control is JunctionControl.STOP:
+    if block.junction.control is _ALL_WAY:
         return cast.static(in_turns).any(comes_first(block), len(cast))
     both, at = cast.static(owing), cast.static(owed_places)
     there = comes(block) | (first[:, both.two] & ~np.isnan(at.begin))
@@ -272,7 +273,7 @@ def _keeps(block: Block) -> NDArray[np.bool_]:
     there: NDArray[np.bool_] = (
         (ahead >= at.begin_of_two) & (ahead - cast.length[both.two] <= at.end_of_two) & block.here[:, both.two]
     )
-    if block.junction.control is JunctionControl.STOP:
+    if block.junction.control is _ALL_WAY:
         tick = arrivals(block).tick
         there &= tick[:, both.two] <= tick[:, both.one]
     else:

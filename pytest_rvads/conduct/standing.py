@@ -13,14 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, Cast, Pairs, latched, pairs, signal
+from pytest_rvads.conduct.blocks import APPROACH, ENTRANCE, Block, Cast, Pairs, latched, pairs, signal
 from pytest_rvads.conduct.motion import wt
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Facts, Run
-from pytest_rvads.runs.states import APPROACH, ENTRANCE
 
 __all__ = [
     "LINE_TOLERANCE",
