@@ -141,7 +141,7 @@ def crowd(place: str, seed: int) -> rvads.Run:
         along = way.line - 14.0 + np.concatenate(([0.0], np.cumsum(speeds[:-1]) * CROWD_STEP))
         present = slice(first, first + int(np.searchsorted(along, way.leave)))
         along = along[: present.stop - first]
-        zone[present, vehicle], station[present, vehicle] = zones(way, along), along
+        zone[present, vehicle], station[present, vehicle] = zones(way.borders, along), along
         speed[present, vehicle] = speeds[: len(along)]
         pose[present, vehicle] = [way.pose(float(s)) for s in along]
         agents.append(rvads.Agent(f"v{vehicle}", junction.movements[way.entrance, way.exit], size=(4.6, 1.8)))

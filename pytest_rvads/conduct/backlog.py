@@ -11,11 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.blocks import as_block
 from pytest_rvads.conduct.instant import Instant
+from pytest_rvads.conduct.memo import given
+from pytest_rvads.conduct.motion import advance, entered, facing, inside, wt
 from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.conduct.progress import BLOCKING_TIME, CRAWL, NOTHING, PATIENCE, STUCK_TIME, Lost, losses, may_go
-from pytest_rvads.conduct.rights import DUE, GAP, PACE, find_waiving
-from pytest_rvads.conduct.standing import Arrivals, find_arrivals
+from pytest_rvads.conduct.rights import DUE, GAP, PACE, waives
+from pytest_rvads.conduct.standing import Arrivals, arrivals
 from pytest_rvads.conduct.waiting import QUEUE_GAP, leave_no_room, no_room
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run
@@ -66,6 +69,7 @@ class Backlog:
         if len(self._rows) >= _MOST or any(mover is not slot for mover, slot in zip(self._columns, slots, strict=False)):
             self.settle()
         self._columns = list(slots)
+        pace = advance(now.block)[0].tolist()
         self._lights.append(now.lights)
         self._rows.append(
             (
@@ -74,12 +78,13 @@ class Backlog:
                 [m.speed for m in slots],
                 [m.wt for m in slots],
                 [m.facing for m in slots],
-                [m.advance for m in slots],
+                pace,
                 [m.arrived for m in slots],
                 [m.arrived_at - now.tick for m in slots],
-                [now.waives(m) for m in slots],
+                waives(now.block)[0].tolist(),
             )
         )
+        within = inside(now.block)[0].tolist()
         much = False
         for mover in now.movers:
             loss = self._losses.get(mover)
@@ -87,9 +92,9 @@ class Backlog:
                 loss = self._losses[mover] = _Loss()
             if loss.no_room is None and mover.zone >= JUNCTION:
                 loss.no_room = frozenset(slots[column] for column in leave_no_room(now.run, mover.slot, 0))
-            if mover.advance < PACE and mover.here and not self._excused(mover):
-                loss.may_idle += (1.0 - max(mover.advance, 0.0) / PACE) * now.dt
-            if abs(mover.speed) <= CRAWL and now.inside(mover):
+            if pace[mover.slot] < PACE and mover.here and not self._excused(mover):
+                loss.may_idle += (1.0 - max(pace[mover.slot], 0.0) / PACE) * now.dt
+            if abs(mover.speed) <= CRAWL and within[mover.slot]:
                 loss.may_block += (1.0 - abs(mover.speed) / PACE) * now.dt
                 loss.may_be_stuck += now.dt
             else:
@@ -179,20 +184,20 @@ class Backlog:
         """Return the instants as a run of the vehicles in some columns."""
         now, movers = self._now, [self._columns[slot] for slot in slots]
         zone, lights = zones[:, slots].astype(np.int8), np.array(self._lights, dtype=np.int8)
-        station, speed, wt, facing, advance, arrived, since, waives = (self._table(k, fill)[:, slots] for k, fill in _ABSENT)
+        station, speed, waiting, faced, pace, arrived, since, waiving = (self._table(k, fill)[:, slots] for k, fill in _ABSENT)
         agents = tuple(mover.agent for mover in movers)
         run = Run("live", now.junction, agents, zone, lights, now.dt, station=station, speed=speed)
-        known = run.__dict__
-        known["wt"], known["facing"], known["advance"] = wt.astype(np.int32), facing.astype(np.int8), advance
-        known["entered"] = np.array([mover.entered for mover in movers], dtype=np.int64)
+        block = as_block(run)
+        block.values[wt], block.values[facing] = waiting.astype(np.int32), faced.astype(np.int8)
+        block.values[advance] = pace
+        block.values[entered] = np.array([[mover.entered for mover in movers]], dtype=np.int64)
+        block.values[arrivals] = Arrivals(arrived.astype(np.bool_), np.arange(len(since))[:, None] + since.astype(np.int64))
+        block.values[waives] = waiving.astype(np.bool_)
+        given(run, as_block, block)
         column = {mover: number for number, mover in enumerate(movers)}
         those = [self._losses.get(mover) or _Loss() for mover in movers]
         left = (loss.no_room or () for loss in those)
-        known["found"] = {
-            no_room: tuple(frozenset(column[other] for other in others if other in column) for others in left),
-            find_arrivals: Arrivals(arrived.astype(np.bool_), np.arange(len(since))[:, None] + since.astype(np.int64)),
-            find_waiving: waives.astype(np.bool_),
-        }
+        given(run, no_room, tuple(frozenset(column[other] for other in others if other in column) for others in left))
         return run
 
 

@@ -12,13 +12,12 @@ a reason shares the blame of the vehicle that ran into it (StVO, section 4(1)). 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from pytest_rvads.conduct.bodies import tick_of
+from pytest_rvads.conduct.blocks import tick_of
 from pytest_rvads.conduct.grounds import may_owe
 from pytest_rvads.conduct.lane import off_lane
 from pytest_rvads.conduct.priority import HEADWAY, MIN_GAP, WINDOW, brakes_hard, owes, unhindered
@@ -29,7 +28,6 @@ from pytest_rvads.conduct.stretches import contested, shared
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.maps.control import JunctionControl, Sign
-from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
 
@@ -248,12 +246,8 @@ def _braked_for_nothing(run: Run, agent: int, tick: int) -> bool:
         free = may_go(run, agent) & unhindered(run, agent) & ((run.zone[:, agent] >= Zone.JUNCTION) | (not looks))
     except RunError:
         return False
-    straight = run.agents[agent].turn is Turn.STRAIGHT
-    for now in range(max(until - round(HEADWAY / run.dt), back), until + 1):
-        speeds = deque(run.speed[now - back : now + 1, agent].tolist())
-        if free[now - back] and brakes_hard(speeds, run.dt, straight=straight):
-            return True
-    return False
+    braking = range(max(until - round(HEADWAY / run.dt), back), until + 1)
+    return any(free[now - back] and brakes_hard(run, agent)[now] for now in braking)
 
 
 def _last(run: Run, agent: int, other: int, tick: int) -> bool:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.blocks import ABSENT, Block, Cast, Pairs, as_block, signal, sized
 from pytest_rvads.conduct.memo import once
 from pytest_rvads.runs.run import Collision, Run
 
-__all__ = ["close", "collide", "contacts", "overlap", "tick_of", "touch", "velocity"]
+__all__ = ["Box", "close", "collide", "contacts", "couples", "gap", "headings", "overlap", "touch", "velocity"]
+
+
+_Size = float | NDArray[np.float64]
 
 
 def contacts(run: Run) -> tuple[Collision, ...]:
@@ -36,49 +41,61 @@ def _contacts(run: Run) -> tuple[Collision, ...]:
     return tuple(sorted(found, key=lambda c: c.time))
 
 
-def collide(run: Run, one: int, two: int) -> NDArray[np.bool_]:
-    """The bodies of two agents touch, for the first time where a simulator recorded it."""
-    if run.collisions is None:
-        return overlap(run, one, two)
-    pair = {run.agents[one].name, run.agents[two].name}
-    found = np.zeros(run.steps, dtype=np.bool_)
-    for collision in run.collisions:
-        if set(collision.agents) == pair:
-            found[tick_of(run, collision)] = True
+def couples(cast: Cast) -> Pairs:
+    """Return all pairs of vehicles; both orders are the same pair."""
+    return Pairs(list(combinations(range(len(cast)), 2)), ordered=False)
+
+
+def _bodies(block: Block, columns: Sequence[int]) -> None:
+    sized(block, columns, "pose")
+
+
+@signal(pairs=couples, needs=_bodies)
+def overlap(block: Block) -> NDArray[np.bool_]:
+    """Which bodies of two vehicles overlap, see `touch`."""
+    both, cast, pose = block.cast.static(couples), block.cast, block.need("pose")
+    rows, numbers = _close(block)
+    found = np.zeros((len(pose), len(both)), dtype=np.bool_)
+    if len(rows):
+        columns = both.one[numbers], both.two[numbers]
+        found[rows, numbers] = touch([(pose[rows, k], (cast.length[k], cast.width[k])) for k in columns])
     return found
 
 
-def tick_of(run: Run, collision: Collision) -> int:
-    """Return the tick of a collision."""
-    return min(max(round(collision.time / run.dt), 0), run.steps - 1)
+def _recorded_or_bodies(block: Block, columns: Sequence[int]) -> None:
+    if block.touching is None:
+        _bodies(block, columns)
 
 
-def overlap(run: Run, one: int, two: int) -> NDArray[np.bool_]:
-    """Return where the bodies of two agents overlap, shape ``(steps,)``, see `touch`."""
-    pose = run.need("pose")
-    sizes = run.size(one), run.size(two)
-    found = np.zeros(run.steps, dtype=np.bool_)
-    ticks = _candidates(run, one, two)
-    if len(ticks):
-        there = run.here[ticks, one] & run.here[ticks, two]
-        found[ticks] = there & touch([(pose[ticks, k], size) for k, size in zip((one, two), sizes, strict=True)])
+@signal(pairs=couples, needs=_recorded_or_bodies)
+def collide(block: Block) -> NDArray[np.bool_]:
+    """Which bodies of two vehicles touch, for the first time where a simulator recorded it."""
+    if block.touching is None:
+        touching: NDArray[np.bool_] = overlap(block)
+        return touching
+    both, names = block.cast.static(couples), {agent.name: column for column, agent in enumerate(block.cast.agents)}
+    found = np.zeros((len(block.zone), len(both)), dtype=np.bool_)
+    for pair, row in block.touching:
+        one, two = (names.get(name, -1) for name in pair)
+        if (one, two) in both.column:
+            found[row, both.column[one, two]] = True
     return found
 
 
-def touch(bodies: Sequence[tuple[NDArray[np.float64], tuple[float, float]]]) -> NDArray[np.bool_]:
+def touch(bodies: Sequence[tuple[NDArray[np.float64], tuple[_Size, _Size]]]) -> NDArray[np.bool_]:
     """Return where the rectangles of two bodies overlap, shape ``(steps,)``: no axis separates them (Gottschalk et al. 1996).
 
     Args:
-        bodies: of each of the two its poses, shape ``(steps, 3)`` [m, m, rad], and its length and width [m].
+        bodies: of each of the two its poses, shape ``(steps, 3)`` [m, m, rad], and its length and width [m], which may be arrays
+            of the shape ``(steps,)``.
     """
-    boxes = [_box(pose, *size) for pose, size in bodies]
-    apart = boxes[1][0] - boxes[0][0]
-    there = np.ones(len(apart), dtype=np.bool_)
-    for _, axes in boxes:
-        for unit in (axes / np.hypot(axes[..., :1], axes[..., 1:])).swapaxes(0, 1):
-            reach = sum(np.abs((halves * unit[:, None]).sum(axis=-1)).sum(axis=-1) for _, halves in boxes)
-            there &= np.abs((apart * unit).sum(axis=-1)) < reach
-    return there
+    centres, halves = zip(*(_box(pose, *size) for pose, size in bodies), strict=True)
+    apart, sides = centres[1] - centres[0], np.concatenate(halves, axis=1)
+    units = sides / np.hypot(sides[..., :1], sides[..., 1:])
+    along = np.abs((sides[:, None] * units[:, :, None]).sum(axis=-1))
+    reach = along.reshape(len(along), -1, 2, 2).sum(axis=-1).sum(axis=-1)
+    found: NDArray[np.bool_] = (np.abs((apart[:, None] * units).sum(axis=-1)) < reach).all(axis=1)
+    return found
 
 
 def close(run: Run) -> NDArray[np.bool_]:
@@ -89,24 +106,10 @@ def close(run: Run) -> NDArray[np.bool_]:
     Raises:
         RunError: the run holds no positions.
     """
-    count = len(run.agents)
-    found = np.zeros((count, count), dtype=np.bool_)
-    for one, two in np.argwhere(np.triu(_blocks(run).near.any(axis=0), 1)).tolist():
-        found[one, two] = found[two, one] = len(_candidates(run, one, two)) > 0
-    return found
-
-
-def _candidates(run: Run, one: int, two: int) -> NDArray[np.int64]:
-    """Return the ticks, increasing, in which two agents are there, and the circles around their bodies touch or nearly so."""
-    blocks = _blocks(run)
-    if not blocks.near[:, one, two].any():
-        return np.zeros(0, dtype=np.int64)
-    ticks = (np.flatnonzero(blocks.near[:, one, two])[:, None] * _BLOCK + np.arange(_BLOCK)).ravel()
-    ticks = ticks[: np.searchsorted(ticks, run.steps)]
-    apart = blocks.centre[ticks, one] - blocks.centre[ticks, two]
-    reach = blocks.reach[one] + blocks.reach[two]
-    near = np.einsum("ij,ij->i", apart, apart) <= reach**2
-    found: NDArray[np.int64] = ticks[near & run.here[ticks, one] & run.here[ticks, two]]
+    block = once(run, as_block)
+    both, (_, numbers) = block.cast.static(couples), _close(block)
+    found = np.zeros((len(run.agents), len(run.agents)), dtype=np.bool_)
+    found[both.one[numbers], both.two[numbers]] = found[both.two[numbers], both.one[numbers]] = True
     return found
 
 
@@ -116,51 +119,60 @@ _MARGIN = 1.0
 """Bodies that are this near to each other might touch [m]: more than positions are wrong by."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Blocks:
-    """Where bodies are, roughly: circles around them, and in which blocks of ticks two may touch."""
-
-    centre: NDArray[np.float64]
-    """Of every body, shape ``(steps, agents, 2)`` [m]; while one is absent, where it appears or vanished."""
-    reach: NDArray[np.float64]
-    """Radius of the circle around every body, and half the margin, shape ``(agents,)`` [m]."""
-    near: NDArray[np.bool_]
-    """Shape ``(blocks, agents, agents)``."""
+@signal
+def headings(block: Block) -> NDArray[np.float64]:
+    """The unit vector in which every vehicle points, shape ``(n, agents, 2)``."""
+    heading = block.need("pose")[..., 2]
+    found = np.empty((*heading.shape, 2))
+    found[..., 0], found[..., 1] = np.cos(heading), np.sin(heading)
+    return found
 
 
-def _blocks(run: Run) -> _Blocks:
-    return once(run, _find_blocks)
+def _circles(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how far behind the fronts circles around the bodies have their centres, and how far these reach [m]."""
+    length, width = np.nan_to_num(cast.length), np.nan_to_num(cast.width)
+    return length / 2, np.hypot(length, width) / 2 + _MARGIN / 2
 
 
-def _find_blocks(run: Run) -> _Blocks:
-    pose, count = run.need("pose"), len(run.agents)
-    sizes = np.array([agent.size or (0.0, 0.0) for agent in run.agents]).reshape(-1, 2)
-    ahead = np.stack((np.cos(pose[..., 2]), np.sin(pose[..., 2])), axis=-1)
-    centre = pose[..., :2] - sizes[:, :1] / 2 * ahead
-    for column, (begin, end) in enumerate(run.spans.tolist()):
-        centre[:begin, column] = centre[begin, column] if end > begin else 0.0
-        centre[end:, column] = centre[max(end - 1, 0), column]
-    moved = np.hypot(*np.moveaxis(np.diff(centre, axis=0, prepend=centre[:1]), -1, 0))
-    starts = np.arange(0, run.steps, _BLOCK)
+@signal
+def _close(block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return in which rows circles around the bodies of which pairs touch, or nearly so."""
+    pose, both, (half, reach) = block.need("pose"), block.cast.static(couples), block.cast.static(_circles)
+    centre = pose[..., :2] - half[:, None] * headings(block)
+    if len(pose) > _BLOCK:
+        rows, numbers = np.nonzero(np.repeat(_near(block, centre, reach), _BLOCK, axis=0)[: len(pose)])
+    else:
+        rows, numbers = (part.ravel() for part in np.indices((len(pose), len(both))))
+    one, two = both.one[numbers], both.two[numbers]
+    apart = centre[rows, one] - centre[rows, two]
+    near = np.einsum("ij,ij->i", apart, apart) <= (reach[one] + reach[two]) ** 2
+    near &= block.here[rows, one] & block.here[rows, two]
+    return rows[near], numbers[near]
+
+
+def _near(block: Block, centre: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return in which spans of `_BLOCK` ticks circles of which pairs might touch, shape ``(spans, pairs)``."""
+    both, starts = block.cast.static(couples), np.arange(0, len(centre), _BLOCK)
+    place, known = centre.copy(), block.zone != ABSENT
+    for column in np.flatnonzero(known.any(axis=0) & ~known.all(axis=0)).tolist():
+        ticks = np.flatnonzero(known[:, column])
+        place[: ticks[0], column], place[ticks[-1] :, column] = centre[ticks[0], column], centre[ticks[-1], column]
+    moved = np.hypot(*np.moveaxis(np.diff(place, axis=0, prepend=place[:1]), -1, 0))
     moved[starts] = 0.0
-    # Nobody is further from where it was at the start of a block than it has moved in it.
-    travel = np.add.reduceat(moved, starts, axis=0) if run.steps else moved
-    reach = np.hypot(*sizes.T) / 2 + _MARGIN / 2
-    place, wide = centre[starts], travel + reach
-    there = np.logical_or.reduceat(run.here, starts, axis=0) if run.steps else run.here
-    near = np.empty((len(starts), count, count), dtype=np.bool_)
-    for block in range(len(starts)):
-        apart = place[block, :, None] - place[block]
-        near[block] = np.hypot(apart[..., 0], apart[..., 1]) <= wide[block, :, None] + wide[block]
-        near[block] &= there[block, :, None] & there[block]
-    return _Blocks(centre, reach, near)
+    # Nobody is further from where it was at the start of a span than it has moved in it.
+    wide = np.add.reduceat(moved, starts, axis=0) + reach
+    there, place = np.logical_or.reduceat(block.here, starts, axis=0), place[starts]
+    apart = place[:, both.one] - place[:, both.two]
+    found: NDArray[np.bool_] = np.hypot(apart[..., 0], apart[..., 1]) <= wide[:, both.one] + wide[:, both.two]
+    return found & there[:, both.one] & there[:, both.two]
 
 
-def _box(pose: NDArray[np.float64], length: float, width: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _box(pose: NDArray[np.float64], length: _Size, width: _Size) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return centres, shape ``(steps, 2)``, and half axes along and across, shape ``(steps, 2, 2)`` [m]."""
     ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
     left = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1)
-    return pose[:, :2] - length / 2 * ahead, np.stack((length / 2 * ahead, width / 2 * left), axis=1)
+    long, wide = (np.asarray(size)[..., None] / 2 for size in (length, width))
+    return pose[:, :2] - long * ahead, np.stack((long * ahead, wide * left), axis=1)
 
 
 def velocity(run: Run, agent: int) -> NDArray[np.float64]:
@@ -170,3 +182,42 @@ def velocity(run: Run, agent: int) -> NDArray[np.float64]:
     heading = run.need("pose")[:, agent, 2]
     found: NDArray[np.float64] = run.speed[:, agent, None] * np.stack((np.cos(heading), np.sin(heading)), axis=-1)
     return found
+
+
+_DOUBT = 1e-6
+"""Gaps smaller than this are none [m]."""
+
+
+class Box(NamedTuple):
+    """A body: it reaches from its front backwards."""
+
+    x: float
+    """Of the middle of its front [m]."""
+    y: float
+    """[m]."""
+    heading: float
+    """Counter-clockwise from east [rad]."""
+    length: float
+    """[m]."""
+    width: float
+    """[m]."""
+
+
+def gap(one: Box, two: Box) -> float:
+    """Return a distance that two bodies keep at least; at most 0 where they touch [m]."""
+    _, _, heading, length, width = one
+    _, _, other_heading, other_length, other_width = two
+    cos, sin, other_cos, other_sin = math.cos(heading), math.sin(heading), math.cos(other_heading), math.sin(other_heading)
+    long, half, other_long, other_half = length / 2, width / 2, other_length / 2, other_width / 2
+    x = (two.x - other_long * other_cos) - (one.x - long * cos)
+    y = (two.y - other_long * other_sin) - (one.y - long * sin)
+    round_gap = math.hypot(x, y) - math.hypot(long, half) - math.hypot(other_long, other_half)
+    if round_gap > _DOUBT:
+        return round_gap
+    along, across = abs(cos * other_cos + sin * other_sin), abs(cos * other_sin - sin * other_cos)
+    return max(
+        abs(x * cos + y * sin) - long - other_long * along - other_half * across,
+        abs(y * cos - x * sin) - half - other_long * across - other_half * along,
+        abs(x * other_cos + y * other_sin) - other_long - long * along - half * across,
+        abs(y * other_cos - x * other_sin) - other_half - long * across - half * along,
+    )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from pytest_rvads.conduct.blocks import Cast
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
@@ -78,7 +79,7 @@ def in_turn(junction: Junction, one: Key, other: Key) -> bool:
     return junction.conflicts is None or (one, other) in junction.conflicts
 
 
-def may_owe(run: Run, agent: int, other: int) -> bool:
+def may_owe(run: Run | Cast, agent: int, other: int) -> bool:
     """Return whether the agent can owe the way to the other one at all: on one of the grounds, or by a turn on red.
 
     Raises:

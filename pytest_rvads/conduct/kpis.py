@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.bodies import contacts, tick_of, velocity
+from pytest_rvads.conduct.blocks import tick_of
+from pytest_rvads.conduct.bodies import contacts, velocity
 from pytest_rvads.conduct.predicates import ticks
 from pytest_rvads.conduct.presence import judged
 from pytest_rvads.conduct.standing import arrivals, limits_of

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.presence import window
+from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, Cast, signal, sized
+from pytest_rvads.conduct.bodies import headings
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.bends import least_radius
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.runs.itineraries import Itinerary, itinerary
+from pytest_rvads.runs.itineraries import Itinerary, directions, itinerary
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import AXLE, Zone
+from pytest_rvads.runs.states import AXLE
 from pytest_rvads.runs.vehicle import usual_radius
 
 __all__ = ["LANE_TOLERANCE", "MAX_OFFSET", "NEAR", "beside", "lane_allows", "off_lane", "off_route", "too_tight", "wrong_lanes"]
@@ -54,40 +57,137 @@ def beside(way: Itinerary, x: float, y: float, heading: float, station: float, l
     return abs(axle) > MAX_OFFSET / 2
 
 
-def off_route(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent is off its route, see `beside`."""
-    pose, station = run.need("pose")[:, agent], run.need("station")[:, agent]
-    way, length = _way(run, agent), run.size(agent)[0]
-    found = np.zeros(run.steps, dtype=np.bool_)
+class Ways:
+    """The centre lines of several ways in one table, so that places on all of them are found at once.
+
+    Args:
+        ways: itineraries.
+    """
+
+    def __init__(self, ways: Sequence[Itinerary]) -> None:
+        self.ways = ways
+        self.length = np.array([way.length for way in ways])
+        self._origin = np.array([way.origin for way in ways])
+        inner = (way.path.stations[1:-1] + number * _FAR for number, way in enumerate(ways))
+        self._inner = np.concatenate([np.empty(0), *inner])
+        self._points = np.concatenate([np.empty((0, 2)), *(way.path.points[:-1] for way in ways)])
+        self._arc = np.concatenate([np.empty(0), *(way.path.stations[:-1] for way in ways)])
+        self._ahead = np.concatenate([np.empty((0, 2)), *(directions(way.path) for way in ways)])
+
+    def centre(self, way: NDArray[np.int64], station: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return points of centre lines, and the direction there, each of shape ``(places, 2)``; see `Itinerary.centre`.
+
+        Args:
+            way: of every place, its number.
+            station: likewise [m].
+        """
+        along = station + self._origin[way]
+        # A way of k pieces has k - 1 points between them.
+        piece = np.searchsorted(self._inner, along + way * _FAR, side="right") + way
+        return self._points[piece] + (along - self._arc[piece])[:, None] * self._ahead[piece], self._ahead[piece]
+
+    def offset(self, way: NDArray[np.int64], points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far points are to the left of their ways where these are at stations, shape ``(places,)`` [m]."""
+        place, ahead = self.centre(way, station)
+        apart = points - place
+        found: NDArray[np.float64] = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
+        return found
+
+    def nearest(self, way: NDArray[np.int64], points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the stations of points, given about where they are, shape ``(places,)`` [m]."""
+        for _ in range(3):
+            place, ahead = self.centre(way, station)
+            station = station + ((points - place) * ahead).sum(axis=1)
+        return station
+
+
+_FAR = 1e6
+"""Ways are so far apart in their common table [m]."""
+
+
+def _ways(cast: Cast) -> Ways:
+    if not cast.junction.drivable:
+        raise RunError("the run holds no geometry of its junction")
+    return Ways([itinerary(cast.junction, *agent.route.key) for agent in cast.agents])
+
+
+def _placed(block: Block, columns: Sequence[int]) -> None:
+    block.need("pose")
+    _in_lanes(block, columns)
+
+
+def _in_lanes(block: Block, columns: Sequence[int]) -> None:
+    block.cast.static(_ways)
+    sized(block, columns)
+
+
+@signal(needs=_placed)
+def off_route(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is off its route, see `beside`."""
+    pose, station, ways = block.need("pose"), block.need("station"), block.cast.static(_ways)
+    found = np.zeros(block.zone.shape, dtype=np.bool_)
+    rows, columns, (offset, _), _ = _beside(block)
     # Projecting takes a while, so it is done where a look at the place at that station says that it is worth it.
-    far = np.abs(_offset(way, pose[:, :2], station)) > MAX_OFFSET - 2 * NEAR
-    for tick in np.flatnonzero(far & run.here[:, agent]).tolist():
-        x, y, heading = pose[tick].tolist()
-        found[tick] = beside(way, x, y, heading, float(station[tick]), length)
+    far = np.abs(offset) > MAX_OFFSET - 2 * NEAR
+    for row, column in zip(rows[far].tolist(), columns[far].tolist(), strict=True):
+        x, y, heading = pose[row, column].tolist()
+        length = float(block.cast.length[column])
+        found[row, column] = beside(ways.ways[column], x, y, heading, float(station[row, column]), length)
     return found
 
 
-def off_lane(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The body of the agent reaches over the border of its lane, on the roads; or its front leaves it, in the junction.
+@signal(needs=_in_lanes)
+def off_lane(block: Block) -> NDArray[np.bool_]:
+    """Of which vehicle the body reaches over the border of its lane, on the roads; or the front leaves it, in the junction.
 
     Borders are half a lane beside the itinerary; `LANE_TOLERANCE` is allowed.
     """
-    way, (length, width) = _way(run, agent), run.size(agent)
-    half = run.junction.lane_width / 2 + LANE_TOLERANCE
-    ticks = _aside(run, agent, way, half - width / 2)
-    pose, station = run.need("pose")[ticks, agent], run.need("station")[ticks, agent]
+    ways, half = block.cast.static(_ways), block.junction.lane_width / 2 + LANE_TOLERANCE
+    rows, columns = _aside(block, half)
+    found = np.zeros(block.zone.shape, dtype=np.bool_)
+    if not len(rows):
+        return found
+    pose, station = block.need("pose")[rows, columns], block.need("station")[rows, columns]
+    length, width = block.cast.length[columns], block.cast.width[columns]
     # The four corners one after the other: (front, rear) times (right, left).
     ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
-    across = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1) * width / 2
-    corners = [pose[:, :2] - back * ahead + side * across for back in (0.0, length) for side in (-1, 1)]
-    around = np.concatenate((station, station, station - length, station - length))
-    place = _nearest(way, np.concatenate(corners), around)
-    over = (place <= 0.0) | (place >= way.length)
-    over &= np.abs(_offset(way, np.concatenate(corners), place)) > half
-    strayed = (run.zone[ticks, agent] == Zone.JUNCTION) & (np.abs(_offset(way, pose[:, :2], station)) > half)
-    found = np.zeros(run.steps, dtype=np.bool_)
-    found[ticks] = strayed | over.reshape(4, -1).any(axis=0)
+    across = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1) * width[:, None] / 2
+    backs = (np.zeros_like(length), length)
+    corners = np.concatenate([pose[:, :2] - back[:, None] * ahead + side * across for back in backs for side in (-1, 1)])
+    around, four = np.concatenate([station - back for back in backs for _ in range(2)]), np.tile(columns, 4)
+    place = ways.nearest(four, corners, around)
+    over = (place <= 0.0) | (place >= ways.length[four])
+    over &= np.abs(ways.offset(four, corners, place)) > half
+    strayed = (block.zone[rows, columns] == JUNCTION) & (np.abs(ways.offset(columns, pose[:, :2], station)) > half)
+    found[rows, columns] = strayed | over.reshape(4, -1).any(axis=0)
     return found
+
+
+@signal
+def _beside(block: Block) -> tuple[NDArray[Any], ...]:
+    """Return where the vehicles that are there are beside their ways.
+
+    These are rows and columns; and how far the middles of front and rear are to the left of the way at their stations, and how
+    far from the way there, each of shape ``(2, places)`` [m].
+    """
+    ways, (rows, columns) = block.cast.static(_ways), np.nonzero(block.here)
+    front, station = block.need("pose")[rows, columns, :2], block.need("station")[rows, columns]
+    length = block.cast.length[columns]
+    points = np.concatenate((front, front - length[:, None] * headings(block)[rows, columns]))
+    place, ahead = ways.centre(np.tile(columns, 2), np.concatenate((station, station - length)))
+    apart = points - place
+    offset = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
+    return rows, columns, offset.reshape(2, -1), np.hypot(apart[:, 0], apart[:, 1]).reshape(2, -1)
+
+
+def _aside(block: Block, half: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return where the middle of front or rear of a vehicle is so far from its itinerary that a corner may be over a border.
+
+    Elsewhere that is known without looking for the nearest place of each corner.
+    """
+    rows, columns, _, apart = _beside(block)
+    far = (apart > half - block.cast.width[columns] / 2 - _SURE).any(axis=0)
+    return rows[far], columns[far]
 
 
 def too_tight(run: Run, agent: int) -> tuple[float, float] | None:
@@ -101,24 +201,6 @@ def too_tight(run: Run, agent: int) -> tuple[float, float] | None:
     needed = dict(run.facts.turning).get(who.name) or usual_radius(who.size[0])
     radius = least_radius(who.route.path.points)
     return (radius, needed) if radius < needed else None
-
-
-def _aside(run: Run, agent: int, way: Itinerary, room: float) -> NDArray[np.int64]:
-    """Return the ticks in which the middle of front or rear is further than `room` [m] from the itinerary, or nearly so.
-
-    Elsewhere no corner can be over a border: that is known without looking for the nearest place of each.
-    """
-    begin, end = window(run, (agent,))
-    pose, station = run.need("pose")[begin:end, agent], run.need("station")[begin:end, agent]
-    length = run.size(agent)[0]
-    ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
-    far = np.zeros(len(station), dtype=np.bool_)
-    for back in (0.0, length):
-        place, _ = way.centre(station - back)
-        apart = pose[:, :2] - place
-        apart -= back * ahead
-        far |= np.hypot(apart[:, 0], apart[:, 1]) > room - _SURE
-    return begin + np.flatnonzero(far & run.here[begin:end, agent])
 
 
 @lru_cache(maxsize=1024)
@@ -139,37 +221,19 @@ def lane_allows(run: Run, agent: int) -> NDArray[np.bool_]:
     """
     junction, who = run.junction, run.agents[agent]
     pose, station = run.need("pose")[:, agent], run.need("station")[:, agent]
-    there = np.flatnonzero(run.zone[:, agent] == Zone.ENTRANCE)
+    if not junction.drivable:
+        raise RunError("the run holds no geometry of its junction")
+    there = np.flatnonzero(run.zone[:, agent] == ENTRANCE)
     points, along = pose[there, :2], station[there]
-    ways = {who.entrance: _way(run, agent)}
+    arm = junction.entrances[who.entrance].arm
+    lanes = {who.entrance: who.exit}
     for entrance, exit in sorted(junction.movements):
-        if junction.entrances[entrance].arm == junction.entrances[who.entrance].arm and entrance not in ways:
-            ways[entrance] = itinerary(junction, entrance, exit)
-    apart = [np.abs(_offset(way, points, _nearest(way, points, along))) for way in ways.values()]
-    lane = np.array(list(ways))[np.argmin(apart, axis=0)]
+        if junction.entrances[entrance].arm == arm:
+            lanes.setdefault(entrance, exit)
+    ways = Ways([itinerary(junction, *key) for key in lanes.items()])
+    numbers = (np.full(len(there), number) for number in range(len(lanes)))
+    apart = [np.abs(ways.offset(number, points, ways.nearest(number, points, along))) for number in numbers]
+    lane = np.array(list(lanes))[np.argmin(apart, axis=0)]
     found = np.ones(run.steps, dtype=np.bool_)
     found[there] = ~np.isin(lane, wrong_lanes(junction, *who.route.key))
     return found
-
-
-def _way(run: Run, agent: int) -> Itinerary:
-    if not run.junction.drivable:
-        raise RunError("the run holds no geometry of its junction")
-    who = run.agents[agent]
-    return itinerary(run.junction, who.entrance, who.exit)
-
-
-def _offset(way: Itinerary, points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far points are to the left of the itinerary where it is at these stations, shape ``(steps,)`` [m]."""
-    place, ahead = way.centre(station)
-    apart = points - place
-    found: NDArray[np.float64] = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
-    return found
-
-
-def _nearest(way: Itinerary, points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the stations of points, given about where they are, shape ``(steps,)`` [m]."""
-    for _ in range(3):
-        place, ahead = way.centre(station)
-        station = station + ((points - place) * ahead).sum(axis=1)
-    return station

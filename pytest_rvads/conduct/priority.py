@@ -8,24 +8,34 @@ The way is owed until the vehicle is clear: "at any time during the turning move
 from __future__ import annotations
 
 import math
-from collections import deque
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, Cast, lasting, signal, sized
 from pytest_rvads.conduct.bodies import collide
-from pytest_rvads.conduct.grounds import lit, may_owe
-from pytest_rvads.conduct.memo import each
-from pytest_rvads.conduct.presence import window
-from pytest_rvads.conduct.rights import due, held, kept_by, starting, waives, yields
-from pytest_rvads.conduct.standing import STANDSTILL
-from pytest_rvads.conduct.stretches import contested, position
+from pytest_rvads.conduct.motion import entered, facing
+from pytest_rvads.conduct.rights import (
+    GREEN,
+    comes,
+    held,
+    kept_by,
+    lights,
+    owed_places,
+    owing,
+    ready,
+    starting,
+    waives,
+    yields,
+)
+from pytest_rvads.conduct.standing import STANDSTILL, lane
+from pytest_rvads.conduct.stretches import contested, neighbours
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Turn
-from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Agent, Colour, Zone
+from pytest_rvads.runs.states import Agent
 
 __all__ = [
     "HARD_BRAKING",
@@ -58,62 +68,102 @@ SHARE = 1 / 3
 """Share of its speed that an unimpeded vehicle does not lose."""
 
 
-def unhindered(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent has no reason of its own to brake: its light, its stop sign, whom it owes the way, who drives ahead of it."""
-    found: NDArray[np.bool_] = ~held(run)[:, agent]
-    if lit(run.junction, run.agents[agent].entrance):
-        found &= run.facing[:, agent] == Colour.GREEN
-    elif run.junction.entrances[run.agents[agent].entrance].sign is Sign.STOP:
-        found &= run.zone[:, agent] >= Zone.JUNCTION
-    for other, who in enumerate(run.agents):
-        begin, end = window(run, (agent, other))
-        if other != agent and who.entrance == run.agents[agent].entrance and begin < end:
-            when = slice(begin, end)
-            (front, _), (ahead, behind) = position(run, agent, when), position(run, other, when)
-            near = behind - front < HEADWAY * run.need("speed")[when, agent]
-            found[when] &= ~((ahead > front) & near & (run.zone[when, other] <= Zone.JUNCTION))
-    return found
+def _stop_signs(cast: Cast) -> NDArray[np.bool_]:
+    return np.array([cast.junction.entrances[agent.entrance].sign is Sign.STOP for agent in cast.agents], dtype=np.bool_)
 
 
-def owes(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
-    """The agent, from its entrance zone on until it has been clear for `MIN_GAP`, has to let the other one go first."""
-    return each(run, _encounter, agent, other)[0]
+@signal
+def unhindered(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle has no reason of its own to brake: its light, its stop sign, whom it owes the way, who drives ahead of it."""
+    cast, both = block.cast, block.cast.static(lane)
+    front = block.need("station")
+    rear = front - cast.length
+    near = rear[:, both.two] - front[:, both.one] < HEADWAY * block.need("speed")[:, both.one]
+    behind = (front[:, both.two] > front[:, both.one]) & near & (block.zone[:, both.two] <= JUNCTION)
+    lit, sign = cast.static(lights), cast.static(_stop_signs)
+    found: NDArray[np.bool_] = ~held(block) & ~both.any(behind, len(cast))
+    return found & np.where(lit, facing(block) == GREEN, ~sign | (block.zone >= JUNCTION))
 
 
-def obstructs(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
-    """The agent took the way that it owed to the other one, and got in its way."""
-    return each(run, _encounter, agent, other)[1]
+def _window(dt: float) -> int:
+    return max(round(WINDOW / dt), 1)
 
 
-def _encounter(run: Run, agent: int, other: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    owed = np.zeros(run.steps, dtype=np.bool_)
-    broken = np.zeros(run.steps, dtype=np.bool_)
-    common = contested(run, agent, other) if may_owe(run, agent, other) else None
-    if common is None:
-        return owed, broken
-    bound = yields(run, agent, other) & due(run, other, common.yours) & run.here[:, agent]
-    ticks = np.flatnonzero(bound)
-    if not len(ticks):
-        return owed, broken
-    owed |= bound & (run.zone[:, agent] == Zone.ENTRANCE)
-    if run.entered[agent] < run.steps:
-        encounter = Encounter(run.agents[agent], run.agents[other], common, run.dt)
-        first, last = max(int(run.entered[agent]) - 1 - round(WINDOW / run.dt), 0), int(ticks[-1])
-        for tick, meeting in enumerate(_meetings(run, agent, other, bound, slice(first, run.steps)), first):
-            owed[tick], broken[tick] = encounter.step(meeting)
-            if encounter.over or (tick > last and not encounter.owed):
-                owed[tick + 1 :] = False
+def _hard(cast: Cast) -> NDArray[np.float64]:
+    return np.array([HARD_BRAKING if agent.turn is Turn.STRAIGHT else BEND_BRAKING for agent in cast.agents])
+
+
+@signal(start=lambda dt: (0, np.full(_window(dt), np.nan)))
+def brakes_hard(block: Block, count: NDArray[np.int64], past: NDArray[np.float64]) -> tuple[NDArray[Any], ...]:
+    """Which vehicle brakes harder than it does by itself, over `WINDOW` or as long as it has been there."""
+    speed, most = block.need("speed"), _window(block.dt)
+    speeds = np.concatenate((past, speed))
+    lasts = lasting(~np.isnan(speed), count)
+    steps = np.minimum(lasts - 1, most)
+    row = np.arange(most, most + len(speed))[:, None] - np.maximum(steps, 0)
+    slower = np.take_along_axis(speeds, row, axis=0) - speed
+    return (steps > 0) & (slower > block.cast.static(_hard) * steps * block.dt), lasts, speeds[None, -most:]
+
+
+class _Debts(NamedTuple):
+    """What `owes` and `obstructs` say, each of shape ``(n, pairs)``."""
+
+    owes: NDArray[np.bool_]
+    obstructs: NDArray[np.bool_]
+
+
+@signal(pairs=owing, start=(None,))
+def _debts(block: Block, before: NDArray[np.object_]) -> tuple[_Debts, NDArray[np.object_]]:
+    """Follow all encounters, from the entry of the first vehicle on."""
+    cast, both, entry = block.cast, block.cast.static(owing), entered(block)[-1]
+    due = (comes(block) | ready(block)[:, both.two]) & block.here[:, both.two]
+    bound = yields(block) & due & block.here[:, both.one] & ~np.isnan(cast.static(owed_places).begin)
+    # Where no block follows, vehicles that are never bound need not be followed.
+    followed = (entry < block.tick + len(bound))[both.one] & (bound.any(axis=0) | (not block.last))
+    owed, broken, encounters = bound & (block.zone[:, both.one] == ENTRANCE), np.zeros_like(bound), before.copy()
+    for pair in np.flatnonzero(followed).tolist():
+        one, two = int(both.one[pair]), int(both.two[pair])
+        common = contested(cast, one, two)
+        if common is None:
+            continue
+        if encounters[pair] is None:
+            encounters[pair] = Encounter(cast.agents[one], cast.agents[two], common, block.dt)
+            if entry[one] < block.tick:
+                encounters[pair].step(_UNSEEN)
+        encounter, first = encounters[pair], max(int(entry[one]) - block.tick, 0)
+        last = int(np.flatnonzero(bound[:, pair])[-1]) if block.last else len(bound)
+        if encounter.over:
+            continue
+        for row, meeting in enumerate(_meetings(block, one, two, bound[:, pair], slice(first, len(bound))), first):
+            owed[row, pair], broken[row, pair] = encounter.step(meeting)
+            if encounter.over or (row > last and not encounter.owed):
                 break
-    return owed, broken
+    return _Debts(owed, broken), encounters[None]
+
+
+def _placed(block: Block, columns: Sequence[int]) -> None:
+    block.cast.static(owed_places)
+    sized(block, columns)
+    block.need("speed")
+
+
+@signal(pairs=owing, needs=_placed)
+def owes(block: Block) -> NDArray[np.bool_]:
+    """Which first vehicle, from its entrance zone on until it has been clear for `MIN_GAP`, has to let the second go first."""
+    found: _Debts = _debts(block)
+    return found.owes
+
+
+@signal(pairs=owing, needs=_placed)
+def obstructs(block: Block) -> NDArray[np.bool_]:
+    """Which first vehicle took the way that it owed to the second, and got in its way."""
+    found: _Debts = _debts(block)
+    return found.obstructs
 
 
 class Meeting(NamedTuple):
     """What two vehicles do in one state."""
 
-    inside: bool
-    """Whether the agent has entered the junction."""
-    near: bool
-    """Whether it is in its entrance zone or beyond."""
     bound: bool
     """Whether it has to give way to the other vehicle, which is due."""
     touching: bool
@@ -136,32 +186,43 @@ class Meeting(NamedTuple):
     """Whether the other vehicle waives its right."""
     kept: bool
     """Whether a third vehicle, which was not there before, keeps the agent."""
+    brakes: bool
+    """Whether the other vehicle brakes harder than it does by itself."""
 
 
-def _meetings(run: Run, agent: int, other: int, bound: NDArray[np.bool_], when: slice) -> list[Meeting]:
-    (front, rear), (ahead, _) = (position(run, k, when) for k in (agent, other))
-    thirds = np.delete(each(run, kept_by, agent), other, axis=1)
+def _thirds(cast: Cast) -> dict[tuple[int, int], list[int]]:
+    """Return for two vehicles the columns of `neighbours` that are about the first of them and a third vehicle."""
+    of = cast.static(neighbours).column.items()
+    return {(one, two): [n for (me, you), n in of if me == one and you != two] for one, two in cast.static(owing).column}
+
+
+_UNSEEN = Meeting(False, False, math.nan, math.nan, False, math.nan, math.nan, False, False, False, False, False)
+"""Of a vehicle that entered before the other one was there."""
+
+
+def _meetings(block: Block, one: int, two: int, bound: NDArray[np.bool_], when: slice) -> Iterator[Meeting]:
+    cast, thirds = block.cast, block.cast.static(_thirds)[one, two]
+    station, speed = block.need("station")[when], block.need("speed")[when]
     columns = (
-        run.zone[when, agent] >= Zone.JUNCTION,
-        run.zone[when, agent] >= Zone.ENTRANCE,
         bound[when],
-        collide(run, agent, other)[when],
-        front,
+        collide(block, one, two)[when],
+        station[:, one],
         # A short exit road may end before the rear of the vehicle has left the stretch.
-        np.where(run.here[when, agent], rear, math.inf),
-        np.abs(run.need("speed")[when, agent]) <= STANDSTILL,
-        ahead,
-        run.need("speed")[when, other],
-        each(run, unhindered, other)[when],
-        starting(run)[when, other],
-        waives(run)[when, other],
-        thirds[when].any(axis=1),
+        np.where(block.here[when, one], station[:, one] - cast.length[one], math.inf),
+        np.abs(speed[:, one]) <= STANDSTILL,
+        station[:, two],
+        speed[:, two],
+        unhindered(block)[when, two],
+        starting(block)[when, two],
+        waives(block)[when, two],
+        kept_by(block)[when][:, thirds].any(axis=1),
+        brakes_hard(block)[when, two],
     )
-    return [Meeting(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+    return map(Meeting._make, zip(*(column.tolist() for column in columns), strict=True))
 
 
 class Encounter:
-    """Follows two vehicles state by state, until the agent has been clear of the shared stretch for `MIN_GAP`.
+    """Follows two vehicles state by state, from the entry of the agent until it has been clear of the stretch for `MIN_GAP`.
 
     The agent *goes* when it enters the junction, or when its last standstill before the stretch ends. It *takes the stretch* when
     its front reaches the stretch before the front of the other vehicle. It is *clear* when its rear has left the stretch.
@@ -178,7 +239,6 @@ class Encounter:
         self._lengths = agent.route.length, other.route.length
         self._passed = common.yours.end + (other.size[0] if other.size else 0.0)
         self._straight = other.turn is Turn.STRAIGHT
-        self._speeds: deque[float] = deque(maxlen=max(round(WINDOW / dt), 1) + 1)
         self._tick = 0
         self._since: int | None = None
         self._left: int | None = None
@@ -192,12 +252,6 @@ class Encounter:
     def step(self, now: Meeting) -> tuple[bool, bool]:
         """Read a state and return whether the agent owes the way, and whether it obstructs the other vehicle."""
         tick, self._tick = self._tick, self._tick + 1
-        if math.isnan(now.speed):
-            self._speeds.clear()
-        else:
-            self._speeds.append(now.speed)
-        if not now.inside:
-            return now.bound and now.near, False
         mine, yours = self.common.mine, self.common.yours
         before = now.front < mine.start
         if self._since is None or (before and now.still and not self._first):
@@ -226,7 +280,7 @@ class Encounter:
             self._pace = min(self._pace, now.speed)
         elif now.ahead < self.common.yours.start:
             slowed = self._straight and now.speed < min(self._pace - LOSS, self._pace * (1 - SHARE))
-            self._braked |= slowed or brakes_hard(self._speeds, self._dt, straight=self._straight)
+            self._braked |= slowed or now.brakes
 
     def _obstructed(self, tick: int, now: Meeting) -> bool:
         mine, yours = self.common.mine, self.common.yours
@@ -245,9 +299,3 @@ class Encounter:
         # The other vehicle would be there by the time the agent has been clear for a while, had it gone on as it came.
         unhindered = self._place + self._speed * ((tick - self._since) * self._dt + MIN_GAP)
         return self._started or (self._braked and self._left is None and unhindered > yours.start)
-
-
-def brakes_hard(speeds: deque[float], dt: float, *, straight: bool) -> bool:
-    """Return whether a vehicle brakes harder than it does by itself, given its last speeds [m/s], `dt` apart [s]."""
-    steps = len(speeds) - 1
-    return steps > 0 and speeds[0] - speeds[-1] > (HARD_BRAKING if straight else BEND_BRAKING) * steps * dt

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.memo import each, once
+from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.motion import advance, facing, inside
 from pytest_rvads.conduct.rights import PACE
 from pytest_rvads.conduct.stretches import before_exit, first_stretch, position
 from pytest_rvads.conduct.waiting import QUEUE_GAP, circles, reasons, since
@@ -32,7 +33,6 @@ __all__ = [
     "Lost",
     "blocks",
     "idles",
-    "inside",
     "losses",
     "may_go",
     "part",
@@ -60,7 +60,7 @@ def idles(run: Run, agent: int) -> NDArray[np.bool_]:
 
     Or it has lost as much in a circle of vehicles that wait for each other, since that circle began.
     """
-    lost = each(run, losses, agent)
+    lost = once(run, losses, agent)
     found: NDArray[np.bool_] = np.maximum(lost.idle, lost.circle) > PATIENCE
     return found
 
@@ -113,14 +113,14 @@ def part(run: Run, agent: int) -> NDArray[np.int8]:
 
 def blocks(run: Run, agent: int) -> NDArray[np.bool_]:
     """The agent has lost more time than `BLOCKING_TIME` in the junction, or is stuck there for more than `STUCK_TIME`."""
-    lost = each(run, losses, agent)
+    lost = once(run, losses, agent)
     found: NDArray[np.bool_] = (lost.blocked > BLOCKING_TIME) | (lost.stuck > STUCK_TIME)
     return found
 
 
 def _stays(run: Run, agent: int) -> NDArray[np.bool_]:
     """Whether the agent is in the junction at `CRAWL` or less, unless it overran its line on yellow or red and now waits."""
-    overran = _at_light(run, agent) & (run.facing[:, agent] != Colour.GREEN)
+    overran = _at_light(run, agent) & (facing(run)[:, agent] != Colour.GREEN)
     found: NDArray[np.bool_] = inside(run, agent) & (np.abs(run.need("speed")[:, agent]) <= CRAWL) & ~overran
     return found
 
@@ -131,14 +131,6 @@ def _at_light(run: Run, agent: int) -> NDArray[np.bool_]:
     light = run.lights[:, me.entrance]
     begin, end = -run.junction.setbacks[me.entrance] - QUEUE_GAP, first_stretch(run.junction, me.route.key)
     found: NDArray[np.bool_] = ((light == Colour.RED) | (light == Colour.YELLOW)) & (station > begin) & (station < end)
-    return found
-
-
-def inside(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Part of the body of the agent is in the junction."""
-    front, _ = position(run, agent)
-    _, behind = before_exit(run, agent)
-    found: NDArray[np.bool_] = (front > 0.0) & (behind < 0.0) & run.here[:, agent]
     return found
 
 
@@ -170,7 +162,7 @@ def _waiting(run: Run) -> _Waiting:
 def _work_out(run: Run) -> _Waiting:
     found = list(reasons(run))
     held, circling, stuck = circles(run, found)
-    free, slow = ~held, _slowness(run, run.advance)
+    free, slow = ~held, _slowness(run, advance(run))
     for agent in range(len(run.agents)):
         free[:, agent] &= _allowed(run, agent)
     queues, changed = [r for r in found if r.trailing.any()], True

@@ -1,25 +1,35 @@
 """Which vehicle has the right of way: which vehicle is due, is first at its line, may go, is free to go, and waives its right.
 
 A vehicle gives way to a vehicle with the better right that *is due*: that comes "so closely as to be a hazard" (California
-Vehicle Code 21801(a), 21453(b)), or stands first at its line with the right to go. All functions look at whole runs; the
-numbers are named here.
+Vehicle Code 21801(a), 21453(b)), or stands first at its line with the right to go.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.blocks import ABSENT, EXIT, Block, Cast, Pairs, everybody, lasting, pairs, signal, sized
 from pytest_rvads.conduct.grounds import ground_of, in_turn, lit, may_owe
-from pytest_rvads.conduct.memo import once
-from pytest_rvads.conduct.predicates import ticks
-from pytest_rvads.conduct.presence import window
-from pytest_rvads.conduct.standing import TIE, arrivals, leads, stands, waited
-from pytest_rvads.conduct.stretches import ALWAYS, ahead_by, before_exit, contested, on_stretch, position
-from pytest_rvads.junctions.conflicts import Shared, Stretch
+from pytest_rvads.conduct.motion import entered, facing
+from pytest_rvads.conduct.standing import TIE, arrivals, arrived, leads, stands, waited
+from pytest_rvads.conduct.stretches import (
+    ALWAYS,
+    Places,
+    ahead_by,
+    contested,
+    contested_places,
+    neighbours,
+    places,
+    position,
+    roads,
+)
+from pytest_rvads.junctions.conflicts import Stretch
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.runs.states import Colour
 
 __all__ = [
     "DUE",
@@ -29,18 +39,28 @@ __all__ = [
     "WAIVER",
     "came_first",
     "close_behind",
+    "comes",
     "comes_first",
     "due",
-    "find_waiving",
     "first_at_line",
+    "gives_up",
     "has_way",
     "held",
+    "in_turns",
     "kept_by",
+    "next_to_go",
+    "owed_places",
+    "owing",
     "starting",
     "waives",
     "yields",
 ]
 
+GREEN, YELLOW, RED = int(Colour.GREEN), int(Colour.YELLOW), int(Colour.RED)
+_Ends = float | NDArray[np.float64]
+_ALL_WAY = JunctionControl.STOP
+_LONG_AGO = -(10**9)
+"""The tick in which a vehicle last stood ready that never did."""
 DUE = 4.0
 """A vehicle that reaches the shared stretch within this time at its present speed is due [s]: the usual critical gap of a left
 turn across oncoming traffic (Highway Capacity Manual: 4.1 s)."""
@@ -55,31 +75,63 @@ ROOM = 2.5
 """Room that a vehicle wants on its exit road behind a body that stands there, beside its own length [m]."""
 
 
-def has_way(run: Run, agent: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """No light keeps the agent from going: it is green or yellow, was when the agent entered, or there is none."""
-    facing = run.facing[when, agent]
-    found: NDArray[np.bool_] = (facing == Colour.GREEN) | (facing == Colour.YELLOW)
-    return found if lit(run.junction, run.agents[agent].entrance) else np.ones_like(found)
+def lights(cast: Cast) -> NDArray[np.bool_]:
+    """Return which vehicles come to a light, shape ``(agents,)``."""
+    return np.array([lit(cast.junction, agent.entrance) for agent in cast.agents], dtype=np.bool_)
 
 
-def yields(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """The agent has to give way to the other one where their ways meet, as the lights are.
+@signal
+def has_way(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle no light keeps from going: it is green or yellow, was when the vehicle entered, or there is none."""
+    colour = facing(block)
+    found: NDArray[np.bool_] = ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
+    return found
+
+
+def owing(cast: Cast) -> Pairs:
+    """Return the pairs of vehicles of which the first may owe the way to the second.
+
+    Raises:
+        RunError: it is not known where the lanes lie, and this decides.
+    """
+    return pairs(cast, lambda one, two: may_owe(cast, one, two))
+
+
+def owed_places(cast: Cast) -> Places:
+    """Return the contested stretches of pairs of which the first may owe the way to the second."""
+    return places(contested(cast, one, two) for one, two in cast.static(owing).column)
+
+
+def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return of the pairs of `owing` which first vehicle owes the way at any colour, and which turns to the near side."""
+    rows, junction = [], cast.junction
+    for one, two in cast.static(owing).column:
+        me, you = cast.agents[one], cast.agents[two]
+        near, free = me.turn is junction.near, not lit(junction, you.entrance)
+        ground = near and free and ground_of(junction, me.route.key, you.route.key) is not None
+        rows.append((not lit(junction, me.entrance) or ground, near))
+    always, near_side = np.array(rows, dtype=np.bool_).reshape(-1, 2).T
+    return always, near_side
+
+
+@signal(pairs=owing)
+def yields(block: Block) -> NDArray[np.bool_]:
+    """Which first vehicle has to give way to the second where their ways meet, as the lights are.
 
     Turning across oncoming traffic it does to who also has the right to go (Vienna Convention on Road Traffic, Art. 16(2));
     turning to the near side on red to everybody who has it (CVC 21453(b)). Without lights it does on the ground that there is;
     to who comes to a light, as long as that lets it go.
     """
-    me, you, junction = run.agents[agent], run.agents[other], run.junction
-    facing = run.facing[when, agent]
-    if not lit(junction, me.entrance):
-        mine = np.ones(len(facing), dtype=np.bool_)
-    elif me.turn is junction.near:
-        mine = facing == Colour.RED
-        if not lit(junction, you.entrance) and ground_of(junction, me.route.key, you.route.key) is not None:
-            mine = np.ones_like(mine)
-    else:
-        mine = facing != Colour.RED
-    found: NDArray[np.bool_] = mine & has_way(run, other, when)
+    both, (always, near) = block.cast.static(owing), block.cast.static(_always)
+    mine = always | ((facing(block)[:, both.one] == RED) == near)
+    found: NDArray[np.bool_] = mine & has_way(block)[:, both.two]
+    return found
+
+
+@signal
+def ready(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is due by standing at its line: it is first there, may go, and does not waive its right."""
+    found: NDArray[np.bool_] = next_to_go(block) & ~waives(block)
     return found
 
 
@@ -88,168 +140,164 @@ def due(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDArray
 
     A vehicle that waives its right is not due by standing at its line.
     """
-    next_to_go = (_may_go_first(run) & ~waives(run))[when, agent]
-    found: NDArray[np.bool_] = (_coming(run, agent, stretch, when) | next_to_go) & run.here[when, agent]
-    return found
-
-
-def _coming(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """Whether the agent is on a stretch of its way, or reaches it within `DUE` at its present speed."""
     front, rear = position(run, agent, when)
-    speed = run.need("speed")[when, agent]
-    found: NDArray[np.bool_] = (stretch.start - front <= DUE * np.maximum(speed, 0.0)) & (rear <= stretch.end)
+    comes = coming(front, rear, run.need("speed")[when, agent], stretch.start, stretch.end)
+    found: NDArray[np.bool_] = (comes | ready(run)[when, agent]) & run.here[when, agent]
     return found
 
 
-def first_at_line(run: Run) -> NDArray[np.bool_]:
-    """Return which vehicle has arrived and leads, shape ``(steps, agents)``."""
-    return once(run, _find_first)
-
-
-def _find_first(run: Run) -> NDArray[np.bool_]:
-    found = arrivals(run).arrived.copy()
-    for agent in np.flatnonzero(found.any(axis=0)).tolist():
-        found[:, agent] &= leads(run, agent)
+def coming(
+    front: NDArray[np.float64], rear: NDArray[np.float64], speed: NDArray[np.float64], begin: _Ends, end: _Ends
+) -> NDArray[np.bool_]:
+    """Return whether vehicles are on stretches of their ways, or reach them within `DUE` at their present speeds."""
+    found: NDArray[np.bool_] = (begin - front <= DUE * np.maximum(speed, 0.0)) & (rear <= end)
     return found
 
 
-def held(run: Run) -> NDArray[np.bool_]:
-    """Return which vehicle owes the way to a vehicle that comes or is first at its line, shape ``(steps, agents)``.
+@signal(pairs=owing)
+def comes(block: Block) -> NDArray[np.bool_]:
+    """Which second vehicle is on the contested stretch, or reaches it within `DUE` at its present speed."""
+    both, at, front = block.cast.static(owing), block.cast.static(owed_places), block.need("station")
+    rear = front - block.cast.length
+    speed = block.need("speed")[:, both.two]
+    found = coming(front[:, both.two], rear[:, both.two], speed, at.begin_of_two, at.end_of_two)
+    return found & block.here[:, both.two]
+
+
+@signal
+def first_at_line(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle has arrived and leads."""
+    found: NDArray[np.bool_] = arrived(block)
+    return found & leads(block) if found.any() else found
+
+
+@signal
+def held(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle owes the way to a vehicle that comes or is first at its line.
 
     A vehicle first at its line counts even where it is held itself, so that of vehicles that hold each other in a circle none
     is due by standing there. At an all-way stop the order of arrival holds vehicles.
     """
-    return once(run, _find_held)
+    cast, first = block.cast, first_at_line(block)
+    if block.junction.control is _ALL_WAY:
+        return cast.static(in_turns).any(comes_first(block), len(cast))
+    both, at = cast.static(owing), cast.static(owed_places)
+    there = comes(block) | (first[:, both.two] & ~np.isnan(at.begin))
+    return both.any(there & yields(block) & (block.zone[:, both.one] != ABSENT), len(cast))
 
 
-def _find_held(run: Run) -> NDArray[np.bool_]:
-    first = first_at_line(run)
-    found = np.zeros_like(first)
-    by_arrival = run.junction.control is JunctionControl.STOP
-    for agent in range(len(run.agents)):
-        for other in range(len(run.agents)):
-            if by_arrival:
-                if other != agent:
-                    found[:, agent] |= comes_first(run, agent, other)
-                continue
-            common = contested(run, agent, other) if may_owe(run, agent, other) else None
-            begin, end = window(run, (agent, other))
-            if common is not None and begin < end:
-                when = slice(begin, end)
-                there = _coming(run, other, common.yours, when) & run.here[when, other]
-                found[when, agent] |= (there | first[when, other]) & yields(run, agent, other, when)
+def in_turns(cast: Cast) -> Pairs:
+    """Return the pairs of vehicles that go by the order of arrival, see `grounds.in_turn`."""
+    return pairs(cast, lambda one, two: in_turn(cast.junction, cast.agents[one].route.key, cast.agents[two].route.key))
+
+
+@signal(pairs=in_turns)
+def comes_first(block: Block) -> NDArray[np.bool_]:
+    """Which second vehicle goes before the first: their movements meet, and it came first, see `came_first`."""
+    both, cast = block.cast.static(everybody), block.cast
+    columns = [both.column[pair] for pair in cast.static(in_turns).column]
+    found: NDArray[np.bool_] = came_first(block)[:, columns]
     return found
 
 
-def comes_first(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """Return when `other` goes before `agent`: their movements meet, and `other` came first, see `came_first`."""
-    if not in_turn(run.junction, run.agents[agent].route.key, run.agents[other].route.key):
-        return np.zeros_like(run.here[when, agent])
-    return came_first(run, agent, other, when)
+def _on_the_right(cast: Cast) -> NDArray[np.bool_]:
+    right = [
+        (cast.agents[b].entrance, cast.agents[a].entrance) in cast.junction.right_of for a, b in cast.static(everybody).column
+    ]
+    return np.array(right, dtype=np.bool_)
 
 
-def came_first(run: Run, agent: int, other: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """Return when both vehicles have arrived, `other` clearly earlier, or within `TIE` of `agent` and on its right."""
-    found: NDArray[np.bool_] = arrivals(run).arrived[when, agent] & arrivals(run).arrived[when, other]
-    if found.any():
-        later, tie = waited(run, other)[when] - waited(run, agent)[when], ticks(run, TIE)
-        right = (run.agents[other].entrance, run.agents[agent].entrance) in run.junction.right_of
-        found &= (later > tie) | (right & (later >= -tie))
+@signal(pairs=everybody)
+def came_first(block: Block) -> NDArray[np.bool_]:
+    """Which two vehicles have arrived, the second clearly earlier, or within `TIE` of the first and on its right."""
+    both, there, since = block.cast.static(everybody), arrived(block), waited(block)
+    later, tie = since[:, both.two] - since[:, both.one], round(TIE / block.dt)
+    found: NDArray[np.bool_] = (later > tie) | (block.cast.static(_on_the_right) & (later >= -tie))
+    return found & there[:, both.one] & there[:, both.two]
+
+
+@signal
+def next_to_go(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is first at its line and has the right to go."""
+    green = ~block.cast.static(lights) | (facing(block) == GREEN)
+    found: NDArray[np.bool_] = first_at_line(block) & ~held(block) & green
     return found
 
 
-def _may_go_first(run: Run) -> NDArray[np.bool_]:
-    """Return which vehicle is first at its line and has the right to go, shape ``(steps, agents)``."""
-    return once(run, _find_next)
-
-
-def _find_next(run: Run) -> NDArray[np.bool_]:
-    found = first_at_line(run) & ~held(run)
-    for agent, who in enumerate(run.agents):
-        if lit(run.junction, who.entrance):
-            found[:, agent] &= run.facing[:, agent] == Colour.GREEN
-    return found
-
-
-def starting(run: Run) -> NDArray[np.bool_]:
-    """Return which vehicle is about to go, shape ``(steps, agents)``.
+@signal(start=(0, _LONG_AGO))
+def starting(block: Block, before: NDArray[np.int64], last: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
+    """Which vehicle is about to go.
 
     The vehicle is first at its line and may go; it has stood so for less than `WAIVER`, or set off less than `WAIVER` ago.
     """
-    return once(run, _find_starting)
+    standing, most = stands(block), round(WAIVER / block.dt)
+    stood = next_to_go(block) & standing
+    count = lasting(stood, before)
+    since = np.maximum.accumulate(np.where(stood, block.ticks, last), axis=0)
+    return next_to_go(block) & np.where(standing, count <= most, block.ticks - since < most), count, since
 
 
-def _find_starting(run: Run) -> NDArray[np.bool_]:
-    may_go, standing = _may_go_first(run), stands(run)
-    tick, most = np.arange(run.steps)[:, None], ticks(run, WAIVER)
-    stood = may_go & standing
-    last = np.maximum.accumulate(np.where(stood, tick, -1 - most), axis=0)
-    found: NDArray[np.bool_] = may_go & np.where(standing, _lasting(stood) <= most, tick - last < most)
-    return found
+@signal(start=(0,))
+def waives(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
+    """Which vehicle has stood first at its line, free to go, for `WAIVER` without a break."""
+    free = next_to_go(block) & stands(block)
+    if free.any():
+        free &= ~block.cast.static(neighbours).any(_keeps(block), len(block.cast))
+    count = lasting(free, before)
+    return count > round(WAIVER / block.dt), count
 
 
-def waives(run: Run) -> NDArray[np.bool_]:
-    """Return which vehicle has stood first at its line, free to go, for `WAIVER` without a break, shape ``(steps, agents)``."""
-    return once(run, find_waiving)
+@signal
+def gives_up(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle waives its right, or has not arrived; without positions nothing tells which vehicle waives its right."""
+    gone: NDArray[np.bool_] = ~arrived(block)
+    if block.station is not None and block.speed is not None and block.junction.stretches is not None:
+        gone |= waives(block)
+    return gone
 
 
-def find_waiving(run: Run) -> NDArray[np.bool_]:
-    """Work out what `waives` returns."""
-    free = _may_go_first(run) & stands(run)
-    most = ticks(run, WAIVER)
-    for agent in np.flatnonzero((_lasting(free) > most).any(axis=0)).tolist():
-        for other in range(len(run.agents)):
-            begin, end = window(run, (agent, other))
-            if other != agent and begin < end:
-                when = slice(begin, end)
-                free[when, agent] &= ~_keeps(run, agent, other, when)
-    return _lasting(free) > most
+def _debts(cast: Cast) -> NDArray[np.int64]:
+    """Return of `neighbours` the columns of `owing` in which the second owes the way to the first; -1 where there is none."""
+    debts = cast.static(owing).column
+    return np.array([debts.get((two, one), -1) for one, two in cast.static(neighbours).column], dtype=np.int64)
 
 
-def _lasting(found: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return for how many states, up to each, something has been true without a break, shape ``(steps, agents)``."""
-    tick = np.arange(len(found))[:, None]
-    return tick - np.maximum.accumulate(np.where(found, -1, tick), axis=0)
-
-
-def _keeps(run: Run, agent: int, other: int, when: slice) -> NDArray[np.bool_]:
-    """Whether the other one keeps the agent, first at its line, from going: it is slow ahead, or occupies the agent's way.
+@signal(pairs=neighbours)
+def _keeps(block: Block) -> NDArray[np.bool_]:
+    """Which second vehicle keeps the first, first at its line, from going: it is slow ahead, or occupies the first one's way.
 
     A vehicle that arrived later, or owes the agent the way, does not keep the agent from going.
     """
-    common = contested(run, agent, other)
-    found = close_behind(run, agent, other, common, when)
-    if common is None:
-        return found
-    there = on_stretch(run, other, common.yours, when)
-    if run.junction.control is JunctionControl.STOP:
-        tick = arrivals(run).tick
-        there &= tick[when, other] <= tick[when, agent]
-    elif may_owe(run, other, agent):
-        there &= ~yields(run, other, agent, when)
-    return found | there
+    cast, both, at = block.cast, block.cast.static(neighbours), block.cast.static(contested_places)
+    ahead = block.need("station")[:, both.two]
+    there: NDArray[np.bool_] = (
+        (ahead >= at.begin_of_two) & (ahead - cast.length[both.two] <= at.end_of_two) & block.here[:, both.two]
+    )
+    if block.junction.control is _ALL_WAY:
+        tick = arrivals(block).tick
+        there &= tick[:, both.two] <= tick[:, both.one]
+    else:
+        debts = cast.static(_debts)
+        there[:, debts >= 0] &= ~yields(block)[:, debts[debts >= 0]]
+    there |= close_behind(block)
+    return there
 
 
-def close_behind(run: Run, agent: int, other: int, common: Shared | None, when: slice) -> NDArray[np.bool_]:
-    """Whether the other one is slow and near ahead on the agent's way, or leaves it no room on its exit road."""
-    rear = ahead_by(run, agent, other, common, when)
-    near = rear < GAP
-    if run.agents[agent].exit == run.agents[other].exit:
-        room = before_exit(run, agent, when)[0] + rear
-        at_line = arrivals(run).arrived[when, agent] & (run.zone[when, other] == Zone.EXIT)
-        near |= at_line & (room < run.size(agent)[0] + ROOM)
-    found: NDArray[np.bool_] = near & (run.need("speed")[when, other] < PACE)
+@signal(pairs=neighbours, needs=sized)
+def close_behind(block: Block) -> NDArray[np.bool_]:
+    """Which second vehicle is slow and near ahead on the way of the first, or leaves it no room on its exit road."""
+    cast, both, rear = block.cast, block.cast.static(neighbours), ahead_by(block)
+    room = (block.need("station")[:, both.one] - cast.way[both.one]) + rear
+    at_line = arrived(block)[:, both.one] & (block.zone[:, both.two] == EXIT)
+    near = (rear < GAP) | (cast.static(roads).exit & at_line & (room < cast.length[both.one] + ROOM))
+    found: NDArray[np.bool_] = near & (block.need("speed")[:, both.two] < PACE)
     return found
 
 
-def kept_by(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Return which vehicle stands or creeps close ahead of the agent and did not when the agent entered, ``(steps, agents)``."""
-    found = np.zeros((run.steps, len(run.agents)), dtype=np.bool_)
-    entered = int(run.entered[agent])
-    for other in range(len(run.agents)):
-        begin, end = window(run, (agent, other))
-        if other == agent or entered >= end or (entered >= begin and run.need("speed")[entered, other] <= PACE):
-            continue
-        when = slice(max(begin, entered), end)
-        found[when, other] = close_behind(run, agent, other, contested(run, agent, other), when)
-    return found
+@signal(pairs=neighbours, start=(False,))
+def kept_by(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
+    """Which second vehicle stands or creeps close ahead of the first and did not when the first entered."""
+    both, entry = block.cast.static(neighbours), entered(block)
+    enters = (entry == block.ticks)[:, both.one]
+    slow = before | np.logical_or.accumulate(enters & (block.need("speed")[:, both.two] <= PACE), axis=0)
+    return close_behind(block) & (entry <= block.ticks)[:, both.one] & ~slow, slow

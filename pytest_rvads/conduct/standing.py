@@ -1,24 +1,25 @@
 """What road users are held to beyond the paper's predicates: stopping before the line, arriving at it, the limit of speed.
 
-Every function takes a run and the column of an agent and returns one value per state, shape ``(steps,)``. What a run
-does not record makes them raise, so that nothing is guessed. The numbers are parameters of the road rulebook.
+What is not recorded raises an error, so that nothing is guessed. The numbers are parameters of the road rulebook.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.memo import once
-from pytest_rvads.conduct.presence import window
+from pytest_rvads.conduct.blocks import APPROACH, ENTRANCE, Block, Cast, Pairs, latched, pairs, signal
+from pytest_rvads.conduct.motion import wt
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Facts, Run
-from pytest_rvads.runs.states import Zone
 
 __all__ = [
     "LINE_TOLERANCE",
@@ -29,7 +30,7 @@ __all__ = [
     "arrivals",
     "arrived",
     "drives",
-    "find_arrivals",
+    "lane",
     "leads",
     "limits_of",
     "speeding",
@@ -64,32 +65,52 @@ def stop_place(junction: Junction, entrance: int) -> tuple[float, float]:
     return -max(place.setback, place.sign_setback or 0.0) - STOP_PLACE, LINE_TOLERANCE - place.setback
 
 
-def stopped(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent has stopped in the stop place, and since then has neither entered the junction nor backed out of that place.
+def _stop_places(cast: Cast) -> NDArray[np.float64]:
+    return np.array([stop_place(cast.junction, agent.entrance) for agent in cast.agents]).reshape(-1, 2).T
 
-    A full stop is something that a vehicle does: standing before the entrance zone counts once the vehicle has driven.
-    """
-    here, still = stops(run, agent)
-    driven = np.logical_or.accumulate(run.here[:, agent] & ~stands(run)[:, agent])
-    still = still & (driven | (run.zone[:, agent] == Zone.ENTRANCE))
-    tick = np.arange(run.steps)
-    last_still = np.maximum.accumulate(np.where(still, tick, -1))
-    last_away = np.maximum.accumulate(np.where(here, -1, tick))
-    found: NDArray[np.bool_] = here & (last_still > last_away)
+
+def lane(cast: Cast) -> Pairs:
+    """Return the pairs of vehicles that come to the same entrance."""
+    return pairs(cast, lambda one, two: cast.agents[one].entrance == cast.agents[two].entrance)
+
+
+@signal
+def stands(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle stands still."""
+    found: NDArray[np.bool_] = np.abs(block.need("speed")) <= STANDSTILL
     return found
 
 
-def stops(run: Run, agent: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return where the agent is between the beginning of its stop place and the junction, and where it stops there.
+@signal
+def leads(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle has nobody ahead in its lane before the junction."""
+    both, station = block.cast.static(lane), block.need("station")
+    ahead = (block.zone[:, both.two] <= ENTRANCE) & (station[:, both.two] > station[:, both.one])
+    return ~both.any(ahead, len(block.cast))
 
-    A vehicle stops where it stands in the stop place and leads: a vehicle that queued stops again. Both arrays have the shape
-    ``(steps,)``.
+
+@signal
+def stops(block: Block) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which vehicle is between the beginning of its stop place and the junction, and which vehicle stops there.
+
+    A vehicle stops where it stands in the stop place and leads: a vehicle that queued stops again.
     """
-    begin, line = stop_place(run.junction, run.agents[agent].entrance)
-    station, zone = run.need("station")[:, agent], run.zone[:, agent]
-    here: NDArray[np.bool_] = (zone == Zone.ENTRANCE) | ((zone == Zone.APPROACH) & (station >= begin))
-    still = here & stands(run)[:, agent] & (station <= line)
-    return here, still & leads(run, agent) if still.any() else still
+    begin, line = block.cast.static(_stop_places)
+    station, zone = block.need("station"), block.zone
+    here = (zone == ENTRANCE) | ((zone == APPROACH) & (station >= begin))
+    return here, here & stands(block) & (station <= line) & leads(block)
+
+
+@signal(start=(False, False))
+def stopped(block: Block, had_driven: NDArray[np.bool_], before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
+    """Which vehicle has stopped in the stop place, and since then has neither entered the junction nor backed out of that place.
+
+    A full stop is something that a vehicle does: standing before the entrance zone counts once the vehicle has driven.
+    """
+    here, still = stops(block)
+    driven = had_driven | np.logical_or.accumulate(block.here & ~stands(block), axis=0)
+    found = latched(still & (driven | (block.zone == ENTRANCE)), ~here, before)
+    return found, driven, found
 
 
 class Arrivals(NamedTuple):
@@ -101,55 +122,36 @@ class Arrivals(NamedTuple):
     """Tick of the latest arrival of every vehicle so far, -1 before its first one, shape ``(steps, agents)``."""
 
 
-def arrivals(run: Run) -> Arrivals:
-    """Return when the vehicles of a run arrived.
+@signal(start=(False, -1))
+def arrivals(block: Block, before: NDArray[np.bool_], last: NDArray[np.int64]) -> tuple[Arrivals, NDArray[Any], NDArray[Any]]:
+    """When the vehicles arrived, see `Arrivals`.
 
     A vehicle arrives when it stops in the stop place or its front enters the entrance zone, whichever is earlier. The arrival
-    lasts until the vehicle enters the junction or backs out of the stop place; a second stop does not restart it. A run without
-    positions or speeds knows only the entrance zone.
+    lasts until the vehicle enters the junction or backs out of the stop place; a second stop does not restart it. Without
+    positions or speeds only the entrance zone is known.
     """
-    return once(run, find_arrivals)
+    at_line = block.zone == ENTRANCE
+    here, still = (at_line, at_line) if block.station is None or block.speed is None else stops(block)
+    found = latched(at_line | still, ~here, before)
+    first = found & ~np.concatenate((before[None], found[:-1]))
+    tick = np.maximum.accumulate(np.where(first, block.ticks, last), axis=0)
+    return Arrivals(found, tick), found, tick
 
 
-def find_arrivals(run: Run) -> Arrivals:
-    """Work out what `arrivals` returns."""
-    at_line = run.zone == Zone.ENTRANCE
-    here, event = at_line, at_line
-    if len(run.agents) and run.station is not None and run.speed is not None:
-        columns = [stops(run, agent) for agent in range(len(run.agents))]
-        here = np.stack([there for there, _ in columns], axis=1)
-        event = at_line | np.stack([still for _, still in columns], axis=1)
-    tick = np.arange(run.steps)[:, None]
-    away = np.maximum.accumulate(np.where(here, -1, tick), axis=0)
-    before = np.maximum.accumulate(np.where(event, tick, -1), axis=0)
-    first = event.copy()
-    first[1:] &= before[:-1] <= away[1:]
-    latest = np.maximum.accumulate(np.where(first, tick, -1), axis=0)
-    return Arrivals(here & (latest > away), latest)
+@signal
+def arrived(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle has arrived at its line, see `arrivals`, and has not entered the junction."""
+    found: Arrivals = arrivals(block)
+    return found.arrived
 
 
-def arrived(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent has arrived at its line, see `arrivals`, and has not entered the junction."""
-    return arrivals(run).arrived[:, agent]
-
-
-def waited(run: Run, agent: int) -> NDArray[np.int64]:
-    """Return for how many ticks the agent has been waiting since it arrived, 0 where it has not arrived, shape ``(steps,)``."""
-    if run.station is None or run.speed is None:
-        return run.wt[:, agent].astype(np.int64)
-    found = arrivals(run)
-    return np.where(found.arrived[:, agent], np.arange(run.steps) - found.tick[:, agent], 0)
-
-
-def leads(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Nobody is ahead of the agent in its lane before the junction."""
-    found = np.ones(run.steps, dtype=np.bool_)
-    for other, who in enumerate(run.agents):
-        begin, end = window(run, (agent, other))
-        if other != agent and who.entrance == run.agents[agent].entrance and begin < end:
-            station, when = run.need("station"), slice(begin, end)
-            found[when] &= ~((run.zone[when, other] <= Zone.ENTRANCE) & (station[when, other] > station[when, agent]))
-    return found
+@signal
+def waited(block: Block) -> NDArray[np.int64]:
+    """For how many ticks every vehicle has been waiting since it arrived, 0 where it has not arrived."""
+    if block.station is None or block.speed is None:
+        return np.asarray(wt(block), dtype=np.int64)
+    found: Arrivals = arrivals(block)
+    return np.where(found.arrived, block.ticks - found.tick, 0)
 
 
 def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
@@ -158,7 +160,7 @@ def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
     This is the waiting time as the text of the paper has it, "since its speed became zero"; it restarts when the vehicle moves.
     """
     tick = np.arange(run.steps, dtype=np.int32)
-    still = (run.zone[:, agent] == Zone.ENTRANCE) & stands(run)[:, agent]
+    still = (run.zone[:, agent] == ENTRANCE) & stands(run, agent)
     found: NDArray[np.int32] = tick - np.maximum.accumulate(np.where(still, 0, tick))
     return found
 
@@ -168,19 +170,35 @@ def drives(run: Run, agent: int) -> bool:
     return run.speed is None or bool((np.abs(run.speed[:, agent]) > STANDSTILL).any())
 
 
-def speeding(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent drives faster than the limit at its place and the tolerance.
+def _limited(block: Block, columns: Sequence[int]) -> None:
+    for column in columns:
+        limits_of(block.junction, block.cast.agents[column].route.key, block.cast.facts)
 
-    Raises:
-        RunError: the run does not record speeds, or no limit.
-    """
-    limits = limits_of(run.junction, run.agents[agent].route.key, run.facts)
-    speed, most = np.abs(run.need("speed")[:, agent]), np.array([limit for _, limit in limits])
-    if len(limits) > 1:
-        borders = [station for station, _ in limits[1:]]
-        most = most[np.searchsorted(borders, run.need("station")[:, agent], side="right")]
-    found: NDArray[np.bool_] = speed > most + SPEED_TOLERANCE
+
+@signal(needs=_limited)
+def speeding(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle drives faster than the limit at its place and the tolerance; none where no limit is known."""
+    borders, limits = block.cast.static(_limits)
+    most = limits[:, 0]
+    if borders.size:
+        piece = (block.need("station")[..., None] >= borders).sum(axis=-1)
+        most = np.take_along_axis(limits[None], piece[..., None], axis=-1)[..., 0]
+    found: NDArray[np.bool_] = np.abs(block.need("speed")) > most + SPEED_TOLERANCE
     return found
+
+
+def _limits(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where limits end along the way of every vehicle, and the limits, each row filled up to the longest."""
+    rows = []
+    for agent in cast.agents:
+        with suppress(RunError):
+            rows.append(limits_of(cast.junction, agent.route.key, cast.facts))
+            continue
+        rows.append(((0.0, math.nan),))
+    most = max(map(len, rows), default=1)
+    borders = [[station for station, _ in row[1:]] + [math.inf] * (most - len(row)) for row in rows]
+    limits = [[limit for _, limit in row] + [math.nan] * (most - len(row)) for row in rows]
+    return np.array(borders).reshape(len(rows), most - 1), np.array(limits).reshape(len(rows), most)
 
 
 def limits_of(junction: Junction, way: Key, facts: Facts) -> tuple[tuple[float, float], ...]:
@@ -197,17 +215,3 @@ def limits_of(junction: Junction, way: Key, facts: Facts) -> tuple[tuple[float, 
     if len(known) < len(limits):
         raise RunError("the run holds no speed limit" + (", and its map states none for a part of a way" if known else ""))
     return known
-
-
-def stands(run: Run) -> NDArray[np.bool_]:
-    """Return which vehicle stands still, shape ``(steps, agents)``.
-
-    Raises:
-        RunError: the run does not record speeds.
-    """
-    return once(run, _find_standing)
-
-
-def _find_standing(run: Run) -> NDArray[np.bool_]:
-    found: NDArray[np.bool_] = np.abs(run.need("speed")) <= STANDSTILL
-    return found

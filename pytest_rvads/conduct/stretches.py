@@ -6,12 +6,14 @@ Functions that take `when` return what holds in a part of the run only: all of i
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.presence import window
+from pytest_rvads.conduct.blocks import Block, Cast, Pairs, pairs, signal, sized
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import CONFLICT_WIDTH, Key, Shared, Stretch
 from pytest_rvads.junctions.junction import Junction
@@ -23,11 +25,16 @@ __all__ = [
     "ahead_by",
     "before_exit",
     "contested",
+    "contested_places",
     "first_stretch",
     "meet",
+    "meeting",
+    "neighbours",
     "on_stretch",
     "parting",
+    "places",
     "position",
+    "roads",
     "shared",
 ]
 
@@ -37,7 +44,7 @@ _SPACING = 0.5
 """Movements are compared at stations so far apart [m]."""
 
 
-def shared(run: Run, one: int, two: int) -> Shared | None:
+def shared(run: Run | Cast, one: int, two: int) -> Shared | None:
     """Return what the movements of two agents, given by column, share; None where they don't meet.
 
     Raises:
@@ -49,7 +56,7 @@ def shared(run: Run, one: int, two: int) -> Shared | None:
     return found.get((run.agents[one].route.key, run.agents[two].route.key))
 
 
-def contested(run: Run, one: int, two: int) -> Shared | None:
+def contested(run: Run | Cast, one: int, two: int) -> Shared | None:
     """Return what two agents share, up to `LEAVE` down the exit road where both lead into the same exit; None as in `shared`.
 
     On the beginning of a common exit road the vehicle that merged is still gathering speed: there the other vehicle runs into it.
@@ -111,35 +118,114 @@ def on_stretch(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> 
     return found
 
 
-def meet(run: Run, one: int, two: int) -> NDArray[np.bool_]:
-    """Return where both agents are on the stretch that their movements share, shape ``(steps,)``.
+def meeting(cast: Cast) -> Pairs:
+    """Return the pairs of vehicles whose movements share a stretch.
+
+    Raises:
+        RunError: the run holds no geometry of its junction.
+    """
+    return pairs(cast, lambda one, two: shared(cast, one, two) is not None)
+
+
+class Places(NamedTuple):
+    """Where the stretches lie that pairs of vehicles share, each of shape ``(pairs,)`` [m]."""
+
+    begin: NDArray[np.float64]
+    """Of the stretch on the way of the first vehicle."""
+    end: NDArray[np.float64]
+    begin_of_two: NDArray[np.float64]
+    """Of the stretch on the way of the second vehicle."""
+    end_of_two: NDArray[np.float64]
+    merges: NDArray[np.bool_]
+    """Whether both lead into the same exit."""
+
+
+def places(commons: Iterable[Shared | None]) -> Places:
+    """Return where the stretches of pairs lie; NaN where there is none."""
+    nothing = (math.nan,) * 4 + (False,)
+    rows = [nothing if c is None else (c.mine.start, c.mine.end, c.yours.start, c.yours.end, c.merges) for c in commons]
+    begin, end, begin_of_two, end_of_two, merges = np.array(rows, dtype=np.float64).reshape(-1, 5).T
+    return Places(begin, end, begin_of_two, end_of_two, merges.astype(np.bool_))
+
+
+def _meeting_places(cast: Cast) -> Places:
+    both = cast.static(meeting)
+    return places(shared(cast, one, two) for one, two in both.column)
+
+
+@signal(pairs=meeting, needs=sized)
+def meet(block: Block) -> NDArray[np.bool_]:
+    """Which two vehicles are both on the stretch that their movements share.
 
     Where both lead into the same exit they meet when one is beside the other, not when it follows.
     """
-    common = shared(run, one, two)
-    if common is None:
-        return np.zeros(run.steps, dtype=np.bool_)
-    begin, end = window(run, (one, two))
-    when = slice(begin, end)
-    both = on_stretch(run, one, common.mine, when) & on_stretch(run, two, common.yours, when)
-    if common.merges:
-        (front, rear), (ahead, behind) = before_exit(run, one, when), before_exit(run, two, when)
-        both &= (front > behind) & (ahead > rear)
-    return np.concatenate((np.zeros(begin, dtype=np.bool_), both, np.zeros(run.steps - end, dtype=np.bool_)))
+    cast, both, at = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places)
+    front = block.need("station")
+    rear = front - cast.length
+    found: NDArray[np.bool_] = (front[:, both.one] >= at.begin) & (rear[:, both.one] <= at.end)
+    found &= (front[:, both.two] >= at.begin_of_two) & (rear[:, both.two] <= at.end_of_two)
+    found &= block.here[:, both.one] & block.here[:, both.two]
+    front, rear = front - cast.way, rear - cast.way
+    found &= ~at.merges | ((front[:, both.one] > rear[:, both.two]) & (front[:, both.two] > rear[:, both.one]))
+    return found
 
 
-def ahead_by(run: Run, agent: int, other: int, common: Shared | None, when: slice) -> NDArray[np.float64]:
-    """Return how far ahead of the agent, in its lane or on its exit road, the rear of the other one is [m], else infinity."""
-    me, you = run.agents[agent], run.agents[other]
-    (front, _), (ahead, behind) = position(run, agent, when), position(run, other, when)
-    if me.entrance == you.entrance:
-        way = behind < parting(run.junction, me.route.key, you.route.key)
-    elif me.exit == you.exit:
-        way = ahead >= (common.yours.start if common else you.route.length)
-        front = front + (you.route.length - me.route.length)
-    else:
-        return np.full(len(front), np.inf)
-    return np.where(way & (ahead > front) & run.here[when, other], behind - front, np.inf)
+def neighbours(cast: Cast) -> Pairs:
+    """Return the pairs of vehicles that share a stretch, an entrance or an exit.
+
+    Raises:
+        RunError: the run holds no geometry of its junction.
+    """
+
+    def belong(one: int, two: int) -> bool:
+        me, you = cast.agents[one], cast.agents[two]
+        return shared(cast, one, two) is not None or me.entrance == you.entrance or me.exit == you.exit
+
+    return pairs(cast, belong)
+
+
+def contested_places(cast: Cast) -> Places:
+    """Return the contested stretches of `neighbours`."""
+    return places(contested(cast, one, two) for one, two in cast.static(neighbours).column)
+
+
+class _Roads(NamedTuple):
+    """Where the roads lie that `neighbours` share, each of shape ``(pairs,)``."""
+
+    entrance: NDArray[np.bool_]
+    """Whether they come to one entrance."""
+    exit: NDArray[np.bool_]
+    """Whether they leave by one exit."""
+    parting: NDArray[np.float64]
+    """See `parting` [m]."""
+    joining: NDArray[np.float64]
+    """From which station on the second vehicle is in the lane of the first vehicle, where both leave by one exit [m]."""
+    shift: NDArray[np.float64]
+    """How much longer the movement of the second vehicle is [m]."""
+
+
+def roads(cast: Cast) -> _Roads:
+    """Return what roads `neighbours` share."""
+    both, agents = cast.static(neighbours), cast.agents
+    commons = [shared(cast, one, two) for one, two in both.column]
+    entrance, exit = cast.entrance[both.one] == cast.entrance[both.two], cast.exit[both.one] == cast.exit[both.two]
+    partings = [
+        parting(cast.junction, agents[one].route.key, agents[two].route.key) if same else 0.0
+        for (one, two), same in zip(both.column, entrance.tolist(), strict=True)
+    ]
+    joins = [c.yours.start if c else agents[two].route.length for (_, two), c in zip(both.column, commons, strict=True)]
+    return _Roads(entrance, exit, np.array(partings), np.array(joins), cast.way[both.two] - cast.way[both.one])
+
+
+@signal(pairs=neighbours, needs=sized, otherwise=math.inf)
+def ahead_by(block: Block) -> NDArray[np.float64]:
+    """How far ahead of the first vehicle, in its lane or on its exit road, the rear of the second is [m], else infinity."""
+    both, road, station = block.cast.static(neighbours), block.cast.static(roads), block.need("station")
+    front, ahead = station[:, both.one], station[:, both.two]
+    behind = ahead - block.cast.length[both.two]
+    way = np.where(road.entrance, behind < road.parting, road.exit & (ahead >= road.joining))
+    front = np.where(road.entrance, front, front + road.shift)
+    return np.where(way & (ahead > front) & block.here[:, both.two], behind - front, np.inf)
 
 
 def before_exit(run: Run, agent: int, when: slice = ALWAYS) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

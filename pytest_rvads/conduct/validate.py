@@ -159,12 +159,12 @@ def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         return
     station, line = run.station[:, column], -run.junction.setbacks[agent.entrance]
     length = run.junction.movements[agent.entrance, agent.exit].length
-    wanted = np.select(
-        [station < line - ENTRANCE_ZONE, station <= 0.0, station < length],
-        [Zone.APPROACH, Zone.ENTRANCE, Zone.JUNCTION],
-        Zone.EXIT,
+    spread = 0.0 if run.spread is None else run.spread[:, column]
+    first, last = (
+        np.select([at < line - ENTRANCE_ZONE, at <= 0.0, at < length], [Zone.APPROACH, Zone.ENTRANCE, Zone.JUNCTION], Zone.EXIT)
+        for at in (station - spread, station + spread)
     )
-    wrong = np.flatnonzero((wanted != zone) & run.here[:, column])
+    wrong = np.flatnonzero(((zone < first) | (zone > last)) & run.here[:, column])
     if len(wrong):
         tick = int(wrong[0])
         name, time = Zone(int(zone[tick])).name.lower(), _clock(run, tick)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.grounds import ground_of, may_owe
 from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.motion import entered, facing
 from pytest_rvads.conduct.presence import near, window
 from pytest_rvads.conduct.rights import DUE, PACE, came_first, close_behind, due, first_at_line, has_way, waives, yields
 from pytest_rvads.conduct.stretches import ALWAYS, ahead_by, on_stretch, position, shared
@@ -74,8 +75,8 @@ def reasons(run: Run) -> Iterator[Reason]:
                 f"{count} vehicles in {run.steps:,} states are too many to tell who waits for whom: cut the run in parts"
             )
         common = shared(run, agent, other)
-        ahead = ahead_by(run, agent, other, common, when)
-        queued = close_behind(run, agent, other, common, when)
+        ahead = ahead_by(run, agent, other)[when]
+        queued = close_behind(run, agent, other)[when]
         yielding = _lets_pass(run, agent, other, common, when)
         trailing = (run.zone[when, agent] <= Zone.ENTRANCE) & (ahead < QUEUE_GAP)
         if queued.any() or yielding.any() or trailing.any():
@@ -161,12 +162,13 @@ def _intruders(run: Run, found: Sequence[Reason]) -> NDArray[np.bool_]:
 
     An intruder entered on red, or entered the way of a vehicle that was inside before and to which the intruder owed the way.
     """
-    intruders: NDArray[np.bool_] = (run.zone >= Zone.JUNCTION) & (run.facing == Colour.RED)
+    intruders: NDArray[np.bool_] = (run.zone >= Zone.JUNCTION) & (facing(run) == Colour.RED)
+    entries = entered(run)[-1]
     for r in found:
-        if run.entered[r.agent] < run.entered[r.other] and may_owe(run, r.other, r.agent):
+        if entries[r.agent] < entries[r.other] and may_owe(run, r.other, r.agent):
             when = slice(r.begin, r.begin + len(r.yielding))
             inside = run.zone[when, r.other] == Zone.JUNCTION
-            intruders[when, r.other] |= inside & r.yielding & yields(run, r.other, r.agent, when)
+            intruders[when, r.other] |= inside & r.yielding & yields(run, r.other, r.agent)[when]
     return intruders
 
 
@@ -201,10 +203,10 @@ def leave_no_room(run: Run, agent: int, tick: int) -> frozenset[int]:
     Such a vehicle stands or creeps ahead on the agent's way or exit road. Or it moves on, to that exit road or along it, and its
     rear leaves less room there than the agent's length and `SPARE`.
     """
-    me, now, found = run.agents[agent], slice(tick, tick + 1), set()
+    me, found = run.agents[agent], set()
     for other, you in enumerate(run.agents):
         if other != agent and run.here[tick, other]:
-            ahead = float(ahead_by(run, agent, other, shared(run, agent, other), now)[0])
+            ahead = float(ahead_by(run, agent, other)[tick])
             room = run.need("station")[tick, agent] + ahead - me.route.length
             rolling = me.exit == you.exit and room < run.size(agent)[0] + SPARE
             if ahead < math.inf and (rolling or run.need("speed")[tick, other] < PACE):
@@ -217,7 +219,7 @@ def _lets_pass(run: Run, agent: int, other: int, common: Shared | None, when: sl
     zone, theirs = run.zone[when, agent], run.zone[when, other]
     before = at_line(run, agent, when)
     if run.junction.control is JunctionControl.STOP:
-        first = came_first(run, agent, other, when)
+        first = came_first(run, agent, other)[when]
         if common is None and first.any():
             first &= ~waives(run)[when, other]
         found: NDArray[np.bool_] = before & (theirs == Zone.JUNCTION) | first
@@ -229,12 +231,12 @@ def _lets_pass(run: Run, agent: int, other: int, common: Shared | None, when: sl
     ahead = front < common.mine.start
     there = on_stretch(run, other, common.yours, when)
     found |= there & (ahead | on_stretch(run, agent, common.mine, when))
-    gives = yields(run, other, agent, when) if may_owe(run, other, agent) else np.zeros_like(found)
+    gives = yields(run, other, agent)[when] if may_owe(run, other, agent) else np.zeros_like(found)
     found |= ahead & (theirs == Zone.JUNCTION) & (position(run, other, when)[0] < common.yours.start) & ~gives
     comes = due(run, other, common.yours, when)
     found |= before & comes & (run.need("speed")[when, other] > PACE)
     if may_owe(run, agent, other):
-        found |= ahead & yields(run, agent, other, when) & (comes | first_at_line(run)[when, other])
+        found |= ahead & yields(run, agent, other)[when] & (comes | first_at_line(run)[when, other])
     found &= before | (zone == Zone.JUNCTION)
     return found
 
@@ -244,7 +246,7 @@ def _may_turn(run: Run, agent: int, other: int, when: slice) -> NDArray[np.bool_
     start = _first_turn(run.junction, run.agents[agent].route.key, run.agents[other].entrance)
     reach = run.need("station")[when, other] + DUE * np.maximum(run.need("speed")[when, other], 0.0)
     found: NDArray[np.bool_] = (reach >= start) & (run.zone[when, other] <= Zone.ENTRANCE) & run.here[when, other]
-    return found & has_way(run, other, when)
+    return found & has_way(run)[when, other]
 
 
 @lru_cache(maxsize=4096)

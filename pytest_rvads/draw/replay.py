@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.bodies import contacts, tick_of
+from pytest_rvads.conduct.blocks import tick_of
+from pytest_rvads.conduct.bodies import contacts
 from pytest_rvads.draw.ghost import ghost_data, motion, outlines
 from pytest_rvads.draw.picture import STYLE
 from pytest_rvads.draw.scene import Scene, body, inks, label, size

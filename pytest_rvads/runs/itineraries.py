@@ -18,7 +18,7 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import ADVISED, SPEED_LIMIT, Limits, Pose, Segment, Turn, join, limit_in
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, GONE, JUNCTION, Zone
 
-__all__ = ["ENTRANCE_ZONE", "EXIT_LENGTH", "LEAVE", "Itinerary", "itinerary"]
+__all__ = ["ENTRANCE_ZONE", "EXIT_LENGTH", "LEAVE", "Itinerary", "directions", "itinerary"]
 
 ENTRANCE_ZONE = 1.0
 """A vehicle is at the entrance from this far before the stopping line up to the entrance vertex [m]."""
@@ -47,6 +47,8 @@ class Itinerary:
     """Station of the end of the itinerary, on the exit road [m]."""
     leave: float = field(init=False)
     """Station from which on the vehicle counts as having left [m]."""
+    borders: NDArray[np.float64] = field(init=False)
+    """Stations at which the zones after `APPROACH` begin, shape ``(4,)`` [m]."""
     limits: Limits = field(init=False)
     """The speed limits that the map states: the station where each begins [m], and the limit [m/s]; empty without any."""
 
@@ -54,6 +56,8 @@ class Itinerary:
         end = self.path.length - self.origin
         object.__setattr__(self, "end", end)
         object.__setattr__(self, "leave", min(self.length + LEAVE, end))
+        borders = (self.line - ENTRANCE_ZONE, np.nextafter(0.0, 1.0), self.length, end)
+        object.__setattr__(self, "borders", np.array(borders))
         object.__setattr__(self, "limits", tuple((at - self.origin, limit) for at, limit in self.path.limits))
 
     @classmethod
@@ -97,7 +101,7 @@ class Itinerary:
         points, arc = self.path.points, self.path.stations
         along = station + self.origin
         piece = np.searchsorted(arc[1:-1], along, side="right")
-        ahead = _directions(self.path)[piece]
+        ahead = directions(self.path)[piece]
         return points[piece] + (along - arc[piece])[:, None] * ahead, ahead
 
     def project(self, x: float, y: float, near: float) -> tuple[float, float]:
@@ -125,7 +129,7 @@ def itinerary(junction: Junction, entrance: int, exit: int) -> Itinerary:
 
 
 @lru_cache(maxsize=256)
-def _directions(path: Segment) -> NDArray[np.float64]:
+def directions(path: Segment) -> NDArray[np.float64]:
     """Return the unit vector along every piece of a line, shape ``(pieces, 2)``."""
     found: NDArray[np.float64] = np.diff(path.points, axis=0) / np.diff(path.stations)[:, None]
     return found

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import overload
+from typing import NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs import between
-from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary, itinerary
+from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.periods import Period, busy_periods
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
 from pytest_rvads.runs.smoothing import DERIVED, beside
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = ["Changes", "Recording", "Track", "zones"]
+__all__ = ["Before", "Changes", "Recording", "Track", "zones"]
 
 HARDEST = 5.0
 """Nobody who is about to stop brakes or sets off harder than this [m/s^2]."""
@@ -132,7 +132,7 @@ class Recording(Sequence[Run]):
             turned = np.column_stack((track.pose[:, :2], np.unwrap(track.pose[:, 2])))
             pose[here, column] = np.stack([np.interp(at, track.times, values) for values in turned.T], axis=1)
             spread[here, column] = 0.0 if track.spread is None else np.interp(at, track.times, track.spread)
-            zone[here, column] = zones(self._itinerary(track), station[here, column])
+            zone[here, column] = zones(self._itinerary(track).borders, station[here, column], spread[here, column])
         lights = np.zeros((steps, len(self.junction.entrances)), dtype=np.int8)
         for entrance, changes in self.lights.items():
             known = np.concatenate(([Colour.NONE], changes.colours)).astype(np.int8)
@@ -187,11 +187,40 @@ def _apart(tracks: Sequence[Track]) -> float:
     return float(np.median(np.concatenate([np.diff(track.times) for track in tracks])))
 
 
-def zones(way: Itinerary, station: NDArray[np.float64]) -> NDArray[np.int8]:
-    """Return the zones of a vehicle at stations along its way, shape ``(steps,)``; each is left for good.
+class Before(NamedTuple):
+    """What `zones` needs of the last state before the states that it reads; per vehicle, shape ``(agents,)``."""
 
-    Whoever stands at a border and rolls, or is measured, to and fro over it has crossed it the last time.
+    zone: NDArray[np.int8]
+    """`Zone.ABSENT` of a vehicle that was not there."""
+    station: NDArray[np.float64]
+    """[m]; NaN of a vehicle that was not there."""
+    spread: NDArray[np.float64]
+    """Likewise."""
+
+
+def zones(
+    borders: NDArray[np.float64],
+    station: NDArray[np.float64],
+    spread: NDArray[np.float64] | float = 0.0,
+    before: Before | None = None,
+) -> NDArray[np.int8]:
+    """Return the zones of one vehicle, shape ``(steps,)``, or of several vehicles, shape ``(steps, agents)``.
+
+    A vehicle crosses a border in the first state in which it is beyond the border even if it is `spread` behind its station.
+    It also crosses the border in the first state beyond the border to which it has come by a step that is longer than the spread
+    of both states: noise makes no such step. A border stays crossed, wherever the vehicle is or is measured afterwards.
+
+    Args:
+        borders: `Itinerary.borders` of the vehicle, or of every vehicle, shape ``(4,)`` or ``(agents, 4)`` [m].
+        station: of the reference point along the way, of the shape of the result [m].
+        spread: how far before or behind its station a vehicle may have been, likewise [m]; 0: exact.
+        before: the state before the first state; None: no vehicle was there.
     """
-    borders = (way.line - ENTRANCE_ZONE, np.nextafter(0.0, 1.0), way.length, way.end)
-    found = np.searchsorted(borders, station, side="right").astype(np.int8)
-    return np.minimum.accumulate(found[::-1])[::-1]
+    spread = np.broadcast_to(spread, station.shape)
+    nothing = np.full(station.shape[1:], np.nan)
+    last = Before(np.full(station.shape[1:], Zone.ABSENT, dtype=np.int8), nothing, nothing) if before is None else before
+    doubt = np.concatenate((last.spread[None], spread))
+    driven = np.diff(station, axis=0, prepend=last.station[None]) > doubt[1:] + doubt[:-1]
+    surely = np.where(driven, station, station - spread)
+    beyond = (surely[..., None] >= borders).sum(axis=-1).astype(np.int8)
+    return np.maximum(np.maximum.accumulate(beyond, axis=0), last.zone)

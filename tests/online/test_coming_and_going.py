@@ -26,7 +26,7 @@ from pytest_rvads.simulators.simulator import simulate
 from studies.mutants import MUTANTS
 
 LIMIT = 8.0
-ELSEWHERE = ("priority", "right_before_left", "on_lane_allowed")
+ELSEWHERE = ("priority", "right_before_left", "on_lane_allowed", "merge")
 """Rules about none of these places."""
 PLACES, SEEDS = ("stop4", "light4", "yield4"), range(3)
 ALL = ("paper", "variants", "road")
@@ -55,7 +55,7 @@ def crowd(name: str, seed: int, count: int = 7, steps: int = 1500) -> Run:
         line[:, 0] -= beside * np.sin(line[:, 2])
         line[:, 1] += beside * np.cos(line[:, 2])
         pose[here, k] = line
-        zone[here, k] = zones(way, along[:stay])
+        zone[here, k] = zones(way.borders, along[:stay])
     lights = np.zeros((steps, len(junction.entrances)), dtype=np.int8)
     for group in junction.phase_groups:
         for entrance in group:

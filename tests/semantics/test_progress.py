@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from pytest_rvads.conduct import waiting
+from pytest_rvads.conduct.motion import inside
 from pytest_rvads.conduct.progress import (
     BLOCKING_TIME,
     PATIENCE,
     blocks,
     idles,
-    inside,
     losses,
     may_go,
 )

@@ -208,7 +208,7 @@ def _of_the_past(run: Run) -> tuple[Reading, ...]:
     if run.excerpt is None or run.speed is None or run.station is None:
         return ()
     stopping, rolling = run.speed.copy(), run.speed.copy()
-    late = [a for a, (begin, end) in enumerate(run.spans) if end > begin + 1 and stops(run, a)[0][begin]]
+    late = [a for a, (begin, end) in enumerate(run.spans) if end > begin + 1 and stops(run)[0][begin, a]]
     for agent in late:
         begin, end = run.spans[agent]
         still = stands(run)[begin:end, agent]
@@ -243,7 +243,7 @@ def _moved(run: Run, signs: NDArray[np.float64]) -> Run:
     station, zone = run.need("station") + by, run.zone.copy()
     for column, (begin, end) in enumerate(run.spans.tolist()):
         who = run.agents[column]
-        zone[begin:end, column] = zones(itinerary(run.junction, who.entrance, who.exit), station[begin:end, column])
+        zone[begin:end, column] = zones(itinerary(run.junction, who.entrance, who.exit).borders, station[begin:end, column])
     return replace(run, zone=zone, station=station, pose=None if run.pose is None else _shifted(run, by, 0.0), spread=None)
 
 

@@ -1,7 +1,7 @@
 """What is the case now: the ground atoms that live monitors look at, each worked out once for all rules, and only as needed.
 
 Zones, waiting times and lights are looked at when they change. What is continuous is worked out by `conduct.instant` in every
-instant, or by `conduct.clearance` and `conduct.backlog` when it may have changed; and what else there is, users' words among it,
+instant, or by `conduct.backlog` when it may have changed; and what else there is, users' words among it,
 on a run of one state, where a monitor asks for it.
 """
 
@@ -9,21 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pytest_rvads.conduct.backlog import Backlog
-from pytest_rvads.conduct.clearance import Bodies, Course
-from pytest_rvads.conduct.following import Follower, Giving
+from pytest_rvads.conduct.blocks import Cast, Signal
 from pytest_rvads.conduct.instant import Instant
 from pytest_rvads.conduct.mover import Mover
-from pytest_rvads.conduct.standing import SPEED_TOLERANCE, limits_of
 from pytest_rvads.logic.judging.evaluate import OPERATORS, Values
 from pytest_rvads.logic.live.ground_atoms import element_of, in_columns, key_of
 from pytest_rvads.logic.live.watch import Fact
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, BUILT_IN, word_of
 from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.maps.segment import limit_in
+from pytest_rvads.logic.rules.vocabulary import Follower
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION
 
 __all__ = ["Board"]
@@ -47,16 +45,13 @@ class Board:
         self._crossings: set[int] = set()
         """Waiting times at which a comparison of two of them may change [ticks]."""
         self._colours: list[tuple[Fact, _Test]] = []
-        self._polled: list[tuple[Fact, _Test]] = []
         self._lost: list[tuple[Fact, _Test]] = []
-        self._apart: list[tuple[Fact, Bodies, _Test]] = []
-        self._within: list[tuple[Fact, Mover, Course, _Test]] = []
-        self._meetings: list[tuple[Fact, Mover, Mover, _Test]] = []
+        self._signals: dict[Signal[Any], list[tuple[Fact, tuple[Mover, ...]]]] = {}
+        self._columns: dict[Signal[Any], list[tuple[Fact, int]]] = {}
+        self._cast: Cast | None = None
+        self._rows: dict[Signal[Any], list[bool]] = {}
+        """Of every signal the state before."""
         self._followed: list[tuple[Fact, Follower]] = []
-        self._givings: dict[tuple[Mover, Mover], Giving] = {}
-        self._given: list[tuple[Giving, Fact, Fact]] = []
-        self._bodies: dict[frozenset[Mover], Bodies] = {}
-        self._courses: dict[Mover, Course] = {}
         self._backlog: Backlog | None = None
         self._needs: set[str] = set()
         self._checked: set[tuple[str, bool]] = set()
@@ -70,12 +65,10 @@ class Board:
             self._backlog.drop(mover)
         for end in self._ends.pop(mover, ()):
             end()
-        for known in (self._places, self._waits, self._courses, self._bodily):
+        for known in (self._places, self._waits, self._bodily):
             known.pop(mover, None)
         for key in [key for key, fact in self._facts.items() if not fact.watches]:
             del self._facts[key]
-        self._bodies = {pair: bodies for pair, bodies in self._bodies.items() if mover not in pair}
-        self._givings = {pair: giving for pair, giving in self._givings.items() if mover not in pair}
 
     def bodily(self, movers: Iterable[Mover]) -> frozenset[Fact]:
         """Return the facts that are false as long as one of these vehicles is absent."""
@@ -96,28 +89,18 @@ class Board:
         if self._backlog is not None and (self._backlog.add() or any(fact.value for fact, _ in self._lost)):
             for fact, test in self._lost:
                 fact.tell(test())
-        for fact, test in self._polled:
-            fact.tell(test())
-        self._read_distances()
-        for fact, one, two, test in self._meetings:
-            fact.tell(one.zone >= JUNCTION and two.zone >= JUNCTION and test())
-        for giving, owes, obstructs in self._given:
-            giving.follow(now)
-            owing, hit = giving.value
-            owes.tell(owing)
-            obstructs.tell(hit)
+        if now.block.cast is not self._cast:
+            self._cast = now.block.cast
+            self._columns.clear()
+            self._rows.clear()
+        for signal in self._signals:
+            row = signal(now.block)[-1].tolist()
+            if row != self._rows.get(signal):
+                self._rows[signal] = row
+                for fact, column in self._columns_of(signal):
+                    fact.tell(row[column])
         for fact, follow in self._followed:
             fact.tell(bool(follow(now.run)))
-
-    def _read_distances(self) -> None:
-        """Tell what hangs on distances, of who has moved far enough for it to matter."""
-        recorded = self.now.touching is not None
-        for fact, bodies, test in self._apart:
-            if recorded or fact.value or bodies.one.moved + bodies.two.moved >= bodies.due:
-                fact.tell(test())
-        for fact, mover, course, test in self._within:
-            if fact.value or mover.moved >= course.due_lane or mover.moved >= course.due_route:
-                fact.tell(test())
 
     def _read_changes(self, changed: Sequence[Mover]) -> None:
         """Tell what hangs on zones, waiting times and lights."""
@@ -125,9 +108,8 @@ class Board:
         for mover in changed:
             for fact, zones in self._places.get(mover, ()):
                 fact.tell(mover.zone in zones)
-        turned = now.turned.union(changed)
         for mover, waits in self._waits.items():
-            if mover in turned or mover.wt in crossings or now.waited(mover) in crossings:
+            if mover in changed or mover.arrived_at == now.tick or mover.wt in crossings or now.waited(mover) in crossings:
                 for fact, test in waits:
                     fact.tell(test())
         if now.lights != self._lights:
@@ -175,6 +157,9 @@ class Board:
     def _quick(self, atom: f.Atom, agents: Sequence[Mover], tie: float) -> Fact | None:
         """Return a fact that is told when it changes, None where this is no word of ours that can be followed so."""
         now = self.now
+        word = word_of(atom)
+        if word is not None and isinstance(word.holds, Signal):
+            return self._of_signal(word.holds, agents)
         if atom.word is not None:
             return None
         match atom.name, atom.terms:
@@ -186,64 +171,30 @@ class Board:
                 return self._wait(atom.name, agents, tie, lambda mover: mover.wt)
             case (("<" | "<=" | "=" | "!=" | ">" | ">="), (f.Attr(_, "waited"), f.Attr(_, "waited"))):
                 return self._wait(atom.name, agents, tie, now.waited)
-            case "arrived", _:
-                who = agents[0]
-                fact = Fact(who.arrived)
-                return self._keep(fact, self._waits.setdefault(who, []), (fact, lambda: who.arrived))
             case (("=" | "!="), (f.Attr(f.Element(Sort.LIGHT, number), "cl"), f.Value(name))):
                 return self._colour(number, name, equal=atom.name == "=")
-            case (("owes" | "obstructs"), _):
-                return self._give(atom.name, *agents)
-            case "meet", _:
-                pair = now.pair(*agents)
-                fact = Fact(now.meet(pair))
-                return self._keep(fact, self._meetings, (fact, agents[0], agents[1], lambda: now.meet(pair)))
             case "may_go", _:
                 backlog, who = self._losses(), agents[0]
                 return Fact(False, lambda: backlog.may_go(who))
-        return self._continuous(atom.name, agents)
-
-    def _continuous(self, name: str, agents: Sequence[Mover]) -> Fact | None:
-        """Return a fact about something continuous, None where none is called so."""
-        test = self._test(name, agents)
-        if test is None:
-            return None
-        fact = Fact(test())
-        match name:
-            case "idles" | "blocks":
+            case (("idles" | "blocks"), [_]):
+                test: _Test = partial(getattr(self._losses(), atom.name), agents[0])
+                fact = Fact(test())
                 return self._keep(fact, self._lost, (fact, test))
-            case "collide":
-                return self._keep(fact, self._apart, (fact, self._two(*agents), test))
-            case "off_lane" | "off_route":
-                return self._keep(fact, self._within, (fact, agents[0], self._course(agents[0]), test))
-        return self._keep(fact, self._polled, (fact, test))
-
-    def _test(self, name: str, agents: Sequence[Mover]) -> _Test | None:
-        """Return what works an atom out in every instant."""
-        now = self.now
-        match name, agents:
-            case "stopped", [who]:
-                return lambda: who.stood
-            case "gives_up", [who]:
-                return lambda: now.waives(who) or not who.arrived
-            case "inside", [who]:
-                return lambda: now.inside(who)
-            case "speeding", [who]:
-                limits = limits_of(now.junction, who.agent.route.key, now.facts)
-                self._needs.update(_PLACE[: len(limits) - 1])
-                return lambda: abs(who.speed) > (limit_in(limits, who.station) or 0.0) + SPEED_TOLERANCE
-            case "idles", [who]:
-                return partial(self._losses().idles, who)
-            case "blocks", [who]:
-                return partial(self._losses().blocks, who)
-            case "off_lane", [who]:
-                return partial(self._course(who).off_lane, now)
-            case "off_route", [who]:
-                return partial(self._course(who).off_route, now)
-            case "collide", [one, two]:
-                bodies, names = self._two(one, two), frozenset((one.agent.name, two.agent.name))
-                return lambda: bodies.look(now) if now.touching is None else names in now.touching
         return None
+
+    def _of_signal(self, signal: Signal[Any], agents: Sequence[Mover]) -> Fact:
+        """Return a fact that is one column of a signal."""
+        fact = Fact(bool(signal(self.now.block, *(mover.slot for mover in agents))[-1]))
+        self._columns.pop(signal, None)
+        return self._keep(fact, self._signals.setdefault(signal, []), (fact, tuple(agents)))
+
+    def _columns_of(self, signal: Signal[Any]) -> list[tuple[Fact, int]]:
+        """Return the facts about a signal, and which column of the signal each of them is."""
+        cast, facts, columns = self.now.block.cast, self._signals[signal], self._columns.get(signal)
+        if columns is None or len(columns) != len(facts):
+            found = ((fact, signal.column(cast, [mover.slot for mover in movers])) for fact, movers in facts)
+            columns = self._columns[signal] = [(fact, column) for fact, column in found if column is not None]
+        return columns
 
     def _general(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
         """Return a fact that is worked out on a run of one state."""
@@ -285,34 +236,11 @@ class Board:
         fact = Fact((now.lights[light] == wanted) is equal)
         return self._keep(fact, self._colours, (fact, lambda: (now.lights[light] == wanted) is equal))
 
-    def _give(self, name: str, me: Mover, you: Mover) -> Fact:
-        giving = self._givings.get((me, you))
-        if giving is None:
-            giving = self._givings[me, you] = Giving(self.now, me, you, self._two(me, you))
-            giving.follow(self.now)
-            facts = Fact(giving.value[0]), Fact(giving.value[1])
-            for word, fact in zip(("owes", "obstructs"), facts, strict=True):
-                self._facts[BUILT_IN[word].name, (me, you), 0.0] = fact
-            if not giving.never:
-                self._keep(facts[0], self._given, (giving, *facts), me)
-        return self._facts[BUILT_IN[name].name, (me, you), 0.0]
-
     def _losses(self) -> Backlog:
         if self._backlog is None:
             self._backlog = Backlog(self.now)
             self._backlog.add()
         return self._backlog
-
-    def _course(self, who: Mover) -> Course:
-        if who not in self._courses:
-            self._courses[who] = Course(self.now, who)
-        return self._courses[who]
-
-    def _two(self, one: Mover, two: Mover) -> Bodies:
-        pair = frozenset((one, two))
-        if pair not in self._bodies:
-            self._bodies[pair] = Bodies(one, two)
-        return self._bodies[pair]
 
     def _keep(self, fact: Fact, where: list[_Entry], entry: _Entry, *until: Mover) -> Fact:
         """Have a fact looked after in a list, as long as somebody looks at it, or until one of these vehicles is dropped."""
@@ -332,19 +260,10 @@ class Board:
 
 _PRESENT = ("@", "inside", "meet", "collide", "stopped", "arrived")
 """Words that hold of nobody who is absent."""
-_PLACE, _MOTION = ("station",), ("station", "speed")
+_MOTION = "station", "speed"
 _NEEDS: Mapping[str, tuple[str, ...]] = {
-    "stopped": _MOTION,
-    "inside": _PLACE,
     "blocks": _MOTION,
     "idles": _MOTION,
     "may_go": _MOTION,
-    "owes": _MOTION,
-    "obstructs": _MOTION,
-    "meet": _PLACE,
-    "off_lane": ("station", "pose"),
-    "off_route": ("station", "pose"),
-    "speeding": ("speed",),
-    "collide": (),
 }
 """What our words ask of a state."""

@@ -6,11 +6,15 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from pytest_rvads.conduct.blocks import Signal
 from pytest_rvads.conduct.instant import Instant
+from pytest_rvads.conduct.motion import advance
 from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.conduct.predicates import extract
+from pytest_rvads.conduct.rights import waives
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.prepare import Template, prepare
@@ -21,10 +25,12 @@ from pytest_rvads.logic.live.watch import Fact, Reading, Watch
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 from pytest_rvads.logic.rules.book import RuleBook, rules_for
+from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.telling.phrase import element_name
 from pytest_rvads.runs.itineraries import itinerary
+from pytest_rvads.runs.recording import Before, zones
 from pytest_rvads.runs.run import DT, Facts
 from pytest_rvads.runs.states import ABSENT, Agent
 
@@ -79,6 +85,10 @@ class RuleMonitor:
             self._agents = tuple(replace(a, size=size) for a, size in zip(self._agents, sizes, strict=True))
         self._size = None if vehicle_size is None or agents is not None else sizes_of(vehicle_size, 1)[0]
         self._now = Instant(junction, dt, Facts(speed_limit=speed_limit))
+        words = {word_of(atom) for rule in self.rules for atom in f.atoms(rule.formula)}
+        self._now.signals += [word.holds for word in words if word is not None and isinstance(word.holds, Signal)]
+        if any(word is not None and word.name in ("idles", "blocks", "may_go") for word in words):
+            self._now.signals += [advance, waives]
         self._board = Board(self._now)
         self._queue: list[Watch] = []
         self._readings: dict[tuple[int, tuple[int, ...]], tuple[Machine, Reading]] = {}
@@ -170,8 +180,8 @@ class RuleMonitor:
     def see(self, vehicles: Iterable[Seen], lights: ArrayLike | None = None) -> tuple[Decided, ...]:
         """Read who is there now and return what is decided by it, each instance once.
 
-        A vehicle is there from the first state in which it is seen to the last one before a state in which it is not; its zone
-        follows from its station, and a zone that it has left it does not come back to. What is decided is not kept.
+        A vehicle is there from the first state in which it is seen to the last one before a state in which it is not. Its zone
+        follows from its stations: a border between two zones is crossed once, as in recordings. What is decided is not kept.
 
         Args:
             vehicles: that are seen now.
@@ -223,22 +233,22 @@ class RuleMonitor:
 
     def _columns(self, seen: Mapping[str, Seen]) -> tuple[list[int], list[float], list[float], list[tuple[float, float, float]]]:
         """Return zones, stations, speeds and poses by column."""
-        zones, stations, speeds, poses = [], [], [], []
-        nan = math.nan
-        for mover in self._now.slots:
-            vehicle = seen.get(mover.agent.name)
-            if vehicle is None or self._there.get(mover.agent.name) is not mover:
-                zones.append(int(ABSENT))
-                stations.append(nan)
-                speeds.append(nan)
-                poses.append((nan, nan, nan))
-                continue
-            zone = int(itinerary(self._junction, *mover.agent.route.key).zone(vehicle.station))
-            zones.append(max(zone, mover.zone))
-            stations.append(vehicle.station)
-            speeds.append(vehicle.speed)
-            poses.append((vehicle.x, vehicle.y, vehicle.heading))
-        return zones, stations, speeds, poses
+        slots = self._now.slots
+        if not slots:
+            return [], [], [], []
+        there = [seen.get(mover.agent.name) if self._there.get(mover.agent.name) is mover else None for mover in slots]
+        stations, speeds, *pose, spreads = zip(*(_NOWHERE if vehicle is None else vehicle[1:] for vehicle in there), strict=True)
+        borders = np.array([itinerary(self._junction, *mover.agent.route.key).borders for mover in slots])
+        before = Before(*(np.array(values) for values in zip(*((m.zone, m.station, m.spread) for m in slots), strict=True)))
+        zone = zones(borders, np.array([stations]), np.array([spreads]), before)[0].tolist()
+        for mover, spread in zip(slots, spreads, strict=True):
+            mover.spread = spread
+        return (
+            [int(ABSENT) if vehicle is None else z for vehicle, z in zip(there, zone, strict=True)],
+            list(stations),
+            list(speeds),
+            list(zip(*pose, strict=True)),
+        )
 
     def _begin(self) -> None:
         """Make the monitors of vehicles that are known beforehand."""
@@ -322,7 +332,6 @@ class RuleMonitor:
             del self._about[mover]
             self._free.append(mover.slot)
             self._board.drop(mover)
-            self._now.drop(mover)
             self._broken = {watch: movers for watch, movers in self._broken.items() if mover not in movers}
         return tuple(decided)
 
@@ -333,6 +342,8 @@ class RuleMonitor:
 
 _SPARE = 4
 """Columns that stay free for a while after their vehicle has left, so that its past need not be worked out at once."""
+_NOWHERE = (math.nan,) * 6
+"""Station, speed, pose and spread of a vehicle that is not there."""
 _WORST = (Truth.FALSE, Truth.UNKNOWN, Truth.TRUE)
 
 

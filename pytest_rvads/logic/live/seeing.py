@@ -31,6 +31,8 @@ class Seen(NamedTuple):
     """North coordinate of the reference point [m]."""
     heading: float
     """Counter-clockwise from east [rad]."""
+    spread: float = 0.0
+    """How far before or behind its station it may be [m]: three standard deviations of what is measured."""
 
 
 @dataclass(frozen=True, slots=True)

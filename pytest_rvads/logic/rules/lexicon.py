@@ -11,10 +11,11 @@ from pytest_rvads.conduct import predicates
 from pytest_rvads.conduct.bodies import collide
 from pytest_rvads.conduct.grounds import Ground
 from pytest_rvads.conduct.lane import lane_allows, off_lane, off_route
+from pytest_rvads.conduct.motion import inside, wt
 from pytest_rvads.conduct.predicates import Static
 from pytest_rvads.conduct.priority import obstructs, owes
-from pytest_rvads.conduct.progress import blocks, idles, inside, may_go
-from pytest_rvads.conduct.rights import waives
+from pytest_rvads.conduct.progress import blocks, idles, may_go
+from pytest_rvads.conduct.rights import gives_up
 from pytest_rvads.conduct.standing import arrived, speeding, stopped, waited
 from pytest_rvads.conduct.stretches import meet
 from pytest_rvads.errors import RunError
@@ -99,13 +100,6 @@ def _from_right(static: Static, one: f.Element, two: f.Element) -> bool:
     return _between(one, two, static.right_of)
 
 
-def _gives_up(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent waives its right, or has not arrived; without positions nothing tells which vehicle waives its right."""
-    located = run.station is not None and run.speed is not None and run.junction.stretches is not None
-    gone = ~arrived(run, agent)
-    return gone | waives(run)[:, agent] if located else gone
-
-
 _word = partial(Word, place=PACKAGE)
 _ONE, _TWO, _ENTRANCES = ("agent",), ("agent", "agent"), ("entrance or vertex", "entrance or vertex")
 
@@ -177,7 +171,7 @@ BUILT_IN = Vocabulary.of(
     ),
     _word("stopped", _ONE, stopped, "{0} has stopped at the line", "{0} has not stopped at the line"),
     _word("arrived", _ONE, arrived, "{0} has arrived at its line", "{0} has not arrived at its line"),
-    _word("gives_up", _ONE, _gives_up, "{0} has given up its turn", "{0} has not given up its turn"),
+    _word("gives_up", _ONE, gives_up, "{0} has given up its turn", "{0} has not given up its turn"),
     _word("inside", _ONE, inside, "{0} is partly in the junction", "{0} is out of the junction"),
     _word("blocks", _ONE, blocks, "{0} blocks the junction", "{0} does not block the junction"),
     _word("may_go", _ONE, may_go, "{0} could go", "{0} could not go"),
@@ -222,7 +216,7 @@ ATTRIBUTES = {
             "wt",
             Sort.AGENT,
             "number",
-            lambda run, agent: run.wt[:, agent],
+            wt,
             waited=True,
             says=(
                 ("=", _SAME, "{0} and {1} did not arrive at the same time"),

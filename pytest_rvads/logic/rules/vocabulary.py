@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.following import Follower
 from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE, here
@@ -17,7 +16,10 @@ from pytest_rvads.logic.rules.sameness import same
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Run
 
-__all__ = ["Attribute", "Names", "Vocabulary", "Word", "sorts_in"]
+__all__ = ["Attribute", "Follower", "Names", "Vocabulary", "Word", "sorts_in"]
+
+Follower = Callable[[Run], bool]
+"""Reads a run of one state, the next one, and returns whether something holds there."""
 
 _RESERVED = ("G", "F", "N", "X", "U", "W", "R", "true", "false")
 """What formulas read as an operator or a constant."""

@@ -7,7 +7,7 @@ from array import array
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 
-from pytest_rvads.conduct.clearance import Box, gap
+from pytest_rvads.conduct.bodies import Box, gap
 from pytest_rvads.errors import RunError
 from pytest_rvads.physics import engines
 from pytest_rvads.physics.world import Motion, World

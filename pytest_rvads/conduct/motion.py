@@ -1,0 +1,56 @@
+"""What vehicles do by themselves: how long they have been at their entrance, which light they face, how fast they get on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, signal, sized
+
+__all__ = ["NEVER", "advance", "entered", "facing", "inside", "wt"]
+
+NEVER = int(np.iinfo(np.int64).max)
+"""The tick in which a vehicle entered that has not entered."""
+
+
+@signal(start=(0,))
+def wt(block: Block, before: NDArray[np.int32]) -> tuple[NDArray[np.int32], ...]:
+    """Waiting times in ticks, see `Run.wt`."""
+    count = np.arange(1, len(block.zone) + 1, dtype=np.int32)[:, None]
+    # The first state of all counts nothing.
+    since = -(before.astype(np.int32) - (block.tick == 0))
+    found: NDArray[np.int32] = count - np.maximum.accumulate(np.where(block.zone == ENTRANCE, since, count), axis=0)
+    return found, found
+
+
+@signal(start=(NEVER,))
+def entered(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
+    """The tick in which every vehicle entered the junction, as far as it has by then; see `NEVER`."""
+    found = np.minimum(np.minimum.accumulate(np.where(block.zone >= JUNCTION, block.ticks, NEVER), axis=0), before)
+    return found, found
+
+
+@signal(start=(0,))
+def facing(block: Block, before: NDArray[np.int8]) -> tuple[NDArray[np.int8], ...]:
+    """The colour of the light at the entrance of every vehicle; from its entry on, as it was then."""
+    colours = block.lights[:, block.cast.entrance]
+    row = np.arange(len(colours))[:, None]
+    followed = np.maximum.accumulate(np.where(entered(block) >= block.ticks, row, -1), axis=0)
+    found = np.where(followed >= 0, np.take_along_axis(colours, np.maximum(followed, 0), axis=0), before).astype(np.int8)
+    return found, found
+
+
+@signal(start=(np.nan,))
+def advance(block: Block, before: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """How fast every vehicle gets on along its way, see `Run.advance` [m/s]; in its first state, its speed."""
+    station = block.need("station")
+    rate = np.diff(station, axis=0, prepend=before[None]) / block.dt
+    return np.where(np.isnan(rate), block.need("speed"), rate), station
+
+
+@signal(needs=sized)
+def inside(block: Block) -> NDArray[np.bool_]:
+    """Of which vehicle part of the body is in the junction."""
+    front, cast = block.need("station"), block.cast
+    found: NDArray[np.bool_] = (front > 0.0) & ((front - cast.length) - cast.way < 0.0) & block.here
+    return found

@@ -1,0 +1,117 @@
+"""Signals have the same values whether a run is fed as one block or in many blocks, and whoever is there meanwhile."""
+
+from collections.abc import Iterator, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pytest_rvads.conduct.blocks import Block, Signal, Stream
+from pytest_rvads.conduct.bodies import overlap
+from pytest_rvads.conduct.lane import off_lane, off_route
+from pytest_rvads.conduct.motion import advance, facing, inside, wt
+from pytest_rvads.conduct.priority import brakes_hard, obstructs, owes, unhindered
+from pytest_rvads.conduct.rights import close_behind, held, kept_by, next_to_go, starting, waives
+from pytest_rvads.conduct.standing import arrived, leads, speeding, stands, stopped, waited
+from pytest_rvads.conduct.stretches import meet
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.runs.itineraries import itinerary
+from pytest_rvads.runs.recording import zones
+from pytest_rvads.runs.run import Facts, Run
+from pytest_rvads.runs.states import Agent, Colour, Zone
+
+STEPS, COUNT, DT = 400, 9, 0.1
+CARRIED: tuple[Signal[Any], ...] = (wt, facing, advance, stopped, arrived, starting, waives, kept_by, brakes_hard, owes)
+SIGNALS: tuple[Signal[Any], ...] = (
+    *CARRIED,
+    stands,
+    leads,
+    waited,
+    inside,
+    speeding,
+    meet,
+    overlap,
+    off_lane,
+    off_route,
+    held,
+    next_to_go,
+    close_behind,
+    unhindered,
+    obstructs,
+)
+PLACES = ("stop4", "light4", "yield4")
+
+
+@cache
+def traffic(place: str, seed: int) -> Run:
+    """Return vehicles that appear, drive, stand, back off and vanish by chance, and lights that change by chance."""
+    junction, rng = find(place), np.random.default_rng(seed)
+    ways, shape = sorted(junction.movements), (STEPS, COUNT)
+    zone, station, speed = np.full(shape, Zone.ABSENT, dtype=np.int8), np.full(shape, np.nan), np.full(shape, np.nan)
+    pose = np.full((*shape, 3), np.nan)
+    agents = []
+    for k, begin in enumerate(rng.integers(0, STEPS // 2, COUNT).tolist()):
+        way = itinerary(junction, *ways[rng.integers(len(ways))])
+        speeds = np.repeat(rng.choice([0.0, 0.05, -0.5, 2.0, 2.0, 5.0], 100), rng.integers(3, 25, 100))[: STEPS - begin]
+        along = way.line - rng.uniform(-2.0, 14.0) + np.concatenate(([0.0], np.cumsum(speeds[:-1]) * DT))
+        here = slice(begin, begin + int(rng.integers(50, STEPS - begin + 1)))
+        along = along[: here.stop - begin]
+        zone[here, k], station[here, k], speed[here, k] = zones(way.borders, along), along, speeds[: len(along)]
+        aside = 4.0 * np.sin(along / 6.0) * (k % 3 == 0)
+        lines = np.array([way.pose(float(s)) for s in along])
+        pose[here, k] = lines + np.column_stack((-aside * np.sin(lines[:, 2]), aside * np.cos(lines[:, 2]), 0.0 * aside))
+        agents.append(Agent(f"v{k}", junction.movements[way.entrance, way.exit], size=(float(rng.choice([4.6, 10.0])), 1.8)))
+    colours = rng.choice([Colour.GREEN, Colour.YELLOW, Colour.RED], (STEPS // 20, len(junction.entrances)))
+    lights = np.repeat(colours, 20, axis=0).astype(np.int8)
+    return Run("t", junction, tuple(agents), zone, lights, DT, station, speed, pose, facts=Facts(speed_limit=4.0))
+
+
+def blocks(run: Run, size: int) -> Iterator[tuple[Sequence[int], slice, Block]]:
+    """Yield a run in blocks of at most `size` states, each with the columns of those who are there in all of its states."""
+    stream = Stream(run.junction, run.dt, run.facts)
+    present = run.zone != Zone.ABSENT
+    columns: list[int] | None = None
+    begin = 0
+    while begin < run.steps:
+        there = np.flatnonzero(present[begin]).tolist()
+        same = (present[begin : begin + size] == present[begin]).all(axis=1)
+        part = slice(begin, begin + (len(same) if same.all() else int(same.argmin())))
+        if there != columns:
+            before = {column: place for place, column in enumerate(columns or ())}
+            stream.recast([run.agents[k] for k in there], [before.get(k) for k in there])
+            columns = there
+        arrays = {name: run.need(name)[part][:, there] for name in ("station", "speed", "pose")}
+        yield there, part, stream.feed(CARRIED, run.zone[part][:, there], run.lights[part], **arrays)
+        begin = part.stop
+
+
+def alone(run: Run, signal: Signal[Any], there: Sequence[int], part: slice, block: Block) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the values of a signal on the whole run, and on a block, about those who are there."""
+    names = (
+        [(k,) for k in range(len(there))]
+        if signal.pairs is None
+        else [(one, two) for one in range(len(there)) for two in range(len(there)) if one != two]
+    )
+    if not names:
+        return np.empty(0), np.empty(0)
+    whole = np.stack([signal(run, *(there[k] for k in name))[part] for name in names])
+    return whole, np.stack([signal(block, *name) for name in names])
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+@pytest.mark.parametrize("place", PLACES)
+def test_signals_of_blocks_are_those_of_the_whole_run(place: str, size: int) -> None:
+    run = traffic(place, 1)
+    for there, part, block in blocks(run, size):
+        for signal in SIGNALS:
+            whole, parts = alone(run, signal, there, part, block)
+            assert np.array_equal(whole, parts, equal_nan=whole.dtype == np.float64), (signal.work.__name__, part)
+
+
+@pytest.mark.parametrize("signal", SIGNALS, ids=lambda signal: signal.work.__name__)
+def test_every_signal_changes_in_this_traffic(signal: Signal[Any]) -> None:
+    """What the test above compares is not the same everywhere."""
+    values = [np.asarray(signal(traffic(place, 1))) for place in PLACES]
+    assert any(len(np.unique(value[np.isfinite(value)])) > 1 for value in values)
