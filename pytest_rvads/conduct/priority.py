@@ -112,14 +112,34 @@ class _Debts(NamedTuple):
     obstructs: NDArray[np.bool_]
 
 
+@signal(pairs=owing)
+def _bound(block: Block) -> NDArray[np.bool_]:
+    """Which first vehicle has to give way to the second, which is due."""
+    both, owed = block.cast.static(owing), yields(block) & ~np.isnan(block.cast.static(owed_places).begin)
+    due = (comes(block) | ready(block)[:, both.two]) & block.here[:, both.two]
+    found: NDArray[np.bool_] = owed & due & block.here[:, both.one]
+    return found
+
+
+@signal
+def _bound_later(block: Block) -> frozenset[tuple[Agent, Agent]]:
+    """Which two vehicles are bound so in the block or in a later block of the run."""
+    agents, columns = block.cast.agents, np.flatnonzero(_bound(block).any(axis=0))
+    both = block.cast.static(owing)
+    found = frozenset((agents[one], agents[two]) for one, two in zip(both.one[columns], both.two[columns], strict=True))
+    return found if block.next is None else found | _bound_later(block.next)
+
+
 @signal(pairs=owing, start=(None,))
 def _debts(block: Block, before: NDArray[np.object_]) -> tuple[_Debts, NDArray[np.object_]]:
     """Follow all encounters, from the entry of the first vehicle on."""
     cast, both, entry = block.cast, block.cast.static(owing), entered(block)[-1]
-    due = (comes(block) | ready(block)[:, both.two]) & block.here[:, both.two]
-    bound = yields(block) & due & block.here[:, both.one] & ~np.isnan(cast.static(owed_places).begin)
-    # Where no block follows, vehicles that are never bound need not be followed.
-    followed = (entry < block.tick + len(bound))[both.one] & (bound.any(axis=0) | (not block.last))
+    bound = _bound(block)
+    # Where the rest of the run is known, vehicles that are not bound any more need not be followed, unless they owed the way.
+    later = _bound_later(block.next) if block.next is not None else frozenset()
+    again = np.array([not block.whole or (cast.agents[a], cast.agents[b]) in later for a, b in both.column], dtype=np.bool_)
+    owed_before = np.array([encounter is not None and encounter.owed for encounter in before], dtype=np.bool_)
+    followed = (entry < block.tick + len(bound))[both.one] & (bound.any(axis=0) | again | owed_before)
     owed, broken, encounters = bound & (block.zone[:, both.one] == ENTRANCE), np.zeros_like(bound), before.copy()
     for pair in np.flatnonzero(followed).tolist():
         one, two = int(both.one[pair]), int(both.two[pair])
@@ -131,7 +151,7 @@ def _debts(block: Block, before: NDArray[np.object_]) -> tuple[_Debts, NDArray[n
             if entry[one] < block.tick:
                 encounters[pair].step(_UNSEEN)
         encounter, first = encounters[pair], max(int(entry[one]) - block.tick, 0)
-        last = int(np.flatnonzero(bound[:, pair])[-1]) if block.last else len(bound)
+        last = len(bound) if again[pair] else int(np.flatnonzero(bound[:, pair])[-1]) if bound[:, pair].any() else -1
         if encounter.over:
             continue
         for row, meeting in enumerate(_meetings(block, one, two, bound[:, pair], slice(first, len(bound))), first):
