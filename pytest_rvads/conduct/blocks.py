@@ -68,15 +68,19 @@ class Pairs:
         return len(self.one)
 
     def any(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.bool_]:
-        """Return for which vehicle something holds of a pair that it is the first of, shape ``(n, agents)``.
+        """Return for which vehicle something holds of a pair that it is the first of, see `count`."""
+        return self.count(truths, agents) > 0
+
+    def count(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.int64]:
+        """Return for how many pairs that a vehicle is the first of something holds, shape ``(n, agents)``.
 
         Args:
             truths: about the pairs, shape ``(n, pairs)``.
             agents: how many vehicles there are.
         """
-        found = np.zeros((len(truths), agents), dtype=np.bool_)
+        found = np.zeros((len(truths), agents), dtype=np.int64)
         if len(self):
-            found[:, self.one[self._starts]] = np.logical_or.reduceat(truths, self._starts, axis=1)
+            found[:, self.one[self._starts]] = np.add.reduceat(truths, self._starts, axis=1, dtype=np.int64)
         return found
 
 
