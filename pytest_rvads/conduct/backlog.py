@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import as_block
+from pytest_rvads.conduct.blocks import as_blocks, assume
 from pytest_rvads.conduct.instant import Instant
 from pytest_rvads.conduct.memo import given
 from pytest_rvads.conduct.motion import advance, entered, facing, inside, wt
@@ -187,13 +187,13 @@ class Backlog:
         station, speed, waiting, faced, pace, arrived, since, waiving = (self._table(k, fill)[:, slots] for k, fill in _ABSENT)
         agents = tuple(mover.agent for mover in movers)
         run = Run("live", now.junction, agents, zone, lights, now.dt, station=station, speed=speed)
-        block = as_block(run)
+        (block,) = as_blocks(run, run.steps)
         block.values[wt], block.values[facing] = waiting.astype(np.int32), faced.astype(np.int8)
         block.values[advance] = pace
         block.values[entered] = np.array([[mover.entered for mover in movers]], dtype=np.int64)
         block.values[arrivals] = Arrivals(arrived.astype(np.bool_), np.arange(len(since))[:, None] + since.astype(np.int64))
         block.values[waives] = waiving.astype(np.bool_)
-        given(run, as_block, block)
+        assume(run, block)
         column = {mover: number for number, mover in enumerate(movers)}
         those = [self._losses.get(mover) or _Loss() for mover in movers]
         left = (loss.no_room or () for loss in those)

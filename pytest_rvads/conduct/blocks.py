@@ -6,6 +6,7 @@ a carry, which one block hands on to the next block: so the values are the same 
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,7 +15,7 @@ from typing import Any, Generic, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.memo import given, once
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.run import DT, Collision, Facts, Run
@@ -32,7 +33,8 @@ __all__ = [
     "Pairs",
     "Signal",
     "Stream",
-    "as_block",
+    "as_blocks",
+    "assume",
     "everybody",
     "lasting",
     "latched",
@@ -66,15 +68,19 @@ class Pairs:
         return len(self.one)
 
     def any(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.bool_]:
-        """Return for which vehicle something holds of a pair that it is the first of, shape ``(n, agents)``.
+        """Return for which vehicle something holds of a pair that it is the first of, see `count`."""
+        return self.count(truths, agents) > 0
+
+    def count(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.int64]:
+        """Return for how many pairs that a vehicle is the first of something holds, shape ``(n, agents)``.
 
         Args:
             truths: about the pairs, shape ``(n, pairs)``.
             agents: how many vehicles there are.
         """
-        found = np.zeros((len(truths), agents), dtype=np.bool_)
+        found = np.zeros((len(truths), agents), dtype=np.int64)
         if len(self):
-            found[:, self.one[self._starts]] = np.logical_or.reduceat(truths, self._starts, axis=1)
+            found[:, self.one[self._starts]] = np.add.reduceat(truths, self._starts, axis=1, dtype=np.int64)
         return found
 
 
@@ -145,7 +151,7 @@ class Signal(Generic[_Value]):
     needs: Callable[[Block, Sequence[int]], None] | None = None
     """Raises a `RunError` where the value about some vehicles, given by column, is not known."""
     otherwise: Any = False
-    """The value about two vehicles that make no pair."""
+    """The value about two vehicles that make no pair, and about vehicles in blocks in which they are not."""
 
     @overload
     def __call__(self, states: Block | Run) -> _Value: ...
@@ -158,17 +164,33 @@ class Signal(Generic[_Value]):
 
         Of two vehicles that make no pair it is `otherwise` in every state.
         """
-        block = states if isinstance(states, Block) else once(states, as_block)
-        values = block.values
+        if not isinstance(states, Block):
+            blocks = once(states, as_blocks)
+            if len(blocks) > 1:
+                if not columns:
+                    return once(states, self._assembled)
+                parts = [self(block, *(block.columns.get(column, -1) for column in columns)) for block in blocks]
+                return np.concatenate(parts)
+            states = blocks[0]
+        values = states.values
         if not columns:
-            return values[self] if self in values else block.value(self)
-        column = self.column(block.cast, columns)
+            return values[self] if self in values else states.value(self)
+        column = None if min(columns) < 0 else self.column(states.cast, columns)
         if column is None:
-            return np.full(len(block.zone), self.otherwise)
+            return np.full(len(states.zone), self.otherwise)
         if self.needs is not None:
-            self.needs(block, columns)
-        value: Any = self(block)
+            self.needs(states, columns)
+        value: Any = self(states)
         return value[:, column]
+
+    def _assembled(self, run: Run) -> NDArray[Any]:
+        """Return the values about all vehicles of a run, shape ``(steps, agents)``."""
+        blocks = once(run, as_blocks)
+        parts: list[Any] = [self(block) for block in blocks]
+        found = np.full((run.steps, len(run.agents)), self.otherwise, dtype=parts[0].dtype)
+        for block, part in zip(blocks, parts, strict=True):
+            found[block.tick : block.tick + len(part), list(block.columns)] = part
+        return found
 
     def column(self, cast: Cast, columns: Sequence[int]) -> int | None:
         """Return which column of the value is about a vehicle or a pair, given by its columns."""
@@ -194,9 +216,6 @@ def signal(work: Any = None, **more: Any) -> Any:
     return Signal(work) if work is not None else lambda work: Signal(work, **more)
 
 
-_Carry = dict[Signal[Any], tuple[NDArray[Any], ...]]
-
-
 @dataclass(eq=False)
 class Block:
     """Consecutive states; arrays as in `Run`, with a row per state and a column per vehicle."""
@@ -212,12 +231,18 @@ class Block:
     """Names of the pairs that touch for the first time, and in which row; None where nobody recorded it."""
     tick: int = 0
     """Of the first state."""
-    last: bool = False
-    """Whether it is known that no block comes after this one."""
-    before: _Carry = field(default_factory=dict)
-    """What signals carry over from the block before."""
-    after: _Carry = field(default_factory=dict)
-    """What they carry over to the next block."""
+    previous: Block | None = None
+    """The block before."""
+    kept: Sequence[int | None] | None = None
+    """Of every vehicle its column in the block before, None if it was not there; None: all columns are the same."""
+    whole: bool = False
+    """Whether the block is part of a run that is known to its end."""
+    following: weakref.ref[Block] | None = None
+    """The block after it, if that is known; weak, because a circle of blocks would stay in memory for a while."""
+    columns: dict[int, int] = field(default_factory=dict)
+    """Of every vehicle its column in the run, and in the block."""
+    after: dict[Signal[Any], tuple[NDArray[Any], ...]] = field(default_factory=dict)
+    """What signals carry over to the next block."""
     values: dict[Signal[Any], Any] = field(default_factory=dict)
     """Those that are worked out."""
 
@@ -225,6 +250,11 @@ class Block:
     def junction(self) -> Junction:
         """Where the vehicles drive."""
         return self.cast.junction
+
+    @property
+    def next(self) -> Block | None:
+        """The block after it, if that is known."""
+        return None if self.following is None else self.following()
 
     @cached_property
     def here(self) -> NDArray[np.bool_]:
@@ -252,13 +282,33 @@ class Block:
         """Work out the value of a signal."""
         value: _Value
         if signal.start:
-            carry = self.before.get(signal) or _fresh(signal, self.cast, self.dt)
-            value, *tracks = signal.work(self, *carry)
+            value, *tracks = signal.work(self, *self._carry(signal))
             self.after[signal] = tuple([track[-1] for track in tracks])
         else:
             value = signal.work(self)
         self.values[signal] = value
         return value
+
+    def _carry(self, signal: Signal[Any]) -> tuple[NDArray[Any], ...]:
+        """Return what a signal carries over from the block before."""
+        if self.previous is None:
+            return _fresh(signal, self.cast, self.dt)
+        signal(self.previous)
+        carry, cast = self.previous.after[signal], self.previous.cast
+        if self.kept is None:
+            return carry
+        columns = {before: now for now, before in enumerate(self.kept) if before is not None}
+        if signal.pairs is None:
+            moves = list(columns.items())
+        else:
+            now, then = self.cast.static(signal.pairs).column, cast.static(signal.pairs).column
+            moved = (((columns.get(one), columns.get(two)), number) for (one, two), number in then.items())
+            moves = [(number, now[pair]) for pair, number in moved if pair in now]
+        source, target = np.array(moves, dtype=np.int64).reshape(-1, 2).T
+        fresh = _fresh(signal, self.cast, self.dt)
+        for part, was in zip(fresh, carry, strict=True):
+            part[..., target] = was[..., source]
+        return fresh
 
 
 def _fresh(signal: Signal[Any], cast: Cast, dt: float) -> tuple[NDArray[Any], ...]:
@@ -279,7 +329,8 @@ class Stream:
     def __init__(self, junction: Junction, dt: float, facts: Facts) -> None:
         self.dt, self._facts = dt, facts
         self.cast = Cast(junction, (), facts)
-        self._carry: _Carry = {}
+        self._kept: Sequence[int | None] | None = None
+        self._last: Block | None = None
         self._tick = 0
 
     def recast(self, agents: Sequence[Agent], kept: Sequence[int | None]) -> None:
@@ -289,20 +340,7 @@ class Stream:
             agents: from the next block on.
             kept: the column that each of them had so far; None: it was not there.
         """
-        old, self.cast = self.cast, Cast(self.cast.junction, agents, self._facts)
-        columns = {before: now for now, before in enumerate(kept) if before is not None}
-        for signal, carry in self._carry.items():
-            if signal.pairs is None:
-                moves = list(columns.items())
-            else:
-                now, then = self.cast.static(signal.pairs).column, old.static(signal.pairs).column
-                moved = (((columns.get(one), columns.get(two)), number) for (one, two), number in then.items())
-                moves = [(number, now[pair]) for pair, number in moved if pair in now]
-            source, target = np.array(moves, dtype=np.int64).reshape(-1, 2).T
-            fresh = _fresh(signal, self.cast, self.dt)
-            for part, was in zip(fresh, carry, strict=True):
-                part[..., target] = was[..., source]
-            self._carry[signal] = fresh
+        self.cast, self._kept = Cast(self.cast.junction, agents, self._facts), kept
 
     def feed(self, signals: Iterable[Signal[Any]], zone: NDArray[np.int8], lights: NDArray[np.int8], **arrays: Any) -> Block:
         """Return the next states as a block.
@@ -313,21 +351,67 @@ class Stream:
             lights: likewise.
             **arrays: those that are known.
         """
-        block = Block(self.cast, zone, lights, self.dt, **arrays, tick=self._tick, before=self._carry)
+        block = Block(self.cast, zone, lights, self.dt, **arrays, tick=self._tick, previous=self._last, kept=self._kept)
         for signal in signals:
             try:
                 signal(block)
             except RunError:
                 continue  # what is not known now has no carry either
-        self._carry, self._tick = block.after, self._tick + len(zone)
+        block.previous = None
+        self._last, self._kept, self._tick = block, None, self._tick + len(zone)
         return block
 
 
-def as_block(run: Run) -> Block:
-    """Return a whole run as one block."""
+_WORK, _LEAST, _MOST = 150_000, 64, 4096
+"""Of the blocks of a run: states times the square of vehicles, which fits into the cache, the fewest and the most states."""
+_BLOCKS = 60
+"""A run is so many blocks at most."""
+
+
+def as_blocks(run: Run, size: int = 0) -> tuple[Block, ...]:
+    """Return a run as blocks: as one where nobody is absent, else each with those who are there.
+
+    Args:
+        run: the run.
+        size: states of a block; 0: as many as are worked out fastest.
+    """
+    present = run.zone != ABSENT
+    most = int(present.sum(axis=1).max(initial=1))
+    size = size or max(min(_WORK // most**2, _MOST), _LEAST, -(-run.steps // _BLOCKS))
+    if present.all() or run.steps <= size:
+        size = max(run.steps, 1)
     contacts = None if run.collisions is None else [(frozenset(c.agents), tick_of(run, c)) for c in run.collisions]
-    cast = Cast(run.junction, run.agents, run.facts)
-    return Block(cast, run.zone, run.lights, run.dt, run.station, run.speed, run.pose, contacts, last=True)
+    blocks: list[Block] = []
+    for begin in range(0, max(run.steps, 1), size):
+        part = slice(begin, begin + size)
+        there = np.flatnonzero(present[part].any(axis=0)).tolist() if size < run.steps else list(range(len(run.agents)))
+        station, speed, pose = (None if array is None else array[part][:, there] for array in (run.station, run.speed, run.pose))
+        previous = blocks[-1] if blocks else None
+        block = Block(
+            Cast(run.junction, [run.agents[column] for column in there], run.facts),
+            run.zone[part][:, there],
+            run.lights[part],
+            run.dt,
+            station,
+            speed,
+            pose,
+            None if contacts is None else [(pair, tick - begin) for pair, tick in contacts if begin <= tick < begin + size],
+            begin,
+            previous,
+            None if previous is None else [previous.columns.get(column) for column in there],
+            whole=True,
+            columns={column: number for number, column in enumerate(there)},
+        )
+        if previous is not None:
+            previous.following = weakref.ref(block)
+        blocks.append(block)
+    return tuple(blocks)
+
+
+def assume(run: Run, block: Block) -> None:
+    """Take a block for the only block of a run."""
+    blocks: tuple[Block, ...] = (block,)
+    given(run, as_blocks, blocks)
 
 
 def tick_of(run: Run, collision: Collision) -> int:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import ABSENT, Block, Cast, Pairs, as_block, signal, sized
+from pytest_rvads.conduct.blocks import ABSENT, Block, Cast, Pairs, as_blocks, signal, sized
 from pytest_rvads.conduct.memo import once
 from pytest_rvads.runs.run import Collision, Run
 
@@ -106,10 +106,11 @@ def close(run: Run) -> NDArray[np.bool_]:
     Raises:
         RunError: the run holds no positions.
     """
-    block = once(run, as_block)
-    both, (_, numbers) = block.cast.static(couples), _close(block)
     found = np.zeros((len(run.agents), len(run.agents)), dtype=np.bool_)
-    found[both.one[numbers], both.two[numbers]] = found[both.two[numbers], both.one[numbers]] = True
+    for block in once(run, as_blocks):
+        both, (_, numbers), columns = block.cast.static(couples), _close(block), np.array(list(block.columns), dtype=np.int64)
+        one, two = columns[both.one[numbers]], columns[both.two[numbers]]
+        found[one, two] = found[two, one] = True
     return found
 
 

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, Signal, Stream, as_block
-from pytest_rvads.conduct.memo import given
+from pytest_rvads.conduct.blocks import Block, Signal, Stream, assume
 from pytest_rvads.conduct.motion import NEVER, advance, entered, facing, wt
 from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.conduct.standing import arrivals, arrived
@@ -170,7 +169,7 @@ class Instant:
             collisions=pairs,
             facts=self.facts,
         )
-        given(run, as_block, self.block)
+        assume(run, self.block)
         return run
 
     def require(self, *names: str) -> None:

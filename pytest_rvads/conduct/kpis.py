@@ -20,7 +20,7 @@ from pytest_rvads.conduct.blocks import tick_of
 from pytest_rvads.conduct.bodies import contacts, velocity
 from pytest_rvads.conduct.predicates import ticks
 from pytest_rvads.conduct.presence import judged
-from pytest_rvads.conduct.standing import arrivals, limits_of
+from pytest_rvads.conduct.standing import arrived, limits_of
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.errors import RunError, require
 from pytest_rvads.runs.run import Run
@@ -193,7 +193,7 @@ def _jerk(run: Run, column: int) -> float | None:
 
 
 def _arrival(run: Run, column: int) -> float | None:
-    there = np.flatnonzero(arrivals(run).arrived[:, column])
+    there = np.flatnonzero(arrived(run)[:, column])
     return _rounded(float(there[0]) * run.dt) if len(there) else None
 
 

@@ -23,7 +23,7 @@ def wt(block: Block, before: NDArray[np.int32]) -> tuple[NDArray[np.int32], ...]
     return found, found
 
 
-@signal(start=(NEVER,))
+@signal(start=(NEVER,), otherwise=NEVER)
 def entered(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
     """The tick in which every vehicle entered the junction, as far as it has by then; see `NEVER`."""
     found = np.minimum(np.minimum.accumulate(np.where(block.zone >= JUNCTION, block.ticks, NEVER), axis=0), before)
@@ -40,7 +40,7 @@ def facing(block: Block, before: NDArray[np.int8]) -> tuple[NDArray[np.int8], ..
     return found, found
 
 
-@signal(start=(np.nan,))
+@signal(start=(np.nan,), otherwise=np.nan)
 def advance(block: Block, before: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     """How fast every vehicle gets on along its way, see `Run.advance` [m/s]; in its first state, its speed."""
     station = block.need("station")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, Cast, lasting, signal, sized
-from pytest_rvads.conduct.bodies import collide
+from pytest_rvads.conduct.bodies import collide, couples
 from pytest_rvads.conduct.motion import entered, facing
 from pytest_rvads.conduct.rights import (
     GREEN,
@@ -112,29 +112,49 @@ class _Debts(NamedTuple):
     obstructs: NDArray[np.bool_]
 
 
+@signal(pairs=owing)
+def _bound(block: Block) -> NDArray[np.bool_]:
+    """Which first vehicle has to give way to the second, which is due."""
+    both, owed = block.cast.static(owing), yields(block) & ~np.isnan(block.cast.static(owed_places).begin)
+    due = (comes(block) | ready(block)[:, both.two]) & block.here[:, both.two]
+    found: NDArray[np.bool_] = owed & due & block.here[:, both.one]
+    return found
+
+
+@signal
+def _bound_later(block: Block) -> frozenset[tuple[Agent, Agent]]:
+    """Which two vehicles are bound so in the block or in a later block of the run."""
+    agents, columns = block.cast.agents, np.flatnonzero(_bound(block).any(axis=0))
+    both = block.cast.static(owing)
+    found = frozenset((agents[one], agents[two]) for one, two in zip(both.one[columns], both.two[columns], strict=True))
+    return found if block.next is None else found | _bound_later(block.next)
+
+
 @signal(pairs=owing, start=(None,))
 def _debts(block: Block, before: NDArray[np.object_]) -> tuple[_Debts, NDArray[np.object_]]:
     """Follow all encounters, from the entry of the first vehicle on."""
     cast, both, entry = block.cast, block.cast.static(owing), entered(block)[-1]
-    due = (comes(block) | ready(block)[:, both.two]) & block.here[:, both.two]
-    bound = yields(block) & due & block.here[:, both.one] & ~np.isnan(cast.static(owed_places).begin)
-    # Where no block follows, vehicles that are never bound need not be followed.
-    followed = (entry < block.tick + len(bound))[both.one] & (bound.any(axis=0) | (not block.last))
+    bound = _bound(block)
+    # Where the rest of the run is known, vehicles that are not bound any more need not be followed, unless they owed the way.
+    later = _bound_later(block.next) if block.next is not None else frozenset()
+    again = np.array([not block.whole or (cast.agents[a], cast.agents[b]) in later for a, b in both.column], dtype=np.bool_)
+    owed_before = np.array([encounter is not None and encounter.owed for encounter in before], dtype=np.bool_)
+    followed = (entry < block.tick + len(bound))[both.one] & (bound.any(axis=0) | again | owed_before)
     owed, broken, encounters = bound & (block.zone[:, both.one] == ENTRANCE), np.zeros_like(bound), before.copy()
-    for pair in np.flatnonzero(followed).tolist():
+    followed &= np.array([encounter is None or not encounter.over for encounter in before], dtype=np.bool_)
+    followed &= ~np.isnan(cast.static(owed_places).begin)
+    chosen = np.flatnonzero(followed)
+    firsts = np.maximum(entry[both.one[chosen]] - block.tick, 0).tolist()
+    for pair, first, meetings in zip(chosen.tolist(), firsts, _meetings(block, chosen, firsts), strict=True):
         one, two = int(both.one[pair]), int(both.two[pair])
-        common = contested(cast, one, two)
-        if common is None:
-            continue
-        if encounters[pair] is None:
+        common = contested(cast, one, two) if encounters[pair] is None else None
+        if common is not None:
             encounters[pair] = Encounter(cast.agents[one], cast.agents[two], common, block.dt)
             if entry[one] < block.tick:
                 encounters[pair].step(_UNSEEN)
-        encounter, first = encounters[pair], max(int(entry[one]) - block.tick, 0)
-        last = int(np.flatnonzero(bound[:, pair])[-1]) if block.last else len(bound)
-        if encounter.over:
-            continue
-        for row, meeting in enumerate(_meetings(block, one, two, bound[:, pair], slice(first, len(bound))), first):
+        encounter = encounters[pair]
+        last = len(bound) if again[pair] else int(np.flatnonzero(bound[:, pair])[-1]) if bound[:, pair].any() else -1
+        for row, meeting in enumerate(meetings, first):
             owed[row, pair], broken[row, pair] = encounter.step(meeting)
             if encounter.over or (row > last and not encounter.owed):
                 break
@@ -190,35 +210,46 @@ class Meeting(NamedTuple):
     """Whether the other vehicle brakes harder than it does by itself."""
 
 
-def _thirds(cast: Cast) -> dict[tuple[int, int], list[int]]:
-    """Return for two vehicles the columns of `neighbours` that are about the first of them and a third vehicle."""
-    of = cast.static(neighbours).column.items()
-    return {(one, two): [n for (me, you), n in of if me == one and you != two] for one, two in cast.static(owing).column}
+def _columns(cast: Cast) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return which columns of `couples` and of `neighbours` are about the pairs of `owing`; -1 where they are no neighbours."""
+    both, near = cast.static(couples).column, cast.static(neighbours).column
+    columns = [(both[pair], near.get(pair, -1)) for pair in cast.static(owing).column]
+    touching, close = np.array(columns, dtype=np.int64).reshape(-1, 2).T
+    return touching, close
 
 
 _UNSEEN = Meeting(False, False, math.nan, math.nan, False, math.nan, math.nan, False, False, False, False, False)
 """Of a vehicle that entered before the other one was there."""
 
 
-def _meetings(block: Block, one: int, two: int, bound: NDArray[np.bool_], when: slice) -> Iterator[Meeting]:
-    cast, thirds = block.cast, block.cast.static(_thirds)[one, two]
-    station, speed = block.need("station")[when], block.need("speed")[when]
+def _meetings(block: Block, chosen: NDArray[np.int64], firsts: Sequence[int]) -> Iterator[Iterator[Meeting]]:
+    """Yield for some pairs of `owing` what they do in every row from a first one on."""
+    if not len(chosen):
+        return
+    cast, both, near, begin = block.cast, block.cast.static(owing), block.cast.static(neighbours), min(firsts)
+    one, two = both.one[chosen], both.two[chosen]
+    touching, close = (columns[chosen] for columns in cast.static(_columns))
+    station, speed, kept = block.need("station"), block.need("speed"), kept_by(block)
+    keeping = near.count(kept, len(cast))
+    by_other = np.where(close >= 0, kept[:, close], False) if len(near) else np.zeros((len(kept), len(chosen)), dtype=np.bool_)
     columns = (
-        bound[when],
-        collide(block, one, two)[when],
+        _bound(block)[:, chosen],
+        collide(block)[:, touching],
         station[:, one],
         # A short exit road may end before the rear of the vehicle has left the stretch.
-        np.where(block.here[when, one], station[:, one] - cast.length[one], math.inf),
+        np.where(block.here[:, one], station[:, one] - cast.length[one], math.inf),
         np.abs(speed[:, one]) <= STANDSTILL,
         station[:, two],
         speed[:, two],
-        unhindered(block)[when, two],
-        starting(block)[when, two],
-        waives(block)[when, two],
-        kept_by(block)[when][:, thirds].any(axis=1),
-        brakes_hard(block)[when, two],
+        unhindered(block)[:, two],
+        starting(block)[:, two],
+        waives(block)[:, two],
+        keeping[:, one] > by_other,
+        brakes_hard(block)[:, two],
     )
-    return map(Meeting._make, zip(*(column.tolist() for column in columns), strict=True))
+    rows = [column[begin:].T.tolist() for column in columns]
+    for number, first in enumerate(firsts):
+        yield map(Meeting._make, zip(*(row[number][first - begin :] for row in rows), strict=True))
 
 
 class Encounter:

@@ -30,6 +30,7 @@ __all__ = [
     "arrivals",
     "arrived",
     "drives",
+    "in_stop_place",
     "lane",
     "leads",
     "limits_of",
@@ -99,6 +100,12 @@ def stops(block: Block) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     station, zone = block.need("station"), block.zone
     here = (zone == ENTRANCE) | ((zone == APPROACH) & (station >= begin))
     return here, here & stands(block) & (station <= line) & leads(block)
+
+
+@signal
+def in_stop_place(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is between the beginning of its stop place and the junction."""
+    return stops(block)[0]
 
 
 @signal(start=(False, False))

@@ -163,7 +163,7 @@ def _intruders(run: Run, found: Sequence[Reason]) -> NDArray[np.bool_]:
     An intruder entered on red, or entered the way of a vehicle that was inside before and to which the intruder owed the way.
     """
     intruders: NDArray[np.bool_] = (run.zone >= Zone.JUNCTION) & (facing(run) == Colour.RED)
-    entries = entered(run)[-1]
+    entries = entered(run).min(axis=0)
     for r in found:
         if entries[r.agent] < entries[r.other] and may_owe(run, r.other, r.agent):
             when = slice(r.begin, r.begin + len(r.yielding))

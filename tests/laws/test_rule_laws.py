@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.conduct import memo
-from pytest_rvads.conduct.blocks import as_block
+from pytest_rvads.conduct.blocks import as_blocks, assume
 from pytest_rvads.conduct.motion import wt
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check, extract, ground, simplify, unfold
@@ -48,9 +47,9 @@ def runs(draw: Any) -> Run:
 def again(run: Run, counts: list[int]) -> Run:
     """Repeat state k of a run ``counts[k]`` times, its waiting times included."""
     longer = Run(run.label, run.junction, run.agents, np.repeat(run.zone, counts, axis=0), np.repeat(run.lights, counts, axis=0))
-    block = as_block(longer)
+    (block,) = as_blocks(longer, longer.steps)
     block.values[wt] = np.repeat(run.wt, counts, axis=0)
-    memo.given(longer, as_block, block)
+    assume(longer, block)
     return longer
 
 

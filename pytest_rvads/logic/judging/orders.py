@@ -13,8 +13,7 @@ from itertools import chain, combinations, pairwise, product
 
 import numpy as np
 
-from pytest_rvads.conduct.blocks import as_block
-from pytest_rvads.conduct.memo import given
+from pytest_rvads.conduct.blocks import as_blocks, assume
 from pytest_rvads.conduct.motion import wt
 from pytest_rvads.logic.judging.crossings import LONG_AGO, Crossings, Event
 from pytest_rvads.logic.judging.evaluate import Values
@@ -213,9 +212,9 @@ class _Word:
         known = self._known
         run = known.run
         word = Run(run.label, run.junction, run.agents, self._zone, self._lights, known.length)
-        block = as_block(word)
+        (block,) = as_blocks(word, word.steps)
         block.values[wt] = self._waited
-        given(word, as_block, block)
+        assume(word, block)
         (found,) = judge((template,), Values(word, values.tie))
         ticks = np.minimum(-(-self._times // known.moments), run.steps - 1).tolist()
         trigger, failed = (None if k is None else int(ticks[k]) for k in (found.trigger, found.failed))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.predicates import once
 from pytest_rvads.conduct.priority import owes
-from pytest_rvads.conduct.standing import STANDSTILL, stands, stops
+from pytest_rvads.conduct.standing import STANDSTILL, in_stop_place, stands
 from pytest_rvads.logic.judging.crossings import certain, crossings
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Hinge, Judgement, judge, unsure
@@ -208,7 +208,7 @@ def _of_the_past(run: Run) -> tuple[Reading, ...]:
     if run.excerpt is None or run.speed is None or run.station is None:
         return ()
     stopping, rolling = run.speed.copy(), run.speed.copy()
-    late = [a for a, (begin, end) in enumerate(run.spans) if end > begin + 1 and stops(run)[0][begin, a]]
+    late = [a for a, (begin, end) in enumerate(run.spans) if end > begin + 1 and in_stop_place(run)[begin, a]]
     for agent in late:
         begin, end = run.spans[agent]
         still = stands(run)[begin:end, agent]
