@@ -57,7 +57,7 @@ class Itinerary:
         object.__setattr__(self, "end", end)
         object.__setattr__(self, "leave", min(self.length + LEAVE, end))
         borders = (self.line - ENTRANCE_ZONE, np.nextafter(0.0, 1.0), self.length, end)
-        object.__setattr__(self, "borders", np.array(borders))
+        object.__setattr__(self, "borders", np.frombuffer(np.array(borders).tobytes()))  # bytes: no driver can write into them
         object.__setattr__(self, "limits", tuple((at - self.origin, limit) for at, limit in self.path.limits))
 
     @classmethod
