@@ -13,8 +13,9 @@ from typing import NamedTuple
 from pytest_rvads.conduct import lane
 from pytest_rvads.conduct.bodies import overlap
 from pytest_rvads.conduct.instant import Instant
-from pytest_rvads.conduct.lane import LANE_TOLERANCE, MAX_OFFSET, NEAR
+from pytest_rvads.conduct.lane import MAX_OFFSET, NEAR
 from pytest_rvads.conduct.mover import Mover
+from pytest_rvads.junctions.sweep import LANE_TOLERANCE
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.states import JUNCTION
 

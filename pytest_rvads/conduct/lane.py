@@ -10,18 +10,15 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.bends import least_radius
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.junctions.sweep import LANE_TOLERANCE, no_way
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import AXLE, Zone
-from pytest_rvads.runs.vehicle import usual_radius
+from pytest_rvads.runs.vehicle import usual_body
 
-__all__ = ["LANE_TOLERANCE", "MAX_OFFSET", "NEAR", "beside", "lane_allows", "off_lane", "off_route", "too_tight", "wrong_lanes"]
+__all__ = ["MAX_OFFSET", "NEAR", "beside", "lane_allows", "off_lane", "off_route", "too_tight", "wrong_lanes"]
 
-LANE_TOLERANCE = 0.3
-"""How far a body may reach over the border of its lane [m]; about as much as lane keeping of people varies."""
 MAX_OFFSET = 3.0
 """A vehicle whose front is this far to the side of its itinerary, and whose rear axle is half as far, is off its route [m].
 
@@ -91,16 +88,17 @@ def off_lane(run: Run, agent: int) -> NDArray[np.bool_]:
 
 
 def too_tight(run: Run, agent: int) -> tuple[float, float] | None:
-    """Return the least radius of the agent's movement and the one that the vehicle needs [m], where the first is smaller.
+    """Return the least radius of the agent's way and that of the vehicle [m], where no path keeps the body in the lane.
 
     The facts of the run tell what a vehicle needs; one that they do not name steers as a usual car of its length does.
     """
     who = run.agents[agent]
-    if who.turn is Turn.STRAIGHT or who.route.path is None or who.size is None:
+    if not run.junction.drivable or who.size is None:
         return None
-    needed = dict(run.facts.turning).get(who.name) or usual_radius(who.size[0])
-    radius = least_radius(who.route.path.points)
-    return (radius, needed) if radius < needed else None
+    body = usual_body(*who.size)
+    body = body._replace(radius=dict(run.facts.turning).get(who.name) or body.radius)
+    radius = no_way(_way(run, agent).course(run.junction.lane_width), body)
+    return None if radius is None else (radius, body.radius)
 
 
 def _aside(run: Run, agent: int, way: Itinerary, room: float) -> NDArray[np.int64]:

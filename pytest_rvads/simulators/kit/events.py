@@ -11,7 +11,7 @@ import numpy as np
 
 from pytest_rvads.conduct.bodies import overlap
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.runs.itineraries import EXIT_LENGTH
+from pytest_rvads.junctions.sweep import EXIT_LENGTH
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
