@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.junctions.sweep import LANE_TOLERANCE, no_way
+from pytest_rvads.junctions.sweep import LANE_TOLERANCE, Narrow, no_way
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import AXLE, Zone
@@ -87,8 +87,8 @@ def off_lane(run: Run, agent: int) -> NDArray[np.bool_]:
     return found
 
 
-def too_tight(run: Run, agent: int) -> tuple[float, float] | None:
-    """Return the least radius of the agent's way and that of the vehicle [m], where no path keeps the body in the lane.
+def too_tight(run: Run, agent: int) -> tuple[Narrow, float] | None:
+    """Return the bend where no path keeps the body of the agent in its lane, and the least radius that it can steer [m].
 
     The facts of the run tell what a vehicle needs; one that they do not name steers as a usual car of its length does.
     """
@@ -97,8 +97,9 @@ def too_tight(run: Run, agent: int) -> tuple[float, float] | None:
         return None
     body = usual_body(*who.size)
     body = body._replace(radius=dict(run.facts.turning).get(who.name) or body.radius)
-    radius = no_way(_way(run, agent).course(run.junction.lane_width), body)
-    return None if radius is None else (radius, body.radius)
+    start = float(run.need("station")[window(run, (agent,))[0], agent])
+    narrow = no_way(_way(run, agent).course(run.junction.lane_width, start), body)
+    return None if narrow is None else (narrow, body.radius)
 
 
 def _aside(run: Run, agent: int, way: Itinerary, room: float) -> NDArray[np.int64]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from pytest_rvads.junctions.sweep import FINE, plan
+from pytest_rvads.junctions.sweep import FINE, STEP, plan
 from pytest_rvads.maps.segment import Segment
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.vehicle import Vehicle
@@ -16,30 +18,51 @@ __all__ = ["AxlePath", "axle_path"]
 
 QUICK = 0.7
 """Share of the steering rate that the path may take."""
+CALM = 1.0
+"""Lateral acceleration on the path [m/s^2]: at 2.5 m/s^2 the tyres slip so much that the rear axle errs by 4 cm."""
 
 
 class AxlePath(NamedTuple):
     """The path of a rear axle beside the itinerary."""
 
     path: Segment
+    headings: tuple[float, ...]
+    """At every point of the path, without jumps [rad]."""
+    bends: tuple[float, ...]
+    """Curvature at every point [1/m]."""
     pace: tuple[tuple[float, float], ...]
-    """Stations of the rear axle on the itinerary [m], and how fast the wheels can turn as the path demands there [m/s]."""
+    """Stations of the rear axle on the itinerary [m], and how fast the path can be followed there [m/s]."""
+
+    def at(self, along: float) -> tuple[float, float]:
+        """Return heading [rad] and curvature [1/m] of the path after so many metres of it."""
+        table = self.path.stations
+        k = min(max(bisect_right(table, along), 1), len(table) - 1)
+        share = (along - table[k - 1]) / (table[k] - table[k - 1])
+        (one, two), (here, there) = self.headings[k - 1 : k + 1], self.bends[k - 1 : k + 1]
+        return float(one + share * (two - one)), float(here + share * (there - here))
 
 
 @lru_cache(maxsize=256)
-def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float) -> AxlePath | None:
+def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: float = -math.inf) -> AxlePath | None:
     """Return the path of the rear axle where it must leave the centre line; None where it can follow the centre line.
 
     Args:
         itinerary: the way of the front.
         vehicle: whose body is to stay in the lane.
         lane_width: [m].
+        start: station of the front from which on the path is planned [m].
     """
-    planned = plan(itinerary.course(lane_width), vehicle.body)
+    planned = plan(itinerary.course(lane_width, start), vehicle.body)
     if planned is None:
         return None
     line, arc = itinerary.path, itinerary.path.stations - itinerary.origin
     first, *_, last = stations = planned.stations.tolist()
     points = np.vstack((line.points[arc < first - FINE], planned.points, line.points[arc > last + FINE]))
-    pace = QUICK * vehicle.steering_rate / (vehicle.wheelbase * np.maximum(planned.change, 1e-3))
-    return AxlePath(Segment(f"{line.id} rear axle", points, line.turn), tuple(zip(stations, pace.tolist(), strict=True)))
+    change = np.abs(np.diff(planned.bend, append=0.0)) / STEP
+    turning = QUICK * vehicle.steering_rate / (vehicle.wheelbase * np.maximum(change, 1e-3))
+    pace = np.minimum(turning, np.sqrt(CALM / np.maximum(np.abs(planned.bend), 1e-3)))
+    path = Segment(f"{line.id} rear axle", points, line.turn)
+    along = np.gradient(path.points, axis=0)
+    headings = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+    bends = np.gradient(headings, path.stations)
+    return AxlePath(path, tuple(headings.tolist()), tuple(bends.tolist()), tuple(zip(stations, pace.tolist(), strict=True)))

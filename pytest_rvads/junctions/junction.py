@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from pytest_rvads.displayed import shown
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.conflicts import JunctionKind, Key, Shared, stretches
-from pytest_rvads.junctions.sweep import CAR, Course, no_way, through
+from pytest_rvads.junctions.sweep import BEFORE, CAR, Course, no_way, through
 from pytest_rvads.junctions.yielding import Precedence, Reason
 from pytest_rvads.maps.control import JunctionControl, Sign, control_of
 from pytest_rvads.maps.segment import SPEED_LIMIT, Limits, Segment, Turn
@@ -238,7 +238,7 @@ class Junction:
     def tight(self) -> Mapping[Key, float]:
         """Movements on which no path of the rear axle keeps a usual car in its lane, with their least radii [m]."""
         found = {key: no_way(course, CAR) for key in self.movements if (course := self._course(key)) is not None}
-        return MappingProxyType({key: radius for key, radius in found.items() if radius is not None})
+        return MappingProxyType({key: narrow.radius for key, narrow in found.items() if narrow is not None})
 
     def _course(self, key: Key) -> Course | None:
         """Return the centre line from the approach to the exit road of a movement, None where it is not known."""
@@ -246,7 +246,8 @@ class Junction:
         if entrance.approach is None or path is None or road is None:
             return None
         whole = through(entrance.approach, path, road)
-        return Course(whole, entrance.approach.length, path.length, -entrance.setback, self.lane_width) if whole else None
+        start = max(-entrance.approach.length, -entrance.setback - BEFORE)
+        return Course(whole, entrance.approach.length, path.length, start, self.lane_width) if whole else None
 
     @cached_property
     def yields(self) -> Mapping[tuple[Key, Key], Reason] | None:

@@ -30,10 +30,8 @@ AROUND = 4.0
 """How far along the centre line the place of a corner is looked for, around where the corner were on a straight path [m]."""
 EXIT_LENGTH = 60.0
 """How much of the exit road belongs to the way of a vehicle, at most [m]."""
-BEFORE, BEHIND = 2.0, 20.0
-"""How far the search reaches, before the rear axle of a vehicle at the stopping line and behind the junction [m]."""
-EARLY = 1.0
-"""How far before the stopping line the front may leave the centre line [m]: vehicles stop and start there, in their lane."""
+BEFORE, BEHIND = 12.0, 20.0
+"""How far the search reaches, before the stopping line and behind the junction [m]."""
 BLUR = 2.5
 """Standard deviation of the smoothing of the centre line [m]: sharper corners are no path of an axle."""
 MARGIN = 0.2
@@ -83,8 +81,8 @@ class Course(NamedTuple):
     """Arc length of the entrance vertex on `path` [m]."""
     length: float
     """Of the movement [m]."""
-    line: float
-    """Station of the stopping line, 0 or negative [m]."""
+    start: float
+    """Station of the front where a path begins on the centre line [m]."""
     lane_width: float
     """[m]."""
 
@@ -114,7 +112,7 @@ class Sweep:
         self._back, self._rear = body.axle, body.length - body.axle
         self._side, self._most, self._swift = body.width / 2.0, share / body.radius, 1.0 / (body.radius * WITHIN)
         path, origin = course.path, course.origin
-        first = max(-origin, course.line - self._back - BEFORE)
+        first = course.start - self._back
         last = min(path.length - origin, course.length + BEHIND)
         self.stations = np.arange(first, last, STEP)
         count = len(self.stations)
@@ -132,8 +130,11 @@ class Sweep:
         blurred = (spread.reshape(count, -1, 2) * weights[:, None]).sum(axis=1) / weights.sum()
         self.centre, _ = path.centre(self.stations + origin)
         self.free = np.ones(count, dtype=np.bool_)
-        self.free[self.stations < course.line - self._back - EARLY] = self.free[-3:] = False
+        self.free[:2] = self.free[-3:] = False
         self._base = np.where(self.free[:, None], blurred, self.centre)
+        # Front and rear axle of a vehicle that starts are on the centre line, which may bend between them.
+        front, _ = path.centre(np.array([course.start + origin]))
+        self._base[1] = self._base[0] + STEP / self._back * (front[0] - self._base[0])
         along = np.gradient(self._base, axis=0)
         self._left = np.stack((-along[:, 1], along[:, 0]), axis=-1) / np.hypot(along[:, 0], along[:, 1])[:, None]
 
@@ -175,10 +176,11 @@ class Sweep:
         bend: Array = 2.0 * cross / (sizes[0] * sizes[1] * sizes[2])
         return bend
 
-    def fits(self, points: Array) -> bool:
-        """Return whether a vehicle can follow a path, and `keep_lane` finds nothing wrong with its body there."""
+    def amiss(self, points: Array) -> Array:
+        """Return the stations where a vehicle can't follow a path, or where `keep_lane` finds something wrong with its body [m]."""
         judged, _ = self.over(points, self.nearest(points))
-        return bool((np.abs(self.curvature(points)) <= self._most).all() and not judged.any())
+        stations: Array = self.stations[judged.any(axis=1) | (np.abs(np.pad(self.curvature(points), 1)) > self._most)]
+        return stations
 
     def errors(self, offsets: Array, nearest: NDArray[np.int64]) -> Array:
         """Return what is wrong with a path, weighted, a row per station."""
@@ -237,39 +239,52 @@ class Plan(NamedTuple):
     """Of the points on the centre line [m]."""
     points: Array
     """Shape ``(stations, 2)`` [m]."""
-    change: Array
-    """Of the curvature per length of path, at every point, shape ``(stations,)`` [1/m^2]."""
-    keeps: bool
-    """Whether the vehicle can follow the path, and keeps its lane there."""
+    bend: Array
+    """Curvature at every point, shape ``(stations,)`` [1/m]."""
+    amiss: Array
+    """Stations of the rear axle where the vehicle can't follow the path, or does not keep its lane [m]."""
 
 
 @lru_cache(maxsize=1024)
 def plan(course: Course, body: Body) -> Plan | None:
     """Return the path of the rear axle that keeps a body in its lane best; None where the axle can follow the centre line."""
     roomy, exact = Sweep(course, body, MARGIN, RESERVE), Sweep(course, body, 0.0, 1.0)
-    if roomy.fits(roomy.centre):
+    if not len(roomy.amiss(roomy.centre)):
         return None
     offsets = roomy.relax(np.zeros(len(roomy.stations)))
-    if not exact.fits(exact.way(offsets)):
+    if len(exact.amiss(exact.way(offsets))):
         offsets = Sweep(course, body, LITTLE, MOST).relax(offsets)
     points = exact.way(offsets)
-    change = np.abs(np.diff(np.pad(exact.curvature(points), 1), append=0.0)) / STEP
-    return Plan(exact.stations, points, change, exact.fits(points))
+    return Plan(exact.stations, points, np.pad(exact.curvature(points), 1), exact.amiss(points))
 
 
-def no_way(course: Course, body: Body) -> float | None:
-    """Return the least radius of a course [m] where no path of the rear axle keeps the body in the lane; None where one does.
+class Narrow(NamedTuple):
+    """A bend in which no path of the rear axle keeps a body in its lane."""
+
+    radius: float
+    """The least one of the centre line [m]."""
+    start: float
+    """Station of the front from which on the lane can't be kept for certain [m]: at the latest, the entrance vertex."""
+    end: float
+    """Station of the front up to which it can't [m]: at the soonest, where the rear leaves the junction."""
+
+
+def no_way(course: Course, body: Body) -> Narrow | None:
+    """Return where no path of the rear axle is found that keeps the body in its lane; None where there is one.
 
     A bend is not planned where even the ring that the body sweeps on a circle of its radius is narrower than the lane.
     """
     arc = course.path.stations - course.origin
-    bend = course.path.points[(arc > course.line - body.axle - BEFORE) & (arc < course.length + BEHIND)]
+    bend = course.path.points[(arc > course.start - body.axle) & (arc < course.length + BEHIND)]
     radius = least_radius(bend)
     ring = math.hypot(radius + body.width / 2.0, body.axle) - (radius - body.width / 2.0)
     if radius >= body.radius and ring <= course.lane_width + 2.0 * LANE_TOLERANCE:
         return None
     path = plan(course, body)
-    return None if path is None or path.keeps else radius
+    if path is None or not len(path.amiss):
+        return None
+    first, last = (path.amiss[[0, -1]] + body.axle).tolist()
+    return Narrow(radius, min(first - body.length, 0.0), max(last, course.length) + body.length)
 
 
 def _normal(slopes: Array) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.junctions.sweep import Course, through
+from pytest_rvads.junctions.sweep import BEFORE, Course, through
 from pytest_rvads.maps.segment import ADVISED, SPEED_LIMIT, Limits, Pose, Segment, Turn, limit_in
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, GONE, JUNCTION, Zone
 
@@ -80,9 +80,9 @@ class Itinerary:
         """Return the pose of the centre line at `station` [m]."""
         return self.path.pose(station + self.origin)
 
-    def course(self, lane_width: float) -> Course:
-        """Return the centre line with the width of its lane [m], as plans of a rear axle need it."""
-        return Course(self.path, self.origin, self.length, self.line, lane_width)
+    def course(self, lane_width: float, start: float) -> Course:
+        """Return the way of a vehicle from station `start` on, in a lane of some width [m], as plans of a rear axle need it."""
+        return Course(self.path, self.origin, self.length, max(start, -self.origin, self.line - BEFORE), lane_width)
 
     def limit_at(self, station: float) -> float:
         """Return the speed limit to keep at `station` [m/s]: `SPEED_LIMIT` where the map states none, at most `ADVISED`."""
