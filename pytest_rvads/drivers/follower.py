@@ -101,7 +101,7 @@ class Follower(Autopilot):
             )
             self._track = track(seen.itinerary, back, way.pace if way else ())
             if way:
-                self._way, self._axle = way, seen.me.station - back + seen.itinerary.origin
+                self._way, self._axle = way, seen.me.station - back + way.origin
         return self._track
 
     def drive(self, seen: Observation, acceleration: float) -> Control:

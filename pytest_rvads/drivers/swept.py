@@ -18,7 +18,7 @@ __all__ = ["AxlePath", "axle_path"]
 
 QUICK = 0.7
 """Share of the steering rate that the path may take."""
-CALM = 1.0
+CALM = 0.7
 """Lateral acceleration on the path [m/s^2]: at 2.5 m/s^2 the tyres slip so much that the rear axle errs by 4 cm."""
 
 
@@ -26,6 +26,8 @@ class AxlePath(NamedTuple):
     """The path of a rear axle beside the itinerary."""
 
     path: Segment
+    origin: float
+    """How far along the path station 0 of the rear axle is, as long as the path is on the centre line [m]."""
     headings: tuple[float, ...]
     """At every point of the path, without jumps [rad]."""
     bends: tuple[float, ...]
@@ -52,12 +54,15 @@ def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: 
         lane_width: [m].
         start: station of the front from which on the path is planned [m].
     """
-    planned = plan(itinerary.course(lane_width, start), vehicle.body)
+    course = itinerary.course(lane_width, start)
+    planned = plan(course, vehicle.body)
     if planned is None:
         return None
     line, arc = itinerary.path, itinerary.path.stations - itinerary.origin
     first, *_, last = stations = planned.stations.tolist()
-    points = np.vstack((line.points[arc < first - FINE], planned.points, line.points[arc > last + FINE]))
+    # Where a vehicle starts on the planned part, nothing before belongs to its path.
+    before = line.points[(arc < first - FINE) & (start < course.start)]
+    points = np.vstack((before, planned.points, line.points[arc > last + FINE]))
     change = np.abs(np.diff(planned.bend, append=0.0)) / STEP
     turning = QUICK * vehicle.steering_rate / (vehicle.wheelbase * np.maximum(change, 1e-3))
     pace = np.minimum(turning, np.sqrt(CALM / np.maximum(np.abs(planned.bend), 1e-3)))
@@ -65,4 +70,5 @@ def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: 
     along = np.gradient(path.points, axis=0)
     headings = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
     bends = np.gradient(headings, path.stations)
-    return AxlePath(path, tuple(headings.tolist()), tuple(bends.tolist()), tuple(zip(stations, pace.tolist(), strict=True)))
+    begin = float(path.stations[len(before)]) - first
+    return AxlePath(path, begin, tuple(headings.tolist()), tuple(bends.tolist()), tuple(zip(stations, pace.tolist(), strict=True)))

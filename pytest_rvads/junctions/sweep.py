@@ -38,7 +38,7 @@ MARGIN = 0.2
 """Kept from the border that `keep_lane` allows where there is room for it [m]: the tracking errs by so much."""
 RESERVE = 0.97
 """Share of the sharpest curvature of the vehicle that is planned with where that suffices."""
-LITTLE, MOST = 0.05, 0.99
+LITTLE, MOST = 0.05, 0.98
 """Margin [m] and share that are planned with where nothing fits with `MARGIN` and `RESERVE`."""
 WITHIN = math.tan(0.61) / (0.7 * 0.8 / 1.8)
 """Length of path within which the wheels turn from straight on to their limit, at the soonest [m].
