@@ -38,7 +38,7 @@ MARGIN = 0.2
 """Kept from the border that `keep_lane` allows where there is room for it [m]: the tracking errs by so much."""
 RESERVE = 0.97
 """Share of the sharpest curvature of the vehicle that is planned with where that suffices."""
-LITTLE, MOST = 0.05, 0.98
+LITTLE, MOST = 0.08, 0.98
 """Margin [m] and share that are planned with where nothing fits with `MARGIN` and `RESERVE`."""
 WITHIN = math.tan(0.61) / (0.7 * 0.8 / 1.8)
 """Length of path within which the wheels turn from straight on to their limit, at the soonest [m].
@@ -107,7 +107,8 @@ class Sweep:
         share: of the sharpest curvature of the vehicle that is allowed.
     """
 
-    def __init__(self, course: Course, body: Body, margin: float, share: float) -> None:
+    def __init__(self, course: Course, body: Body, margin: float, share: float, firm: float = 1.0) -> None:
+        self._firm = firm
         self._half, self._length = course.lane_width / 2.0 + LANE_TOLERANCE - margin, course.length
         self._back, self._rear = body.axle, body.length - body.axle
         self._side, self._most, self._swift = body.width / 2.0, share / body.radius, 1.0 / (body.radius * WITHIN)
@@ -132,9 +133,10 @@ class Sweep:
         self.free = np.ones(count, dtype=np.bool_)
         self.free[:2] = self.free[-3:] = False
         self._base = np.where(self.free[:, None], blurred, self.centre)
-        # Front and rear axle of a vehicle that starts are on the centre line, which may bend between them.
+        # A vehicle starts with its front on the centre line, and points away from where its rear axle would be there.
         front, _ = path.centre(np.array([course.start + origin]))
-        self._base[1] = self._base[0] + STEP / self._back * (front[0] - self._base[0])
+        ahead = (front[0] - self._base[0]) / math.dist(front[0], self._base[0])
+        self._base[:2] = front - np.array([[self._back], [self._back - STEP]]) * ahead
         along = np.gradient(self._base, axis=0)
         self._left = np.stack((-along[:, 1], along[:, 0]), axis=-1) / np.hypot(along[:, 0], along[:, 1])[:, None]
 
@@ -191,7 +193,7 @@ class Sweep:
         change = np.diff(bend, append=0.0) / STEP
         swift = np.maximum(np.abs(change) - self._swift, 0.0)
         bends = _STEER * sharp, _TURN * swift, _JERK * change
-        return np.column_stack((*bends, _LANE * judged, _INSIDE * others, _CENTRE * offsets))
+        return np.column_stack((*bends, self._firm * _LANE * judged, _INSIDE * others, _CENTRE * offsets))
 
     def relax(self, offsets: Array) -> Array:
         """Return the offsets of the best path that a descent from some `offsets` finds [m]."""
@@ -252,8 +254,9 @@ def plan(course: Course, body: Body) -> Plan | None:
     if not len(roomy.amiss(roomy.centre)):
         return None
     offsets = roomy.relax(np.zeros(len(roomy.stations)))
-    if len(exact.amiss(exact.way(offsets))):
-        offsets = Sweep(course, body, LITTLE, MOST).relax(offsets)
+    close = Sweep(course, body, LITTLE, MOST, 5.0)
+    if len(close.amiss(close.way(offsets))):
+        offsets = close.relax(offsets)
     points = exact.way(offsets)
     return Plan(exact.stations, points, np.pad(exact.curvature(points), 1), exact.amiss(points))
 
