@@ -71,4 +71,6 @@ def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: 
     headings = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
     bends = np.gradient(headings, path.stations)
     begin = float(path.stations[len(before)]) - first
-    return AxlePath(path, begin, tuple(headings.tolist()), tuple(bends.tolist()), tuple(zip(stations, pace.tolist(), strict=True)))
+    return AxlePath(
+        path, begin, tuple(headings.tolist()), tuple(bends.tolist()), tuple(zip(stations, pace.tolist(), strict=True))
+    )

@@ -108,7 +108,7 @@ class Sweep:
     """
 
     def __init__(self, course: Course, body: Body, margin: float, share: float, firm: float = 1.0) -> None:
-        self._firm = firm
+        self._firm, self._margin = firm, margin
         self._half, self._length = course.lane_width / 2.0 + LANE_TOLERANCE - margin, course.length
         self._back, self._rear = body.axle, body.length - body.axle
         self._side, self._most, self._swift = body.width / 2.0, share / body.radius, 1.0 / (body.radius * WITHIN)
@@ -165,9 +165,9 @@ class Sweep:
         apart = self._spots(points) - self._places[nearest]
         far = np.maximum(np.hypot(apart[..., 0], apart[..., 1]) - self._half, 0.0)
         place = self._fine[nearest]
-        inside = (place > 0.0) & (place < self._length)
-        judged = inside.copy()
-        judged[:, 1:] = ~inside[:, 1:]
+        joint = STEP if self._margin else 0.0  # between two points of the path a corner may pass an end of the junction
+        judged = (place <= joint) | (place >= self._length - joint)
+        judged[:, 0] = (place[:, 0] > 0.0) & (place[:, 0] < self._length)
         return np.where(judged, far, 0.0), np.where(judged, 0.0, far)
 
     def curvature(self, points: Array) -> Array:
@@ -179,7 +179,7 @@ class Sweep:
         return bend
 
     def amiss(self, points: Array) -> Array:
-        """Return the stations where a vehicle can't follow a path, or where `keep_lane` finds something wrong with its body [m]."""
+        """Return the stations where a vehicle can't follow a path, or `keep_lane` finds something wrong with its body [m]."""
         judged, _ = self.over(points, self.nearest(points))
         stations: Array = self.stations[judged.any(axis=1) | (np.abs(np.pad(self.curvature(points), 1)) > self._most)]
         return stations
@@ -254,11 +254,12 @@ def plan(course: Course, body: Body) -> Plan | None:
     if not len(roomy.amiss(roomy.centre)):
         return None
     offsets = roomy.relax(np.zeros(len(roomy.stations)))
-    close = Sweep(course, body, LITTLE, MOST, 5.0)
+    close = Sweep(course, body, LITTLE, MOST, 10.0)
     if len(close.amiss(close.way(offsets))):
         offsets = close.relax(offsets)
     points = exact.way(offsets)
-    return Plan(exact.stations, points, np.pad(exact.curvature(points), 1), exact.amiss(points))
+    amiss = exact.amiss(points)
+    return Plan(exact.stations, points, np.pad(exact.curvature(points), 1), close.amiss(points) if len(amiss) else amiss)
 
 
 class Narrow(NamedTuple):
@@ -278,7 +279,7 @@ def no_way(course: Course, body: Body) -> Narrow | None:
     A bend is not planned where even the ring that the body sweeps on a circle of its radius is narrower than the lane.
     """
     arc = course.path.stations - course.origin
-    bend = course.path.points[(arc > course.start - body.axle) & (arc < course.length + BEHIND)]
+    bend = course.path.points[(arc > course.start - body.length - AROUND) & (arc < course.length + BEHIND)]
     radius = least_radius(bend)
     ring = math.hypot(radius + body.width / 2.0, body.axle) - (radius - body.width / 2.0)
     if radius >= body.radius and ring <= course.lane_width + 2.0 * LANE_TOLERANCE:
@@ -287,7 +288,7 @@ def no_way(course: Course, body: Body) -> Narrow | None:
     if path is None or not len(path.amiss):
         return None
     first, last = (path.amiss[[0, -1]] + body.axle).tolist()
-    return Narrow(radius, min(first - body.length, 0.0), max(last, course.length) + body.length)
+    return Narrow(radius, min(first - body.length - STEP, 0.0), max(last + STEP, course.length) + body.length)
 
 
 def _normal(slopes: Array) -> Array:

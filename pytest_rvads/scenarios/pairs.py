@@ -76,7 +76,7 @@ def covering(place: Junction, orbits: Orbits, seat: int | None = None, *, confli
 
 
 def _placed(place: Junction, orbits: Orbits, seat: int | None) -> list[tuple[int, Sequence[Directions]]]:
-    """Return per slot its first entrance and its letters with which a car can keep its lane, at the seat those with somebody there."""
+    """Return per slot its first entrance and its letters on which a car keeps its lane, at the seat those with somebody there."""
     found: list[tuple[int, Sequence[Directions]]] = []
     first = 0
     for every in orbits.slots:
@@ -87,8 +87,8 @@ def _placed(place: Junction, orbits: Orbits, seat: int | None) -> list[tuple[int
         kept = [letter for letter in letters if letter[here or 0]] if inside else letters
         if not kept:
             raise ScenarioError(
-                f"no movement on which a car can keep its lane leads from entrance {seat}, so no vehicle under test can stand there: "
-                "choose another one"
+                f"no movement on which a car can keep its lane leads from entrance {seat}, so no vehicle under test can stand "
+                "there: choose another one"
             )
         found.append((first, kept))
         first += len(letters[0])

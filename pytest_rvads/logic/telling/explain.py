@@ -81,7 +81,7 @@ def tell(story: Story) -> Verdict:
 
 
 def _bends(worst: Judgement | None, run: Run) -> Iterator[str]:
-    """Yield a sentence for each vehicle to blame that left its lane, or hit somebody, in a bend where no path keeps it in its lane."""
+    """Yield a sentence for each vehicle to blame that left its lane, or hit somebody, where no path keeps it in its lane."""
     if worst is None or {"off_lane", "off_route", "collide"}.isdisjoint(atom.name for atom, _ in worst.broken):
         return
     for name, bend in ((e.name, too_tight(run, e.index)) for e in responsible(worst, run)):
