@@ -30,7 +30,7 @@ AROUND = 4.0
 """How far along the centre line the place of a corner is looked for, around where the corner were on a straight path [m]."""
 EXIT_LENGTH = 60.0
 """How much of the exit road belongs to the way of a vehicle, at most [m]."""
-BEFORE, BEHIND = 12.0, 20.0
+BEFORE, BEHIND = 12.0, 15.0
 """How far the search reaches, before the stopping line and behind the junction [m]."""
 BLUR = 2.5
 """Standard deviation of the smoothing of the centre line [m]: sharper corners are no path of an axle."""
@@ -38,6 +38,8 @@ MARGIN = 0.2
 """Kept from the border that `keep_lane` allows where there is room for it [m]: the tracking errs by so much."""
 RESERVE = 0.97
 """Share of the sharpest curvature of the vehicle that is planned with where that suffices."""
+LEAST = 0.03
+"""Margin that a path leaves which keeps the lane [m]: on its way along a path the rear axle errs by so much even at a walking pace."""
 LITTLE, MOST = 0.08, 0.98
 """Margin [m] and share that are planned with where nothing fits with `MARGIN` and `RESERVE`."""
 WITHIN = math.tan(0.61) / (0.7 * 0.8 / 1.8)
@@ -165,7 +167,7 @@ class Sweep:
         apart = self._spots(points) - self._places[nearest]
         far = np.maximum(np.hypot(apart[..., 0], apart[..., 1]) - self._half, 0.0)
         place = self._fine[nearest]
-        joint = STEP if self._margin else 0.0  # between two points of the path a corner may pass an end of the junction
+        joint = STEP if self._margin > LEAST else 0.0  # between two points of the path a corner may pass an end of the junction
         judged = (place <= joint) | (place >= self._length - joint)
         judged[:, 0] = (place[:, 0] > 0.0) & (place[:, 0] < self._length)
         return np.where(judged, far, 0.0), np.where(judged, 0.0, far)
@@ -192,7 +194,7 @@ class Sweep:
         sharp = np.maximum(np.abs(bend) - self._most, 0.0)
         change = np.diff(bend, append=0.0) / STEP
         swift = np.maximum(np.abs(change) - self._swift, 0.0)
-        bends = _STEER * sharp, _TURN * swift, _JERK * change
+        bends = self._firm * _STEER * sharp, _TURN * swift, _JERK * change
         return np.column_stack((*bends, self._firm * _LANE * judged, _INSIDE * others, _CENTRE * offsets))
 
     def relax(self, offsets: Array) -> Array:
@@ -250,7 +252,7 @@ class Plan(NamedTuple):
 @lru_cache(maxsize=1024)
 def plan(course: Course, body: Body) -> Plan | None:
     """Return the path of the rear axle that keeps a body in its lane best; None where the axle can follow the centre line."""
-    roomy, exact = Sweep(course, body, MARGIN, RESERVE), Sweep(course, body, 0.0, 1.0)
+    roomy, exact = Sweep(course, body, MARGIN, RESERVE), Sweep(course, body, LEAST, 1.0)
     if not len(roomy.amiss(roomy.centre)):
         return None
     offsets = roomy.relax(np.zeros(len(roomy.stations)))
