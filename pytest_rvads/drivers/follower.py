@@ -99,7 +99,7 @@ class Follower(Autopilot):
                 seen.vehicle.rear_axle_offset,
                 axle_path(seen.itinerary, seen.vehicle, seen.junction.lane_width, seen.me.station),
             )
-            self._track = track(seen.itinerary, back, way.pace if way else ())
+            self._track = track(seen.itinerary, back, way)
             if way:
                 self._way, self._axle = way, seen.me.station - back + way.origin
         return self._track

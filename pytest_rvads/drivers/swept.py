@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pytest_rvads.junctions.sweep import FINE, STEP, plan
-from pytest_rvads.maps.segment import Segment
+from pytest_rvads.maps.segment import Pose, Segment
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.vehicle import Vehicle
 
@@ -34,6 +34,8 @@ class AxlePath(NamedTuple):
     """Curvature at every point [1/m]."""
     pace: tuple[tuple[float, float], ...]
     """Stations of the rear axle on the itinerary [m], and how fast the path can be followed there [m/s]."""
+    poses: tuple[Pose, ...]
+    """Of the rear axle at these stations."""
 
     def at(self, along: float) -> tuple[float, float]:
         """Return heading [rad] and curvature [1/m] of the path after so many metres of it."""
@@ -70,7 +72,7 @@ def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: 
     along = np.gradient(path.points, axis=0)
     headings = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
     bends = np.gradient(headings, path.stations)
-    begin = float(path.stations[len(before)]) - first
-    return AxlePath(
-        path, begin, tuple(headings.tolist()), tuple(bends.tolist()), tuple(zip(stations, pace.tolist(), strict=True))
-    )
+    origin = float(path.stations[len(before)]) - first
+    pairs = zip(stations, pace.tolist(), strict=True)
+    poses = tuple(path.pose(station + origin) for station in stations)
+    return AxlePath(path, origin, tuple(headings.tolist()), tuple(bends.tolist()), tuple(pairs), poses)

@@ -39,7 +39,7 @@ MARGIN = 0.2
 RESERVE = 0.97
 """Share of the sharpest curvature of the vehicle that is planned with where that suffices."""
 LEAST = 0.03
-"""Margin that a path leaves which keeps the lane [m]: on its way along a path the rear axle errs by so much even at a walking pace."""
+"""Margin that a path must leave to count as one that keeps the lane [m]: the rear axle errs by so much at a walking pace."""
 LITTLE, MOST = 0.08, 0.98
 """Margin [m] and share that are planned with where nothing fits with `MARGIN` and `RESERVE`."""
 WITHIN = math.tan(0.61) / (0.7 * 0.8 / 1.8)
@@ -167,7 +167,7 @@ class Sweep:
         apart = self._spots(points) - self._places[nearest]
         far = np.maximum(np.hypot(apart[..., 0], apart[..., 1]) - self._half, 0.0)
         place = self._fine[nearest]
-        joint = STEP if self._margin > LEAST else 0.0  # between two points of the path a corner may pass an end of the junction
+        joint = STEP if self._margin > LEAST else STEP / 2.0  # between two points of the path a corner may pass an end of the junction
         judged = (place <= joint) | (place >= self._length - joint)
         judged[:, 0] = (place[:, 0] > 0.0) & (place[:, 0] < self._length)
         return np.where(judged, far, 0.0), np.where(judged, 0.0, far)

@@ -87,8 +87,8 @@ def _bends(worst: Judgement | None, run: Run) -> Iterator[str]:
     for name, bend in ((e.name, too_tight(run, e.index)) for e in responsible(worst, run)):
         if bend is not None:
             yield (
-                f"no path keeps {name} in its lane through a bend with a radius of {bend[0].radius:.1f} m, as {name} can't steer below "
-                f"{bend[1]:.1f} m: no driver could keep the lane there, but before and behind the bend"
+                f"no path keeps {name} in its lane through a bend with a radius of {bend[0].radius:.1f} m, as {name} can't steer "
+                f"below {bend[1]:.1f} m: no driver could keep the lane there, but before and behind the bend"
             )
 
 
