@@ -167,7 +167,9 @@ class Sweep:
         apart = self._spots(points) - self._places[nearest]
         far = np.maximum(np.hypot(apart[..., 0], apart[..., 1]) - self._half, 0.0)
         place = self._fine[nearest]
-        joint = STEP if self._margin > LEAST else STEP / 2.0  # between two points of the path a corner may pass an end of the junction
+        joint = (
+            STEP if self._margin > LEAST else STEP / 2.0
+        )  # between two points of the path a corner may pass an end of the junction
         judged = (place <= joint) | (place >= self._length - joint)
         judged[:, 0] = (place[:, 0] > 0.0) & (place[:, 0] < self._length)
         return np.where(judged, far, 0.0), np.where(judged, 0.0, far)
