@@ -167,9 +167,7 @@ class Sweep:
         apart = self._spots(points) - self._places[nearest]
         far = np.maximum(np.hypot(apart[..., 0], apart[..., 1]) - self._half, 0.0)
         place = self._fine[nearest]
-        joint = (
-            STEP if self._margin > LEAST else STEP / 2.0
-        )  # between two points of the path a corner may pass an end of the junction
+        joint = STEP if self._margin > LEAST else STEP / 2.0
         judged = (place <= joint) | (place >= self._length - joint)
         judged[:, 0] = (place[:, 0] > 0.0) & (place[:, 0] < self._length)
         return np.where(judged, far, 0.0), np.where(judged, 0.0, far)
@@ -253,7 +251,9 @@ class Plan(NamedTuple):
 
 @lru_cache(maxsize=1024)
 def plan(course: Course, body: Body) -> Plan | None:
-    """Return the path of the rear axle that keeps a body in its lane best; None where the axle can follow the centre line."""
+    """Return the path of the rear axle that keeps a body in its lane best; None where the centre line will do."""
+    if course.start >= course.length:
+        return None
     roomy, exact = Sweep(course, body, MARGIN, RESERVE), Sweep(course, body, LEAST, 1.0)
     if not len(roomy.amiss(roomy.centre)):
         return None
@@ -282,8 +282,8 @@ def no_way(course: Course, body: Body) -> Narrow | None:
 
     A bend is not planned where even the ring that the body sweeps on a circle of its radius is narrower than the lane.
     """
-    arc = course.path.stations - course.origin
-    bend = course.path.points[(arc > course.start - body.length - AROUND) & (arc < course.length + BEHIND)]
+    first = min(course.start, course.length) - body.length - AROUND
+    bend, _ = course.path.centre(np.arange(first, course.length + BEHIND, STEP) + course.origin)
     radius = least_radius(bend)
     ring = math.hypot(radius + body.width / 2.0, body.axle) - (radius - body.width / 2.0)
     if radius >= body.radius and ring <= course.lane_width + 2.0 * LANE_TOLERANCE:

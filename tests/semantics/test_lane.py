@@ -113,12 +113,15 @@ def tight(tmp_path_factory: pytest.TempPathFactory) -> Junction:
 
 
 def test_a_bend_without_a_path_that_keeps_the_lane_makes_keep_lane_unavoidable(tight: Junction, drive: Make) -> None:
-    """A car of 2.7 m wheelbase and 0.61 rad needs 2.7 / tan(0.61) = 3.9 m; one with a steering limit of 1.1 rad needs 1.4 m."""
+    """A car of 2.7 m wheelbase and 0.61 rad needs 2.7 / tan(0.61) = 3.9 m; one with a steering limit of 1.1 rad needs 1.4 m.
+
+    Radii are measured over 4 m, in which the movement turns by a right angle: 4 m / (pi / 2) = 2.5 m.
+    """
     run = drive(tight, {0: (1, 1.0, [(0, 1.0)], 2.1)}, 100)
     verdict = check(run, "keep_lane")
     assert (verdict.status, verdict.unavoidable) == ("FAIL", True)
     assert "the bend is too tight for the vehicle" in verdict.message
-    assert "through a bend with a radius of 1.3 m, as a0 can't steer below 3.9 m" in verdict.explanation
+    assert "through a bend with a radius of 2.5 m, as a0 can't steer below 3.9 m" in verdict.explanation
     short = replace(run, facts=replace(run.facts, turning=(("a0", 1.4),)))
     assert not check(short, "keep_lane").unavoidable, "a vehicle that can follow the bend has to"
 
