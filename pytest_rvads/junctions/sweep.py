@@ -252,8 +252,6 @@ class Plan(NamedTuple):
 @lru_cache(maxsize=1024)
 def plan(course: Course, body: Body) -> Plan | None:
     """Return the path of the rear axle that keeps a body in its lane best; None where the centre line will do."""
-    if course.start >= course.length:
-        return None
     roomy, exact = Sweep(course, body, MARGIN, RESERVE), Sweep(course, body, LEAST, 1.0)
     if not len(roomy.amiss(roomy.centre)):
         return None
@@ -282,7 +280,7 @@ def no_way(course: Course, body: Body) -> Narrow | None:
 
     A bend is not planned where even the ring that the body sweeps on a circle of its radius is narrower than the lane.
     """
-    first = min(course.start, course.length) - body.length - AROUND
+    first = course.start - body.length - AROUND
     bend, _ = course.path.centre(np.arange(first, course.length + BEHIND, STEP) + course.origin)
     radius = least_radius(bend)
     ring = math.hypot(radius + body.width / 2.0, body.axle) - (radius - body.width / 2.0)

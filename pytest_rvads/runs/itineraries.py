@@ -82,7 +82,9 @@ class Itinerary:
 
     def course(self, lane_width: float, start: float) -> Course:
         """Return the way of a vehicle from station `start` on, in a lane of some width [m], as plans of a rear axle need it."""
-        return Course(self.path, self.origin, self.length, max(start, -self.origin, self.line - BEFORE), lane_width)
+        begin = max(-self.origin, self.line - BEFORE)
+        # A vehicle that is first seen in the junction need not be on the centre line there.
+        return Course(self.path, self.origin, self.length, max(start, begin) if start <= 0.0 else begin, lane_width)
 
     def limit_at(self, station: float) -> float:
         """Return the speed limit to keep at `station` [m/s]: `SPEED_LIMIT` where the map states none, at most `ADVISED`."""

@@ -112,8 +112,16 @@ def tight(tmp_path_factory: pytest.TempPathFactory) -> Junction:
     return find("1", path)
 
 
+@pytest.fixture
+def wider(tmp_path: Path) -> Junction:
+    """Right turns with a radius of 3.25 m in lanes of 3.5 m."""
+    path = tmp_path / "wider.xodr"
+    path.write_text(opendrive(Layout(stop=5.0)), encoding="utf-8")
+    return find("1", path)
+
+
 def test_a_bend_without_a_path_that_keeps_the_lane_makes_keep_lane_unavoidable(tight: Junction, drive: Make) -> None:
-    """A car of 2.7 m wheelbase and 0.61 rad needs 2.7 / tan(0.61) = 3.9 m; one with a steering limit of 1.1 rad needs 1.4 m.
+    """A car of 2.7 m wheelbase and 0.61 rad needs 2.7 / tan(0.61) = 3.9 m.
 
     Radii are measured over 4 m, in which the movement turns by a right angle: 4 m / (pi / 2) = 2.5 m.
     """
@@ -122,8 +130,14 @@ def test_a_bend_without_a_path_that_keeps_the_lane_makes_keep_lane_unavoidable(t
     assert (verdict.status, verdict.unavoidable) == ("FAIL", True)
     assert "the bend is too tight for the vehicle" in verdict.message
     assert "through a bend with a radius of 2.5 m, as a0 can't steer below 3.9 m" in verdict.explanation
-    short = replace(run, facts=replace(run.facts, turning=(("a0", 1.4),)))
-    assert not check(short, "keep_lane").unavoidable, "a vehicle that can follow the bend has to"
+
+
+def test_whoever_leaves_the_lane_where_a_path_keeps_it_could_have_kept_it(wider: Junction, drive: Make) -> None:
+    """A radius of 3.25 m is less than the 3.9 m of a car, but lanes of 3.5 m have room for a wider arc; not for one of 12 m."""
+    run = drive(wider, {0: (1, 3.0, [(0, 1.0)], 2.1)}, 100)
+    verdict = check(run, "keep_lane")
+    assert (verdict.status, verdict.unavoidable) == ("FAIL", False)
+    assert check(replace(run, facts=replace(run.facts, turning=(("a0", 12.0),))), "keep_lane").unavoidable
 
 
 def test_on_the_roads_around_a_tight_bend_the_lane_is_kept(tight: Junction, drive: Make) -> None:
@@ -133,11 +147,8 @@ def test_on_the_roads_around_a_tight_bend_the_lane_is_kept(tight: Junction, driv
         assert not check(run, "keep_lane").unavoidable
 
 
-def test_reference_keeps_its_lane_where_a_wider_arc_fits_into_a_tight_bend(tmp_path: Path) -> None:
-    """A radius of 3.25 m is less than the 3.9 m of a car, but lanes of 3.5 m have room for a wider arc."""
-    path = tmp_path / "wider.xodr"
-    path.write_text(opendrive(Layout(stop=5.0)), encoding="utf-8")
-    run = simulate(Case(Scenario(find("1", path), "1000", distance=20, subject=0), Reference, traffic=Reference))
+def test_reference_keeps_its_lane_where_a_wider_arc_fits_into_a_tight_bend(wider: Junction) -> None:
+    run = simulate(Case(Scenario(wider, "1000", distance=20, subject=0), Reference, traffic=Reference))
     assert check(run, "keep_lane").status == "PASS"
 
 
