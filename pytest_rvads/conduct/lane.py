@@ -12,19 +12,18 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, Cast, signal, sized
 from pytest_rvads.conduct.bodies import headings
+from pytest_rvads.conduct.presence import window
 from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.bends import least_radius
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Turn
-from pytest_rvads.runs.itineraries import Itinerary, directions, itinerary
+from pytest_rvads.junctions.sweep import LANE_TOLERANCE, Narrow, no_way
+from pytest_rvads.maps.segment import directions
+from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import AXLE
-from pytest_rvads.runs.vehicle import usual_radius
+from pytest_rvads.runs.vehicle import usual_body
 
-__all__ = ["LANE_TOLERANCE", "MAX_OFFSET", "NEAR", "beside", "lane_allows", "off_lane", "off_route", "too_tight", "wrong_lanes"]
+__all__ = ["MAX_OFFSET", "NEAR", "beside", "lane_allows", "off_lane", "off_route", "too_tight", "wrong_lanes"]
 
-LANE_TOLERANCE = 0.3
-"""How far a body may reach over the border of its lane [m]; about as much as lane keeping of people varies."""
 MAX_OFFSET = 3.0
 """A vehicle whose front is this far to the side of its itinerary, and whose rear axle is half as far, is off its route [m].
 
@@ -190,17 +189,19 @@ def _aside(block: Block, half: float) -> tuple[NDArray[np.int64], NDArray[np.int
     return rows[far], columns[far]
 
 
-def too_tight(run: Run, agent: int) -> tuple[float, float] | None:
-    """Return the least radius of the agent's movement and the one that the vehicle needs [m], where the first is smaller.
+def too_tight(run: Run, agent: int) -> tuple[Narrow, float] | None:
+    """Return the bend where no path keeps the body of the agent in its lane, and the least radius that it can steer [m].
 
     The facts of the run tell what a vehicle needs; one that they do not name steers as a usual car of its length does.
     """
     who = run.agents[agent]
-    if who.turn is Turn.STRAIGHT or who.route.path is None or who.size is None:
+    if not run.junction.drivable or who.size is None:
         return None
-    needed = dict(run.facts.turning).get(who.name) or usual_radius(who.size[0])
-    radius = least_radius(who.route.path.points)
-    return (radius, needed) if radius < needed else None
+    body = usual_body(*who.size)
+    body = body._replace(radius=dict(run.facts.turning).get(who.name) or body.radius)
+    start = float(run.need("station")[window(run, (agent,))[0], agent])
+    narrow = no_way(itinerary(run.junction, *who.route.key).course(run.junction.lane_width, start), body)
+    return None if narrow is None else (narrow, body.radius)
 
 
 @lru_cache(maxsize=1024)

@@ -120,7 +120,7 @@ def _caption(road_map: RoadMap, report: JunctionReport, junction: Junction | Non
         each = ", ".join(f"{_label(report, k)} {length}" for k, length in enumerate(shown))
         lines += wrap(f"approach: {each if len(set(shown)) > 1 else shown[0]}", _LETTERS)
         lines += [line for told in _giving_way(report, junction) for line in wrap(told, _LETTERS)]
-        doubts = (warning.message for warning in road_map.warnings if warning.junction == report.id)
+        doubts = (warning.message for warning in (*road_map.warnings, *road_map.bends) if warning.junction == report.id)
         lines += [line for doubt in doubts for line in wrap(doubt, _LETTERS)]
     return lines if len(lines) <= _LINES else [*lines[: _LINES - 1], "..."]
 

@@ -9,9 +9,9 @@ import math
 
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.pursuit import lookahead, pursue
-from pytest_rvads.drivers.swept import axle_path
+from pytest_rvads.drivers.swept import AxlePath, axle_path
 from pytest_rvads.drivers.way_ahead import EASE, Track, track
-from pytest_rvads.maps.segment import Segment
+from pytest_rvads.runs.states import VehicleState
 from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
 
 __all__ = ["STANDING", "Follower", "resistance"]
@@ -22,8 +22,8 @@ _FIRM = 3.0
 """Hardest braking for a bend [m/s^2]."""
 _HOLD = 2.5
 """Brake that ends a stop and keeps the vehicle standing [m/s^2]."""
-_AIM, _AIM_TIME = 1.2, 0.4
-"""How far ahead of the rear axle to aim on such a path [m], and at speed [s]: from farther away, corners of it are cut."""
+_BACK, _BACK_TIME = 1.2, 0.3
+"""Within about how far the rear axle comes back to a planned path [m], and at speed [s]."""
 _NEAR = 2.0
 """How far along its path the rear axle is looked for, around its last place [m]."""
 STANDING = 0.01
@@ -45,7 +45,7 @@ class Follower(Autopilot):
     _track: Track | None = None
     _wheels: tuple[float, float] | None = None
     """Reference point to rear axle, rear axle to front axle [m]: worked out once, the vehicle stays the same."""
-    _path: Segment | None = None
+    _way: AxlePath | None = None
     """The path of the rear axle, where a bend is so narrow that it is not the itinerary."""
     _axle = 0.0
     """How far along that path the rear axle was last [m]."""
@@ -95,10 +95,13 @@ class Follower(Autopilot):
     def track(self, seen: Observation) -> Track:
         """Return what is known of the way ahead; worked out once."""
         if self._track is None:
-            back, way = seen.vehicle.rear_axle_offset, axle_path(seen.itinerary, seen.vehicle, seen.junction.lane_width)
-            self._track = track(seen.itinerary, back, way.pace if way else ())
+            back, way = (
+                seen.vehicle.rear_axle_offset,
+                axle_path(seen.itinerary, seen.vehicle, seen.junction.lane_width, seen.me.station),
+            )
+            self._track = track(seen.itinerary, back, way)
             if way:
-                self._path, self._axle = way.path, seen.me.station - back + seen.itinerary.origin
+                self._way, self._axle = way, seen.me.station - back + way.origin
         return self._track
 
     def drive(self, seen: Observation, acceleration: float) -> Control:
@@ -122,20 +125,29 @@ class Follower(Autopilot):
             self.track(seen)
             self._wheels = seen.vehicle.rear_axle_offset, seen.vehicle.wheelbase
         back, wheelbase = self._wheels
-        path = self._path
-        if path is None:
-            path, aim = seen.itinerary.path, me.station - back + lookahead(me.speed) + seen.itinerary.origin
-        else:
-            # In a narrow bend the front swings out and lags behind: its place says nothing of the rear axle's.
-            x, y = me.x - back * math.cos(me.heading), me.y - back * math.sin(me.heading)
-            self._axle, _ = path.project(x, y, self._axle, _NEAR)
-            aim = self._axle + max(_AIM, _AIM_TIME * me.speed)
+        if self._way is not None:
+            return self._steered(self._way, me, back, wheelbase)
+        path, aim = seen.itinerary.path, me.station - back + lookahead(me.speed) + seen.itinerary.origin
         start, end, x, y, ux, uy, _ = self._piece
         if not start <= aim < end:
             self._piece = start, _, x, y, ux, uy, _ = path.piece(aim)
         aim -= start
         self._steering = steering = pursue(me, back, wheelbase, x + aim * ux, y + aim * uy)
         return steering
+
+    def _steered(self, way: AxlePath, me: VehicleState, back: float, wheelbase: float) -> float:
+        """Return the angle of the front wheels [rad] that keeps the rear axle on its path.
+
+        In a narrow bend the front swings out and lags behind: its place says nothing of the rear axle's. The curvature is that of
+        the path, and what brings offset and heading back without swinging over.
+        """
+        x, y = me.x - back * math.cos(me.heading), me.y - back * math.sin(me.heading)
+        self._axle, offset = way.path.project(x, y, self._axle, _NEAR)
+        heading, bend = way.at(self._axle)
+        within = _BACK + _BACK_TIME * me.speed
+        bend -= (2.0 * math.sin(me.heading - heading) + offset / within) / within
+        self._steering = math.atan(wheelbase * bend)
+        return self._steering
 
 
 def resistance(vehicle: Vehicle, speed: float) -> float:

@@ -10,7 +10,7 @@ from pytest_rvads.drivers.crossing import Meetings, ahead_in_lane
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.give_way import GiveWay, clear_of_meetings
 from pytest_rvads.drivers.interface import Control, Observation
-from pytest_rvads.drivers.spacing import Stopping, behind, behind_leader, clear_of_bodies, clear_of_crossing
+from pytest_rvads.drivers.spacing import Stopping, behind, behind_leader, clear_of_bodies, clear_of_crossing, clear_of_standing
 from pytest_rvads.drivers.stop_sign import HOLD, StopSign
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.junctions.junction import Junction
@@ -102,7 +102,7 @@ class Reference(Follower):
             if leader is not None:
                 wanted = min(wanted, behind(seen, leader))
             gap = clear_of_bodies(seen, self._track or self.track(seen), leader, foresees=self._meetings is not None)
-            wanted = gap if gap < wanted else wanted
+            wanted = min(wanted, gap, clear_of_standing(seen, self._track or self.track(seen)))
             if zone is JUNCTION:
                 crossing = clear_of_crossing(seen) if self._meetings is None else clear_of_meetings(seen, self._meetings)
                 wanted = min(wanted, crossing)

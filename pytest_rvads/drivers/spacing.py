@@ -8,6 +8,7 @@ from pytest_rvads.drivers.crossing import conflicts
 from pytest_rvads.drivers.follower import resistance
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.way_ahead import Track
+from pytest_rvads.maps.segment import Pose
 from pytest_rvads.runs.states import ENTRANCE, EXIT, JUNCTION, VehicleState
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "can_stop",
     "clear_of_bodies",
     "clear_of_crossing",
+    "clear_of_standing",
     "stop_before",
     "time_to",
 ]
@@ -47,6 +49,8 @@ BEFORE = 0.5
 """Where to let a crossing vehicle pass, before the place where the movements meet [m]."""
 SIDE = 0.35
 """Room to the side of the own body that must be free [m]."""
+NEAR = 0.1
+"""Room around the own body that a standing vehicle must leave where the own body sweeps past [m]: the rear axle errs by less."""
 ACROSS = 0.7
 """Who moves at more than 45 degrees to the own heading crosses the way: cosine of that angle."""
 LEEWAY = 0.5
@@ -175,6 +179,20 @@ def clear_of_bodies(seen: Observation, track: Track, followed: VehicleState | No
     return least
 
 
+def clear_of_standing(seen: Observation, track: Track) -> float:
+    """Return the acceleration [m/s^2] that stops before the sweeping own body touches a standing one; inf if none is."""
+    me, least = seen.me, math.inf
+    reach = 3.0 + me.speed * (REACTION + me.speed / (2.0 * FOLLOW))
+    for other in seen.others:
+        near = reach + me.length + other.length
+        if other.speed < CREEP and (other.x - me.x) ** 2 + (other.y - me.y) ** 2 < near * near:
+            for ahead, pose in enumerate(track.axles(me.station, reach)):
+                if _touch(pose, seen.vehicle.rear_axle_offset, me, other):
+                    least = min(least, stop_before(me.speed, ahead))
+                    break
+    return least
+
+
 def _gone_by(speed: float, gap: float, other: VehicleState, along: float) -> bool:
     """Return whether `other`, which moves across the own way, has left it when one is there."""
     if other.speed < 1.0 or along > other.speed * ACROSS:
@@ -214,6 +232,25 @@ def _follow(speed: float, gap: float, leader: float) -> float:
     lag = FOLLOW * REACTION
     safe = -lag + math.sqrt(lag * lag + leader * leader + 2.0 * FOLLOW * max(room, 0.0))
     return (safe - speed) / REACTION
+
+
+def _touch(axle: Pose, back: float, me: VehicleState, other: VehicleState) -> bool:
+    """Return whether the own body with its rear axle at a pose, and `NEAR` around it, meets the body of `other`.
+
+    Two rectangles are apart where a side of one of them has the other one beyond it.
+    """
+    cos, sin = math.cos(axle.heading), math.sin(axle.heading)
+    turned, ahead = other.heading - axle.heading, back - me.length / 2.0
+    x, y = (other.x - axle.x) * cos + (other.y - axle.y) * sin - ahead, (other.y - axle.y) * cos - (other.x - axle.x) * sin
+    across, along = abs(math.sin(turned)), abs(math.cos(turned))
+    x, y = x - math.cos(turned) * other.length / 2.0, y - math.sin(turned) * other.length / 2.0
+    mine, theirs = (me.length / 2.0 + NEAR, me.width / 2.0 + NEAR), (other.length / 2.0, other.width / 2.0)
+    return (
+        abs(x) < mine[0] + theirs[0] * along + theirs[1] * across
+        and abs(y) < mine[1] + theirs[0] * across + theirs[1] * along
+        and abs(x * math.cos(turned) + y * math.sin(turned)) < theirs[0] + mine[0] * along + mine[1] * across
+        and abs(y * math.cos(turned) - x * math.sin(turned)) < theirs[1] + mine[0] * across + mine[1] * along
+    )
 
 
 def _free(places: list[tuple[float, float]], other: VehicleState, room: float) -> float:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 
-from pytest_rvads.maps.segment import SPEED_LIMIT
+from pytest_rvads.drivers.swept import AxlePath
+from pytest_rvads.maps.segment import SPEED_LIMIT, Pose
 from pytest_rvads.runs.itineraries import Itinerary
 
 __all__ = ["EASE", "Track", "track"]
@@ -25,10 +25,10 @@ class Track:
     Args:
         itinerary: the way.
         axle: reference point to rear axle [m]; the axle is still in a bend when the reference point has left it.
-        pace: stations of the rear axle [m] and speeds that it is not to exceed there [m/s].
+        way: the path of the rear axle, where it is not the itinerary.
     """
 
-    def __init__(self, itinerary: Itinerary, axle: float, pace: Sequence[tuple[float, float]] = ()) -> None:
+    def __init__(self, itinerary: Itinerary, axle: float, way: AxlePath | None = None) -> None:
         self._first = -itinerary.origin
         if all(itinerary.limit_at(station) <= SPEED_LIMIT for station, _ in itinerary.limits):
             self._first = max(self._first, -_BEFORE)
@@ -42,9 +42,11 @@ class Track:
         raw = [math.sqrt(BEND * 4.0 / abs(change)) if abs(change) > 1e-3 else math.inf for change in changes]
         trail = math.ceil(axle)
         limits = [min(raw[max(k - trail, 0) : k + 1]) for k in range(len(raw))]
-        for station, speed in pace:
+        self._axles = [itinerary.pose(self._first + k - axle) for k in range(len(limits))]
+        for (station, speed), pose in zip(way.pace, way.poses, strict=True) if way else ():
             k = min(max(int(station + axle - self._first), 0), len(limits) - 1)
             limits[k] = min(limits[k], speed)
+            self._axles[k] = pose
         for k in range(len(limits) - 2, -1, -1):
             limits[k] = min(limits[k], math.sqrt(limits[k + 1] ** 2 + 2.0 * EASE))
         self._limits = limits
@@ -64,8 +66,13 @@ class Track:
         k = max(int(station - self._first) + 1, 0)
         return self._places[k : k + int(reach)]
 
+    def axles(self, station: float, reach: float) -> list[Pose]:
+        """Return the poses of the rear axle while the front is at `places`."""
+        k = max(int(station - self._first) + 1, 0)
+        return self._axles[k : k + int(reach)]
+
 
 @lru_cache(maxsize=256)  # the same ways are driven again and again
-def track(itinerary: Itinerary, axle: float, pace: tuple[tuple[float, float], ...] = ()) -> Track:
+def track(itinerary: Itinerary, axle: float, way: AxlePath | None = None) -> Track:
     """Return an itinerary looked up by the metre, built once; see `Track`."""
-    return Track(itinerary, axle, pace)
+    return Track(itinerary, axle, way)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from itertools import permutations
 
 from pytest_rvads.junctions.arms import RoadArm, arms_of, sort_arms, turns_in_order
-from pytest_rvads.junctions.bends import LEAST_RADIUS, tight_bends
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.junctions.usability import MOST, unusable, widest_gap
@@ -206,15 +205,6 @@ def analyse(
             count = len(ways) - len(kept)
             message = f"{plural(count, 'U-turn')} of junction {id!r} {'is' if count == 1 else 'are'} left out"
             warnings.append(MapWarning(Doubt.TABLE, message, None, id))
-        tight = tight_bends(graph, kept)
-        if tight:
-            radius, way = tight[0]
-            message = (
-                f"the movement from entrance {way.entrance} to exit {way.exit} of junction {id!r} bends with a radius of "
-                f"{radius:.1f} m, a car needs {LEAST_RADIUS:.1f} m and can't keep to its centre line"
-            )
-            rest = f"; nor on {len(tight) - 1} more that bend too tightly" if len(tight) > 1 else ""
-            warnings.append(MapWarning(Doubt.BEND, message + rest, None, id))
         for kind, message in _doubts(id, kept, entrances, exits, signs, right_of):
             warnings.append(MapWarning(kind, message, None, id))
     return JunctionReport(

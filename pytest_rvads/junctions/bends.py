@@ -3,33 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.maps.segment import Turn
-
-if TYPE_CHECKING:  # the graph takes networkx, which runs that are read from files do not need
-    from pytest_rvads.junctions.graph import MetricGraph
-    from pytest_rvads.junctions.ways import Way
-
-__all__ = ["LEAST_RADIUS", "least_radius", "tight_bends"]
+__all__ = ["LEAST_RADIUS", "least_radius"]
 
 LEAST_RADIUS = 2.7 / math.tan(0.61)
 """Of the circle on which the rear axle of a car drives with its wheels turned as far as they go [m]: a wheelbase of 2.7 m over
 the tangent of 0.61 rad, which is 3.9 m."""
 _CHORD = 4.0
 """Bends are measured over so much of the centre line [m], about the turned part of a right turn: single vertices are no bends."""
-
-
-def tight_bends(graph: MetricGraph, ways: Sequence[Way]) -> list[tuple[float, Way]]:
-    """Return the ways that turn through a bend which the rear axle of a car can't follow, with its radius [m], tightest first."""
-    # A straight movement has no such bend, but for jags that a car drives straight through.
-    turning = [way for way in ways if way.turn is not Turn.STRAIGHT]
-    found = [(least_radius(np.vstack([graph.edges[edge].points for edge in way.path.edges])), way) for way in turning]
-    return sorted((item for item in found if item[0] < LEAST_RADIUS), key=lambda item: item[0])
 
 
 def least_radius(points: NDArray[np.float64]) -> float:

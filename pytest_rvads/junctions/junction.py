@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 
 from pytest_rvads.displayed import shown
 from pytest_rvads.errors import MapError, ScenarioError
-from pytest_rvads.junctions.bends import LEAST_RADIUS, least_radius
 from pytest_rvads.junctions.conflicts import JunctionKind, Key, Shared, stretches
+from pytest_rvads.junctions.sweep import BEFORE, CAR, Course, no_way, through
 from pytest_rvads.junctions.yielding import Precedence, Reason
 from pytest_rvads.maps.control import JunctionControl, Sign, control_of
 from pytest_rvads.maps.segment import SPEED_LIMIT, Limits, Segment, Turn
@@ -236,10 +236,18 @@ class Junction:
 
     @cached_property
     def tight(self) -> Mapping[Key, float]:
-        """Turning movements that bend with a smaller radius [m] than a car can steer, of those with a known centre line."""
-        turning = [(m.key, m.path) for m in self.movements.values() if m.turn is not Turn.STRAIGHT]
-        found = {key: least_radius(path.points) for key, path in turning if path is not None}
-        return MappingProxyType({key: radius for key, radius in found.items() if radius < LEAST_RADIUS})
+        """Movements on which no path of the rear axle keeps a usual car in its lane, with their least radii [m]."""
+        found = {key: no_way(course, CAR) for key in self.movements if (course := self._course(key)) is not None}
+        return MappingProxyType({key: narrow.radius for key, narrow in found.items() if narrow is not None})
+
+    def _course(self, key: Key) -> Course | None:
+        """Return the centre line from the approach to the exit road of a movement, None where it is not known."""
+        entrance, path, road = self.entrances[key[0]], self.movements[key].path, self.exits[key[1]].road
+        if entrance.approach is None or path is None or road is None:
+            return None
+        whole = through(entrance.approach, path, road)
+        start = max(-entrance.approach.length, -entrance.setback - BEFORE)
+        return Course(whole, entrance.approach.length, path.length, start, self.lane_width) if whole else None
 
     @cached_property
     def yields(self) -> Mapping[tuple[Key, Key], Reason] | None:

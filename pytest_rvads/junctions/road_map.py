@@ -14,6 +14,7 @@ from pytest_rvads.errors import MapError, suggest
 from pytest_rvads.junctions.analysis import JunctionReport, analyse, cut, joints_of, lifted
 from pytest_rvads.junctions.arms import RoadArm
 from pytest_rvads.junctions.clusters import clustered
+from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.formats import read_file
 from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
@@ -22,9 +23,10 @@ from pytest_rvads.junctions.turn_words import turn_word
 from pytest_rvads.junctions.ways import walk
 from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.maps.control import MapObject, sign_of_arm
-from pytest_rvads.maps.doubts import MapWarning
+from pytest_rvads.maps.doubts import Doubt, MapWarning
 from pytest_rvads.maps.network import Edge
 from pytest_rvads.maps.segment import Segment, join
+from pytest_rvads.wording import plural
 
 __all__ = ["WALK_LIMIT", "RoadMap", "describe", "read_map"]
 
@@ -48,6 +50,12 @@ class RoadMap:
     def walk(self, start: str, *, upstream: bool) -> list[str]:
         """Return the edges from edge `start` to the next junction or the end of the road, see `pytest_rvads.junctions.ways`."""
         return walk(self.graph, start, upstream=upstream, joints=self.joints)
+
+    @cached_property
+    def bends(self) -> tuple[MapWarning, ...]:
+        """Doubts about movements on which no car keeps its lane, one per junction: paths are planned only when asked for."""
+        usable = ((report.id, self._cut(report, report.id, roads=True).tight) for report in self.junctions if report.usable)
+        return tuple(MapWarning(Doubt.BEND, _bend(id, tight), None, id) for id, tight in usable if tight)
 
     @cached_property
     def locator(self) -> Locator:
@@ -205,8 +213,18 @@ def describe(road_map: RoadMap) -> dict[str, Any]:
     return {
         "file": road_map.path,
         "junctions": [_describe(report, road_map.relations(report), road_map.graph.edges) for report in road_map.junctions],
-        "warnings": [warning.record() for warning in road_map.warnings],
+        "warnings": [warning.record() for warning in (*road_map.warnings, *road_map.bends)],
     }
+
+
+def _bend(id: str, tight: Mapping[Key, float]) -> str:
+    """Return what is told of the movements of a junction on which no car keeps its lane, the tightest first."""
+    entrance, exit = min(tight, key=tight.__getitem__)
+    rest = f"; nor on {plural(len(tight) - 1, 'more movement')}" if len(tight) > 1 else ""
+    return (
+        f"no path of its rear axle keeps a usual car in its lane on the movement from entrance {entrance} to exit {exit} of "
+        f"junction {id!r}, which bends with a radius of {tight[entrance, exit]:.1f} m{rest}"
+    )
 
 
 def _limits(arm: RoadArm, edges: Mapping[str, Edge]) -> list[float]:

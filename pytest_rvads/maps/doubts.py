@@ -32,7 +32,7 @@ class Doubt(StrEnum):
     ORDER = "order"
     """The movements of an entrance do not follow the cyclic order of the exits."""
     BEND = "bend"
-    """A movement bends more tightly than a car can steer, so that whoever drives there cuts the corner or swings out."""
+    """No path of its rear axle keeps a usual car in its lane on a movement: the car cuts the corner or swings out."""
     SIDE = "side"
     """A road does not say on which side traffic keeps, or says the wrong one; what the lanes need was taken."""
     SPEED = "speed"

@@ -7,6 +7,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import lru_cache
 from itertools import pairwise
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -16,7 +17,19 @@ from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
 
-__all__ = ["ADVISED", "GAP_LIMIT", "NO_LIMIT", "SPEED_LIMIT", "Limits", "Pose", "Segment", "Turn", "limit_in", "limits_between"]
+__all__ = [
+    "ADVISED",
+    "GAP_LIMIT",
+    "NO_LIMIT",
+    "SPEED_LIMIT",
+    "Limits",
+    "Pose",
+    "Segment",
+    "Turn",
+    "directions",
+    "limit_in",
+    "limits_between",
+]
 
 GAP_LIMIT = 1.0
 """Widest gap [m] between two segments that still counts as consecutive; writers of maps leave some."""
@@ -133,6 +146,13 @@ class Segment:
         i = bisect_right(stations, station, 1, len(pieces)) - 1
         return stations[i], stations[i + 1], *pieces[i]
 
+    def centre(self, along: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the points of the line at stations, and the direction there, each of shape ``(stations, 2)``."""
+        points, arc = self.points, self.stations
+        piece = np.searchsorted(arc[1:-1], along, side="right")
+        ahead = directions(self)[piece]
+        return points[piece] + (along - arc[piece])[:, None] * ahead, ahead
+
     def project(self, x: float, y: float, near: float, window: float = 5.0) -> tuple[float, float]:
         """Project a point on the line, looking only around a known station.
 
@@ -189,6 +209,13 @@ class Segment:
         Two segments are consecutive when the second starts within `GAP_LIMIT` of the end of the first.
         """
         return join((self, other))
+
+
+@lru_cache(maxsize=256)
+def directions(line: Segment) -> NDArray[np.float64]:
+    """Return the unit vector along every piece of a line, shape ``(pieces, 2)``."""
+    found: NDArray[np.float64] = np.diff(line.points, axis=0) / np.diff(line.stations)[:, None]
+    return found
 
 
 def _fixed(numbers: NDArray[np.float64]) -> NDArray[np.float64]:

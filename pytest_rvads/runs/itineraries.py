@@ -15,17 +15,16 @@ from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import ADVISED, SPEED_LIMIT, Limits, Pose, Segment, Turn, join, limit_in
+from pytest_rvads.junctions.sweep import BEFORE, Course, through
+from pytest_rvads.maps.segment import ADVISED, SPEED_LIMIT, Limits, Pose, Segment, Turn, limit_in
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, GONE, JUNCTION, Zone
 
-__all__ = ["ENTRANCE_ZONE", "EXIT_LENGTH", "LEAVE", "Itinerary", "directions", "itinerary"]
+__all__ = ["ENTRANCE_ZONE", "LEAVE", "Itinerary", "itinerary"]
 
 ENTRANCE_ZONE = 1.0
 """A vehicle is at the entrance from this far before the stopping line up to the entrance vertex [m]."""
 LEAVE = 15.0
 """A vehicle has left when its reference point is this far down the exit road [m]."""
-EXIT_LENGTH = 60.0
-"""How much of the exit road belongs to the itinerary, at most [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,9 +67,7 @@ class Itinerary:
             MapError: the junction has no geometry, or its pieces do not meet.
         """
         approach, movement = junction.way_in(entrance), junction.way_through(entrance, exit)
-        road = junction.way_out(exit)
-        road = road if road.length <= EXIT_LENGTH else road.head(EXIT_LENGTH)
-        path = join((approach, movement, road))
+        path = through(approach, movement, junction.way_out(exit))
         if path is None:
             raise MapError(f"junction {junction.name!r}: the lanes from entrance {entrance} to exit {exit} do not meet")
         return cls(
@@ -87,6 +84,12 @@ class Itinerary:
         """Return the pose of the centre line at `station` [m]."""
         return self.path.pose(station + self.origin)
 
+    def course(self, lane_width: float, start: float) -> Course:
+        """Return the way of a vehicle from station `start` on, in a lane of some width [m], as plans of a rear axle need it."""
+        begin = max(-self.origin, self.line - BEFORE)
+        # A vehicle that is first seen in the junction need not be on the centre line there.
+        return Course(self.path, self.origin, self.length, max(start, begin) if start <= 0.0 else begin, lane_width)
+
     def limit_at(self, station: float) -> float:
         """Return the speed limit to keep at `station` [m/s]: `SPEED_LIMIT` where the map states none, at most `ADVISED`."""
         return min(limit_in(self.limits, station) or SPEED_LIMIT, ADVISED) if self.limits else SPEED_LIMIT
@@ -98,11 +101,7 @@ class Itinerary:
 
     def centre(self, station: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the points of the centre line at stations, and the direction there, each of shape ``(steps, 2)``."""
-        points, arc = self.path.points, self.path.stations
-        along = station + self.origin
-        piece = np.searchsorted(arc[1:-1], along, side="right")
-        ahead = directions(self.path)[piece]
-        return points[piece] + (along - arc[piece])[:, None] * ahead, ahead
+        return self.path.centre(station + self.origin)
 
     def project(self, x: float, y: float, near: float) -> tuple[float, float]:
         """Return station and lateral offset (left positive) of a point, looked for around station `near` [m]."""
@@ -126,10 +125,3 @@ class Itinerary:
 def itinerary(junction: Junction, entrance: int, exit: int) -> Itinerary:
     """Return the way of a vehicle through a junction, built once; see `Itinerary.through` for errors."""
     return Itinerary.through(junction, entrance, exit)
-
-
-@lru_cache(maxsize=256)
-def directions(path: Segment) -> NDArray[np.float64]:
-    """Return the unit vector along every piece of a line, shape ``(pieces, 2)``."""
-    found: NDArray[np.float64] = np.diff(path.points, axis=0) / np.diff(path.stations)[:, None]
-    return found

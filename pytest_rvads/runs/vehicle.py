@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass, fields
 
 from pytest_rvads.errors import ScenarioError, require
+from pytest_rvads.junctions.sweep import CAR, Body
 from pytest_rvads.runs.states import Kind
 
-__all__ = ["GRAVITY", "Vehicle", "usual_radius"]
+__all__ = ["GRAVITY", "Vehicle", "usual_body"]
 
 GRAVITY = 9.81
 """[m/s^2]."""
@@ -96,7 +97,13 @@ class Vehicle:
         """Reference point (front bumper) to centre of gravity [m]."""
         return self.rear_axle_offset - self.rear_axle
 
+    @property
+    def body(self) -> Body:
+        """What of it decides where it can go."""
+        return Body(self.length, self.width, self.rear_axle_offset, self.turning_radius)
 
-def usual_radius(length: float) -> float:
-    """Return the turning radius of a usual car of this length [m], where its axles and steering are not known."""
-    return Vehicle().turning_radius / Vehicle().length * length
+
+def usual_body(length: float, width: float) -> Body:
+    """Return the body of a usual car of this size [m], where its axles and steering are not known."""
+    size = length / CAR.length
+    return Body(length, width, CAR.axle * size, CAR.radius * size)

@@ -46,7 +46,7 @@ def pairs_in(place: Junction, code: Directions) -> Iterator[Pair]:
 def covering(place: Junction, orbits: Orbits, seat: int | None = None, *, conflicting: bool = False) -> tuple[Directions, ...]:
     """Return scenarios that have every pair of movements that some scenario has.
 
-    Movements that bend more tightly than a car can steer (`Junction.tight`) are left out; a slot with no others is empty.
+    Movements on which no car can keep its lane (`Junction.tight`) are left out; a slot with no others is empty.
 
     Args:
         place: the junction.
@@ -63,7 +63,7 @@ def covering(place: Junction, orbits: Orbits, seat: int | None = None, *, confli
     missing = dict.fromkeys(pair for pair in _choices(moves) if _between(moves, *pair) in wanted)
     if not missing:
         what = "conflicting movements" if conflicting else "movements"
-        but = f" without the {len(place.tight)} that bend more tightly than a car can steer" if place.tight else ""
+        but = f" without the {len(place.tight)} on which no car can keep its lane" if place.tight else ""
         raise ScenarioError(f"no two {what} of junction {place.name!r} happen in one scenario{but}: choose another cover")
     found = []
     while missing:
@@ -76,7 +76,7 @@ def covering(place: Junction, orbits: Orbits, seat: int | None = None, *, confli
 
 
 def _placed(place: Junction, orbits: Orbits, seat: int | None) -> list[tuple[int, Sequence[Directions]]]:
-    """Return per slot its first entrance and its letters that a car can follow, at the seat those with somebody there."""
+    """Return per slot its first entrance and its letters on which a car keeps its lane, at the seat those with somebody there."""
     found: list[tuple[int, Sequence[Directions]]] = []
     first = 0
     for every in orbits.slots:
@@ -87,8 +87,8 @@ def _placed(place: Junction, orbits: Orbits, seat: int | None) -> list[tuple[int
         kept = [letter for letter in letters if letter[here or 0]] if inside else letters
         if not kept:
             raise ScenarioError(
-                f"no movement that a car can follow leads from entrance {seat}, so no vehicle under test can stand there: "
-                "choose another one"
+                f"no movement on which a car can keep its lane leads from entrance {seat}, so no vehicle under test can stand "
+                "there: choose another one"
             )
         found.append((first, kept))
         first += len(letters[0])

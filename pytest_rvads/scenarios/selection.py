@@ -9,7 +9,6 @@ from itertools import product
 from zlib import crc32
 
 from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.bends import LEAST_RADIUS
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.forks import near
@@ -23,7 +22,7 @@ __all__ = ["CHOOSING", "COVERS", "TOO_SHORT", "TOO_TIGHT", "Selection", "alone"]
 CHOOSING = ("partial", *PAIRED)
 """One row per class of scenarios that may leave entrances empty; enough scenarios for every pair of movements, or of those that
 conflict."""
-TOO_TIGHT = f"no car can follow a bend of less than {LEAST_RADIUS:.1f} m (cover 'class' takes them all the same)"
+TOO_TIGHT = "no car can keep its lane in a bend so narrow (cover 'class' takes them all the same)"
 """Why movements are left out by `PAIRED` covers."""
 TOO_SHORT = "with an approach too short for a staggered start, where vehicles start as far out as they can"
 """What is told of junctions of which `Selection.too_short` holds."""
@@ -87,7 +86,7 @@ class Selection:
 
     @property
     def too_tight(self) -> tuple[str, ...]:
-        """The movements that the cover leaves out because no car can follow them, each by its junction and lanes."""
+        """The movements that the cover leaves out because no car can keep its lane there, each by its junction and lanes."""
         keys = sorted(self.place.tight) if self.cover in PAIRED else ()
         return tuple(f"{self.place.name} from entrance {entrance} to exit {exit}" for entrance, exit in keys)
 
@@ -211,7 +210,7 @@ class Selection:
 
 
 def alone(place: Junction) -> tuple[Directions, ...]:
-    """Return the scenarios of one vehicle each, one per movement of a junction that a car can follow."""
+    """Return the scenarios of one vehicle each, one per movement of a junction on which a car can keep its lane."""
     entrances = range(len(place.entrances))
     return tuple(
         tuple(direction if entrance == occupied else 0 for entrance in entrances)

@@ -18,7 +18,7 @@ from pytest_rvads.physics.world import World, WorldMaker
 from pytest_rvads.runs.lights import STEADY
 from pytest_rvads.runs.run import DT, LATE, Collision, Facts, Fault, Halt, Run
 from pytest_rvads.runs.states import GONE, Colour
-from pytest_rvads.runs.vehicle import usual_radius
+from pytest_rvads.runs.vehicle import usual_body
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.patience import TooLate, watch
 from pytest_rvads.simulators.recorder import Recorder
@@ -140,7 +140,11 @@ class Loop:
         else:
             provenance |= {"timing": timed} if timed else {}
         bodies = zip((agent.name for agent in self._agents), self._vehicles, strict=True)
-        radii = ((name, v.turning_radius) for name, v in bodies if not math.isclose(v.turning_radius, usual_radius(v.length)))
+        radii = (
+            (name, v.turning_radius)
+            for name, v in bodies
+            if not math.isclose(v.turning_radius, usual_body(v.length, v.width).radius)
+        )
         facts = Facts(case.scenario.under_test, SPEED_LIMIT, self.strayed, tuple(radii))
         return self.recorder.run(case.scenario.name, self.junction, tuple(self.collisions), self.fault, facts, provenance)
 

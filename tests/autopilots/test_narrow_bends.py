@@ -1,18 +1,21 @@
 """Bends in which a car that follows the centre line leaves its lane: there the reference plans with the body that it sweeps."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from pytest_rvads.conduct.lane import off_lane, off_route
+from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.swept import axle_path
+from pytest_rvads.drivers.swept import AxlePath, axle_path
 from pytest_rvads.drivers.way_ahead import track
 from pytest_rvads.junctions.builtin import CROSSINGS
 from pytest_rvads.junctions.finder import find, names
-from pytest_rvads.opendrive.writer import opendrive
+from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.runs.itineraries import itinerary
+from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
@@ -38,4 +41,49 @@ def test_a_narrow_right_turn_is_driven_within_the_lane(tmp_path: Path, distance:
 
 def test_a_pace_of_the_rear_axle_holds_where_the_front_is_beyond_the_end_of_its_itinerary() -> None:
     way = itinerary(find("stop4"), 0, 1)
-    assert track(way, 3.65, ((way.end, 1.0),)).speed(way.end + 9.0) == 1.0
+    path = AxlePath(way.path, way.origin, (), (), ((way.end, 1.0),), (way.pose(way.end),))
+    assert track(way, 3.65, path).speed(way.end + 9.0) == 1.0
+
+
+class Parked(Autopilot):
+    """Stands wherever it starts."""
+
+    def control(self, seen: Observation) -> Control:
+        return Control(0.0, 1.0, 0.0)
+
+
+def test_a_sweeping_body_stops_before_it_touches_a_standing_vehicle(tmp_path: Path) -> None:
+    """The left turn ends beside a vehicle that stands across it at its line, outside the corridor of the front."""
+    path = tmp_path / "small.xodr"
+    path.write_text(opendrive(Layout(stop=2.5, lane_width=3.0, lane_offset=1.5)), encoding="utf-8")
+    run = simulate(Case(Scenario(find("1", path), "3020", distance=0.3, subject=0, duration=20), Reference, traffic=Parked))
+    assert run.collisions == ()
+    assert run.speed[-1, 0] == 0.0
+    assert run.zone[-1, 0] == Zone.JUNCTION
+
+
+def test_a_path_begins_where_the_axles_of_a_starting_vehicle_are(shared: Path) -> None:
+    """There the approach turns by 80 degrees, so that front and rear axle are nearer to each other than along the centre line."""
+    way = itinerary(find("j_21657515", shared / "maps" / "durlacher-tor.xodr"), 0, 2)
+    path, start = axle_path(way, Vehicle(), 2.5, -0.3), way.placed(-0.3, 3.65)
+    assert path is not None
+    axle = start.x - 3.65 * math.cos(start.heading), start.y - 3.65 * math.sin(start.heading)
+    assert path.poses[0] == pytest.approx((*axle, start.heading), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("file", "id", "key"),
+    [
+        ("durlacher-tor", "j_5921332287", (0, 1)),
+        ("durlacher-tor", "j_25309804", (2, 0)),
+        ("Town07", "967", (1, 0)),
+    ],
+)
+def test_the_rear_axle_keeps_to_its_path(shared: Path, file: str, id: str, key: tuple[int, int]) -> None:
+    """Pure pursuit with an aim near enough not to cut corners swung over where a vehicle starts in a bend."""
+    junction = find(id, shared / "maps" / f"{file}.xodr")
+    code = [0] * len(junction.entrances)
+    code[key[0]] = next(d for (entrance, d), movement in junction.by_direction.items() if movement.key == key)
+    run = simulate(Case(Scenario(junction, tuple(code), distance=0.3, duration=60), Reference))
+    assert run.provenance["end"] == "left"
+    assert not off_lane(run, 0).any()

@@ -129,15 +129,15 @@ def test_a_junction_of_a_map_may_be_named(pytester: pytest.Pytester, capsys: pyt
 def test_movements_that_no_car_can_follow_are_left_out_and_counted(
     pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Right turns have a radius of 3.25 m there."""
-    Path("mine.xodr").write_text(opendrive(Layout(stop=5.0)), encoding="utf-8")
+    """Right turns have a radius of 1.25 m there, in lanes of 2.5 m."""
+    Path("mine.xodr").write_text(opendrive(Layout(stop=2.5, lane_width=2.5, lane_offset=1.25)), encoding="utf-8")
     told(capsys, "--map", "mine.xodr")
     result = pytester.runpytest("-k", "keep_lane", "--collect-only", "-q")
     codes = {line.partition("-as")[2][:4] for line in result.outlines if "-as" in line}
     assert codes
     assert not any("1" in code for code in codes)
     result = pytester.runpytest("-k", "keep_lane", "--rvads-sample=1")
-    result.stdout.fnmatch_lines(["4 movements left out: no car can follow a bend of less than 3.9 m *"])
+    result.stdout.fnmatch_lines(["4 movements left out: no car can keep its lane in a bend so narrow *"])
 
 
 def test_recordings_are_judged_and_nothing_drives(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,64 +1,100 @@
-"""Movements that bend more tightly than a car steers are told, and stay as they are."""
+"""Movements on which no car keeps its lane are told, and stay as they are."""
 
 import math
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.bends import LEAST_RADIUS, tight_bends
-from pytest_rvads.junctions.graph import MetricGraph
-from pytest_rvads.junctions.road_map import RoadMap, read_map
+from pytest_rvads.junctions.bends import LEAST_RADIUS, least_radius
+from pytest_rvads.junctions.road_map import read_map
+from pytest_rvads.junctions.sweep import CAR
 from pytest_rvads.opendrive.writer import Layout, opendrive
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.vehicle import Vehicle, usual_body
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
 
 from .conftest import Read
 
-
-def bends(road_map: RoadMap) -> list[str]:
-    return [warning.message for warning in road_map.warnings if warning.kind == "bend"]
+RIGHT = {(0, 1), (1, 2), (2, 3), (3, 0)}
 
 
-def test_the_least_radius_is_that_of_the_car_that_drives() -> None:
+def test_the_usual_car_is_the_one_that_drives() -> None:
+    assert Vehicle().body == CAR == usual_body(CAR.length, CAR.width)
     assert Vehicle().turning_radius == pytest.approx(LEAST_RADIUS)
 
 
 @pytest.mark.parametrize("radius", [2.5, 3.8, 4.0, 8.0])
-def test_the_radius_of_an_arc_is_measured(read: Read, radius: float) -> None:
-    """A right turn of 120 degrees after 3 m of straight road, in the place of that of the first arm: at least 5 m of arc."""
-    road_map = read(opendrive(Layout()))
-    way = next(way for way in road_map.report("1").movements if way.turn == "right")
+def test_the_radius_of_an_arc_is_measured(radius: float) -> None:
+    """A right turn of 120 degrees after 3 m of straight road: at least 5 m of arc."""
     angle = np.linspace(0.0, math.radians(120.0), 61)
     arc = np.column_stack([radius * np.sin(angle), radius * np.cos(angle) - radius])
-    (edge,) = way.path.edges
-    object.__setattr__(road_map.graph.edges[edge], "points", np.vstack([[[-3.0, 0.0]], arc]))
-    found = tight_bends(road_map.graph, [way])
-    assert [(round(r, 1), w) for r, w in found] == ([(radius, way)] if radius < LEAST_RADIUS else [])
+    assert least_radius(np.vstack([[[-3.0, 0.0]], arc])) == pytest.approx(radius, rel=0.01)
 
 
-def test_a_jag_is_no_bend(read: Read) -> None:
-    """It turns by a right angle and back within 0.2 m."""
-    road_map: RoadMap = read(opendrive(Layout()))
-    graph: MetricGraph = road_map.graph
-    way = next(way for way in road_map.report("1").movements if way.turn == "straight")
-    (edge,) = way.path.edges
-    object.__setattr__(graph.edges[edge], "points", np.array([[0, 0], [5, 0], [5, 0.2], [10, 0.2], [20, 0.2]], dtype=float))
-    assert not tight_bends(graph, [way])
+def excess(radius: float, lane_width: float) -> float:
+    """How far a car reaches over what keep_lane allows [m], on the best of some paths of straight road, arc, straight road.
+
+    The centre line leads east to the origin, turns right through a quarter circle, and leads south. All paths of the rear axle
+    are parallel to its straight parts.
+    """
+    quarter = np.linspace(0.0, math.pi / 2, 91)
+    arc = np.column_stack([radius * np.sin(quarter), radius * np.cos(quarter) - radius])
+    before, behind = np.arange(-20.0, 0.0, 0.05), np.arange(0.05, 20.0, 0.05)
+    centre = np.vstack([
+        np.column_stack([before, 0 * before]), arc, np.column_stack([radius + 0 * behind, -radius - behind]),
+    ])  # fmt: skip
+    inside = slice(len(before), len(before) + len(arc))
+    best = math.inf
+    for turning, out, back in product((3.87, 4.4, 5.0), np.arange(-0.2, 1.0, 0.15), np.arange(-0.2, 1.0, 0.15)):
+        x, y = radius + back - turning, out - turning
+        east, south = np.arange(-12.0, x, 0.2), np.arange(y, -12.0, -0.2)
+        axle = np.vstack([
+            np.column_stack([east, out + 0 * east]),
+            np.column_stack([x + turning * np.sin(quarter[::3]), y + turning * np.cos(quarter[::3])]),
+            np.column_stack([x + turning + 0 * south, south]),
+        ])  # fmt: skip
+        heading = -np.concatenate([0 * east, quarter[::3], 0 * south + math.pi / 2])[:, None]
+        worst = 0.0
+        for ahead, left in ((3.65, 0.0), (3.65, 0.93), (3.65, -0.93), (-0.95, 0.93), (-0.95, -0.93)):
+            spot = axle + np.hstack([
+                ahead * np.cos(heading) - left * np.sin(heading), ahead * np.sin(heading) + left * np.cos(heading)
+            ])  # fmt: skip
+            apart = np.hypot(*(spot[:, None] - centre[None]).transpose(2, 0, 1))
+            nearest = apart.argmin(axis=1)
+            within = (nearest > inside.start) & (nearest < inside.stop - 1)
+            judged = within if left == 0.0 else ~within
+            worst = max(worst, (apart.min(axis=1) * judged).max())
+        best = min(best, worst)
+    return best - lane_width / 2 - 0.3
 
 
-@pytest.mark.parametrize("name", ["sumo_skew4", "sumo_stop4"])
-def test_a_skewed_junction_of_sumo_is_told(shared: Path, name: str) -> None:
-    assert len(bends(read_map(shared / "maps" / f"{name}.xodr"))) == (name == "sumo_skew4")
+@pytest.mark.parametrize(
+    ("radius", "lane_width", "tight"),
+    [(1.25, 2.5, True), (1.25, 3.5, False), (2.0, 2.3, True), (2.0, 3.2, False), (3.25, 3.1, False)],
+)
+def test_a_bend_is_too_tight_where_the_best_arc_is_over(read: Read, radius: float, lane_width: float, tight: bool) -> None:
+    """A better path than the best arc may be none, so that only clear cases are held: by 20 cm too tight, by 6 cm wide enough."""
+    over = excess(radius, lane_width)
+    assert over > 0.2 if tight else over < -0.06
+    layout = Layout(stop=radius + lane_width / 2, lane_width=lane_width, lane_offset=lane_width / 2)
+    assert set(read(opendrive(layout)).junction("1").tight) & RIGHT == (RIGHT if tight else set())
 
 
-def test_covers_of_pairs_leave_out_movements_that_no_car_can_follow(read: Read) -> None:
-    """Right turns 5 m before the centre have a radius of 3.25 m; where nothing else leads from an entrance, nobody stands."""
-    place = read(opendrive(Layout(stop=5.0))).junction("1")
-    assert place.tight == {key: pytest.approx(3.25, abs=0.01) for key, m in place.movements.items() if m.turn == "right"}
+@pytest.mark.parametrize(("name", "count"), [("durlacher-tor", 10), ("sumo_skew4", 0)])
+def test_a_junction_is_told_once_where_no_car_keeps_its_lane(shared: Path, name: str, count: int) -> None:
+    """The car of the reference keeps its lane in the right turn of sumo_skew4, of 120 degrees and 1.7 m."""
+    doubts = read_map(shared / "maps" / f"{name}.xodr").bends
+    assert len(doubts) == len({doubt.junction for doubt in doubts}) == count
+
+
+def test_covers_of_pairs_leave_out_movements_on_which_no_car_keeps_its_lane(read: Read) -> None:
+    """Right turns have a radius of 1.25 m in lanes of 2.5 m; where nothing else leads from an entrance, nobody stands."""
+    place = read(opendrive(Layout(stop=2.5, lane_width=2.5, lane_offset=1.25))).junction("1")
+    assert place.tight.keys() == RIGHT
     points = grid("C", 4, place.control)
     for cover, chosen in (("conflicts", {2, 3}), ("pairs", {2, 3}), ("class", {1, 2, 3})):
         selection = Selection(place, points, cover)
@@ -66,5 +102,5 @@ def test_covers_of_pairs_leave_out_movements_that_no_car_can_follow(read: Read) 
         assert len(selection.too_tight) == (0 if cover == "class" else 4)
     right = replace(place, movements={key: m for key, m in place.movements.items() if key[0] or m.turn == "right"})
     assert all(scenario.directions[0] == 0 for scenario in Selection(right, points, "conflicts"))
-    with pytest.raises(ScenarioError, match="no movement that a car can follow leads from entrance 0"):
+    with pytest.raises(ScenarioError, match="no movement on which a car can keep its lane leads from entrance 0"):
         list(Selection(right, points, "conflicts", subject=0))

@@ -106,32 +106,49 @@ def test_a_good_driver_keeps_its_lane(code: str) -> None:
 
 @pytest.fixture(scope="module")
 def tight(tmp_path_factory: pytest.TempPathFactory) -> Junction:
-    """Right turns from a stopping line 5 m before the centre to another one: their radius is 5 m less half a lane, 3.25 m."""
+    """Right turns from a stopping line 2.5 m before the centre to another one: their radius is 2.5 m less half a lane, 1.25 m."""
     path = tmp_path_factory.mktemp("map") / "tight.xodr"
+    path.write_text(opendrive(Layout(stop=2.5, lane_width=2.5, lane_offset=1.25)), encoding="utf-8")
+    return find("1", path)
+
+
+@pytest.fixture
+def wider(tmp_path: Path) -> Junction:
+    """Right turns with a radius of 3.25 m in lanes of 3.5 m."""
+    path = tmp_path / "wider.xodr"
     path.write_text(opendrive(Layout(stop=5.0)), encoding="utf-8")
     return find("1", path)
 
 
-def test_a_bend_below_the_turning_radius_makes_keep_lane_unavoidable(tight: Junction, drive: Make) -> None:
-    """A car of 2.7 m wheelbase and 0.61 rad needs 2.7 / tan(0.61) = 3.9 m; a shorter one of 2 m needs 2.9 m."""
-    run = drive(tight, {0: (1, 3.0, [(0, 1.0)], 2.1)}, 100)
+def test_a_bend_without_a_path_that_keeps_the_lane_makes_keep_lane_unavoidable(tight: Junction, drive: Make) -> None:
+    """A car of 2.7 m wheelbase and 0.61 rad needs 2.7 / tan(0.61) = 3.9 m.
+
+    Radii are measured over 4 m, in which the movement turns by a right angle: 4 m / (pi / 2) = 2.5 m.
+    """
+    run = drive(tight, {0: (1, 1.0, [(0, 1.0)], 2.1)}, 100)
     verdict = check(run, "keep_lane")
     assert (verdict.status, verdict.unavoidable) == ("FAIL", True)
     assert "the bend is too tight for the vehicle" in verdict.message
-    assert "bends with a radius of 3.2 m, and a0 can't steer below 3.9 m" in verdict.explanation
-    short = replace(run, facts=replace(run.facts, turning=(("a0", 2.9),)))
-    assert not check(short, "keep_lane").unavoidable, "a vehicle that can follow the bend has to"
+    assert "through a bend with a radius of 2.5 m, as a0 can't steer below 3.9 m" in verdict.explanation
+
+
+def test_whoever_leaves_the_lane_where_a_path_keeps_it_could_have_kept_it(wider: Junction, drive: Make) -> None:
+    """A radius of 3.25 m is less than the 3.9 m of a car, but lanes of 3.5 m have room for a wider arc; not for one of 12 m."""
+    run = drive(wider, {0: (1, 3.0, [(0, 1.0)], 2.1)}, 100)
+    verdict = check(run, "keep_lane")
+    assert (verdict.status, verdict.unavoidable) == ("FAIL", False)
+    assert check(replace(run, facts=replace(run.facts, turning=(("a0", 12.0),))), "keep_lane").unavoidable
 
 
 def test_on_the_roads_around_a_tight_bend_the_lane_is_kept(tight: Junction, drive: Make) -> None:
-    for station in (-20.0, 12.0):  # before it, and with the rear 2 m behind it
+    for station in (-20.0, 12.0):  # before it, and with the rear 5 m behind it
         run = drive(tight, {0: (1, station, [(0, 1.0)], 2.0)}, 100)
         assert off_lane(run, 0).all()
         assert not check(run, "keep_lane").unavoidable
 
 
-def test_reference_keeps_its_lane_where_a_wider_arc_fits_into_a_tight_bend(tight: Junction) -> None:
-    run = simulate(Case(Scenario(tight, "1000", distance=20, subject=0), Reference, traffic=Reference))
+def test_reference_keeps_its_lane_where_a_wider_arc_fits_into_a_tight_bend(wider: Junction) -> None:
+    run = simulate(Case(Scenario(wider, "1000", distance=20, subject=0), Reference, traffic=Reference))
     assert check(run, "keep_lane").status == "PASS"
 
 

@@ -301,8 +301,8 @@ def test_where_no_folder_can_be_is_told_in_a_sentence_before_anything_runs(
 
 
 def test_movements_that_no_car_can_follow_are_left_out_and_counted(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
-    (folder / "tight.xodr").write_text(opendrive(Layout(stop=5.0)), encoding="utf-8")
-    told = "4 movements left out: no car can follow a bend of less than 3.9 m (cover 'class' takes them all the same)"
+    (folder / "tight.xodr").write_text(opendrive(Layout(stop=2.5, lane_width=2.5, lane_offset=1.25)), encoding="utf-8")
+    told = "4 movements left out: no car can keep its lane in a bend so narrow (cover 'class' takes them all the same)"
     status, out, err = ran(capsys, "tight.xodr", "--autopilot", "reference", *SHORT, "--rules", "keep_lane", "-o", "town")
     assert status == 0, "the reference keeps its lane elsewhere"
     assert f"{told}: tight.1 from entrance 0 to exit 1" in err

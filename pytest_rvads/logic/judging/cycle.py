@@ -53,7 +53,7 @@ def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], value
     """Return whether nobody could have kept a rule that is violated: all that was broken were cycles, or tight bends.
 
     Whoever is in a cycle has to break it, or all wait for ever; but one is enough. What was broken when no cycle was left, or
-    by several at once, could have been kept. No vehicle keeps to a movement that bends more tightly than it can steer.
+    by several at once, could have been kept. No vehicle keeps its lane where no path of its rear axle does.
 
     Args:
         found: what the instances of the rule say.
@@ -79,14 +79,16 @@ def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], value
 
 
 def _beyond_steering(run: Run, agent: int) -> bool:
-    """Return whether the agent was outside its lane only on a movement that bends more tightly than the vehicle can steer.
+    """Return whether the agent was outside its lane only on a movement where no path keeps the vehicle in its lane.
 
-    A vehicle is on its movement from its entry into the junction until its rear has left the junction.
+    What it does between its entry into the junction and the departure of its rear counts as on the movement, and so does what it
+    does beside the place where the best path fails.
     """
-    if too_tight(run, agent) is None:
+    bend = too_tight(run, agent)
+    if bend is None:
         return False
-    station, length = run.need("station")[:, agent], run.agents[agent].route.length
-    turning = (station > 0.0) & (station - run.size(agent)[0] < length)
+    station, (narrow, _) = run.need("station")[:, agent], bend
+    turning = (station > narrow.start) & (station < narrow.end)
     return not (off_lane(run, agent) & ~turning).any()
 
 

@@ -81,14 +81,14 @@ def tell(story: Story) -> Verdict:
 
 
 def _bends(worst: Judgement | None, run: Run) -> Iterator[str]:
-    """Yield a sentence for each vehicle to blame that left its lane, or hit somebody, in a bend that it can't follow."""
+    """Yield a sentence for each vehicle to blame that left its lane, or hit somebody, where no path keeps it in its lane."""
     if worst is None or {"off_lane", "off_route", "collide"}.isdisjoint(atom.name for atom, _ in worst.broken):
         return
     for name, bend in ((e.name, too_tight(run, e.index)) for e in responsible(worst, run)):
         if bend is not None:
             yield (
-                f"the movement of {name} bends with a radius of {bend[0]:.1f} m, and {name} can't steer below {bend[1]:.1f} m: "
-                "no driver could keep it in its lane there, but before and behind the bend"
+                f"no path keeps {name} in its lane through a bend with a radius of {bend[0].radius:.1f} m, as {name} can't steer "
+                f"below {bend[1]:.1f} m: no driver could keep the lane there, but before and behind the bend"
             )
 
 

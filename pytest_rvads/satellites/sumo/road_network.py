@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Arm, Junction
+from pytest_rvads.junctions.sweep import EXIT_LENGTH
 from pytest_rvads.maps.segment import SPEED_LIMIT, Segment, join
 from pytest_rvads.physics.braking import FASTEST
-from pytest_rvads.runs.itineraries import EXIT_LENGTH
 from pytest_rvads.runs.lights import SignalPlan
 from pytest_rvads.satellites.sumo.netconvert import netconvert
 from pytest_rvads.satellites.sumo.right_of_way import check_yields, node_type, priority
