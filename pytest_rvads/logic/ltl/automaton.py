@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 
+import networkx as nx
+
 from pytest_rvads.logic.ltl.effort import Budget
 from pytest_rvads.logic.ltl.normal import Kind, Node, Pool
 
@@ -151,62 +153,23 @@ class _Explorer:
 
 def _live(edges: list[list[_Move]], untils: list[int]) -> list[bool]:
     """Say which states have a non-empty language: those that reach a component in which no U is put off forever."""
+    graph = nx.DiGraph()
+    graph.add_nodes_from(range(len(edges)))
+    graph.add_edges_from((state, target) for state, moves in enumerate(edges) for _, target, _ in moves)
+    components = nx.condensation(graph)
     live = [False] * len(edges)
-    component = _components(edges)
-    groups: dict[int, list[int]] = {}
-    for state, c in enumerate(component):
-        groups.setdefault(c, []).append(state)
     everything = sum(1 << u for u in untils)
-    for c in sorted(groups):  # Tarjan numbers components in reverse topological order
-        inner = [off for s in groups[c] for _, t, off in edges[s] if component[t] == c]
+    for component in reversed(list(nx.topological_sort(components))):  # what a component leads to comes before the component
+        states = components.nodes[component]["members"]
+        inner = [off for s in states for _, target, off in edges[s] if target in states]
         missing = everything
         for off in inner:
             missing &= off
         good = bool(inner) and missing == 0
-        if good or any(live[t] for s in groups[c] for _, t, _ in edges[s]):
-            for s in groups[c]:
+        if good or any(live[target] for s in states for _, target, _ in edges[s]):
+            for s in states:
                 live[s] = True
     return live
-
-
-def _components(edges: list[list[_Move]]) -> list[int]:  # noqa: C901 - one loop, as published
-    """Return the strongly connected component of every state (Tarjan, without recursion)."""
-    count = len(edges)
-    number, low, component = [-1] * count, [0] * count, [-1] * count
-    stack: list[int] = []
-    clock = components = 0
-    for root in range(count):
-        if number[root] >= 0:
-            continue
-        work = [(root, 0)]
-        while work:
-            state, k = work.pop()
-            if k == 0:
-                number[state] = low[state] = clock
-                clock += 1
-                stack.append(state)
-            descended = False
-            for i in range(k, len(edges[state])):
-                target = edges[state][i][1]
-                if number[target] < 0:
-                    work += [(state, i + 1), (target, 0)]
-                    descended = True
-                    break
-                if component[target] < 0:
-                    low[state] = min(low[state], number[target])
-            if descended:
-                continue
-            if low[state] == number[state]:
-                while True:
-                    member = stack.pop()
-                    component[member] = components
-                    if member == state:
-                        break
-                components += 1
-            if work:
-                parent = work[-1][0]
-                low[parent] = min(low[parent], low[state])
-    return component
 
 
 def _merge(edges: list[list[_Move]], live: list[bool], budget: Budget) -> Nfa:
