@@ -22,7 +22,7 @@ from pytest_rvads.junctions.finder import find, names
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.notebook import _MARKS, Picture, html, telling
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.runs.run import Excerpt, Fault, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario

@@ -9,15 +9,15 @@ from functools import lru_cache
 import msgspec
 
 from pytest_rvads.campaigns.judged import Judged
-from pytest_rvads.conduct.run_record import computing, indicators, took_part
 from pytest_rvads.decoding import encode
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.record import VerdictRecord
+from pytest_rvads.report.run_record import computing, indicators, took_part
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.ids import run_id

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import msgspec
 
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.record import AgentRecord, Computing, Count, Indicators, Record, VerdictRecord, conclude, planned_record
 
 __all__ = ["Glance", "Judged", "records"]

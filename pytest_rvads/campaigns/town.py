@@ -22,7 +22,7 @@ from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.choosing import Choice, Kinds, choose_among
 from pytest_rvads.junctions.finder import load, name_of
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.record import Difference, Record
 from pytest_rvads.report.session_report import Drawn
 from pytest_rvads.scenarios.case import Case

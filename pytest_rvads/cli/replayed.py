@@ -17,11 +17,11 @@ from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.earlier import earlier_run
 from pytest_rvads.report.facts import facts
 from pytest_rvads.report.folders import INDEX, run_file
 from pytest_rvads.report.record import Record, VerdictRecord
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.runs.earlier import earlier_run
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run

@@ -27,7 +27,7 @@ from pytest_rvads.logic.rules.shape import shape_of
 from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.story import Story
 from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.report.outcome import Outcome, counted
+from pytest_rvads.outcome import Outcome, counted
 from pytest_rvads.runs.run import Run
 
 __all__ = ["check", "extract", "ground", "simplify", "unfold"]

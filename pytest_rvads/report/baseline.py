@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from msgspec import structs
 
-from pytest_rvads.report.outcome import BAD, Outcome
+from pytest_rvads.outcome import BAD, Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Change, Comparison, Report
 from pytest_rvads.wording import first, plural

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Hashable
 
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.record import Record, VerdictRecord
 
 __all__ = ["explains", "first_line", "hanging", "signature", "time_of", "verdict_of", "violated"]

@@ -9,7 +9,7 @@ import msgspec
 from msgspec.structs import replace
 
 from pytest_rvads.decoding import encode
-from pytest_rvads.report.outcome import Outcome, Tallied
+from pytest_rvads.outcome import Outcome, Tallied
 
 __all__ = [
     "AgentRecord",

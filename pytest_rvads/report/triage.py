@@ -14,8 +14,8 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.faults import explains, first_line, hanging, signature, time_of, verdict_of, violated
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, VerdictRecord
 from pytest_rvads.report.variants import Variant, Variants, variant_of
 from pytest_rvads.wording import first, plural

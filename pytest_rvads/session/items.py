@@ -14,7 +14,7 @@ import pytest
 from pytest_rvads.collection.cells import RecordedCell
 from pytest_rvads.drivers.naming import stand_in
 from pytest_rvads.options import Options
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.session.artefacts import look, show
 from pytest_rvads.session.beside import beside
 from pytest_rvads.session.chosen_driver import where_else

@@ -22,7 +22,7 @@ from pytest_rvads.campaigns import answering
 from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.cli import main
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.simulators.patience import Limits
 
 FEW = 6

@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.facts import facts
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, VerdictRecord, conclude, planned_record
 
 KEYS = {"junction": "stop4", "cls": 7, "scenario": "1133", "cfg": "C", "rotation": 0, "rule": "full_stop", "driver": "a.Racer"}

@@ -16,8 +16,8 @@ from msgspec import structs
 import pytest_rvads as rvads
 from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.files import FORMATS, load, save
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import Block, Causes, Changes, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.record import Computing, Indicators, Record, VerdictRecord, conclude, planned_record, received, sent
 from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of

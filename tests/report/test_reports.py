@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.logic.rules.book import rulebook
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report import triage
 from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.figures import Extremes
@@ -22,7 +23,6 @@ from pytest_rvads.report.files import load, save
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.merge import merge
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Indicators, Record, conclude, planned_record, properties
 from pytest_rvads.report.session_report import Comparison, Report, cell_of

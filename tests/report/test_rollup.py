@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report import matrix, rollup, traceability, triage
 from pytest_rvads.report.coverage import measure
 from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.markdown import markdown
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import Causes, Figures, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Computing, Record, conclude, planned_record

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from rich.cells import cell_len
 
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.columns import Cell, Column, blocks, wrapped
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report
 from pytest_rvads.report.terminal import Summary, summarise, summary

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.matrix import Matrices, Matrix, member_of
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record, properties
 from pytest_rvads.report.session_report import Report, cell_of

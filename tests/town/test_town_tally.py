@@ -7,7 +7,7 @@ from msgspec import structs
 
 from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.campaigns.town_tally import JunctionTally, cell
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.record import VerdictRecord
 
 

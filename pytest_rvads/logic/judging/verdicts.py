@@ -9,7 +9,7 @@ from typing import Any
 
 from pytest_rvads.displayed import shown
 from pytest_rvads.errors import RunError
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 
 __all__ = ["InstanceVerdict", "NearMiss", "Status", "Verdict"]
 
