@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 import pytest_rvads as rvads
 from pytest_rvads.draw.curves import draw_braking
@@ -202,8 +203,8 @@ def test_a_verdict_says_all_that_it_is(crash: Run, rule: str) -> None:
 def test_a_verdict_that_fails_nobody_does_not_look_like_a_failure() -> None:
     verdict = Verdict("p2", Status.FAIL, "p2: in a circle", unavoidable=True)
     assert "! UNAVOIDABLE" in shown(verdict).text
-    assert "! PROVOKED" in shown(replace(verdict, unavoidable=False, provoked=True)).text
-    assert "✗ FAIL" in shown(replace(verdict, unavoidable=False)).text
+    assert "! PROVOKED" in shown(structs.replace(verdict, unavoidable=False, provoked=True)).text
+    assert "✗ FAIL" in shown(structs.replace(verdict, unavoidable=False)).text
 
 
 def test_every_status_has_its_mark() -> None:

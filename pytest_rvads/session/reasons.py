@@ -113,7 +113,7 @@ def _flaky(ending: Ending) -> Reason | None:
     flaky = [r for r in ending.records.values() if r.status is Outcome.FLAKY and r.outcome != "failed"]
     if not flaky:
         return None
-    told = f", first {flaky[0].nodeid}: {flaky[0].flaky.text}" if flaky[0].flaky else ""
+    told = f", first {flaky[0].nodeid}: {flaky[0].flaky}" if flaky[0].flaky else ""
     return Reason(f"FLAKY, though nothing failed: {plural(len(flaky), 'item')}{told}", cut=False)
 
 
