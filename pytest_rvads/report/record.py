@@ -88,6 +88,8 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Reason of the xfail that matched."""
     outcome: str
     """Pytest's, empty if it did not run."""
+    late: bool = False
+    """Whether the time budget of the session was used up before the item started."""
     message: str
     run: str | None = None
     hash: str | None = None
@@ -214,6 +216,7 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
     known: str | None = None,
     text: str = "",
     error: Outcome | None = None,
+    late: bool = False,
 ) -> Record:
     """Return the record of an item that is over.
 
@@ -226,6 +229,7 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
         text: of the exception, or empty.
         error: what a failure is that is no failed assertion: ERROR, NOT JUDGED where the test was to judge and did not, or
             UNSURE where that is to fail.
+        late: whether the time budget of the session was used up before the item started.
 
     The status is that of the verdicts, worst first. A test of a run without rule and monitor is PASS or FAIL by its
     assertions, also where an xfail expected the latter. One that was skipped by somebody is NOT RUN; it never counts as a pass,
@@ -242,7 +246,7 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
         status = Outcome.ERROR
     else:
         status = worst if worst and worst.severity <= Outcome.UNAVOIDABLE.severity else Outcome.FAIL
-    return replace(record, status=status, verdicts=given, known=known, outcome=outcome, message=text)
+    return replace(record, status=status, verdicts=given, known=known, outcome=outcome, message=text, late=late)
 
 
 def sent(record: Record) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from pytest_rvads.session.beside import beside
 from pytest_rvads.session.chosen_driver import where_else
 from pytest_rvads.session.exports import export
 from pytest_rvads.session.plan import start
+from pytest_rvads.session.time_budget import OutOfTime
 from pytest_rvads.wording import one_line, printable, quoted
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ def letter(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, 
     outcome = Outcome(record["status"])
     if report.when == "call" and report.skipped and outcome in _SKIPPED:
         return "skipped", outcome.letter, outcome.value
-    if report.when == "setup" and record["message"].startswith("NOT RUN: "):
+    if report.when == "setup" and record.get("late"):
         return "not run", outcome.letter, outcome.value
     return None
 
@@ -162,6 +163,7 @@ def _concluded(item: pytest.Item, raised: BaseException | None, report: pytest.T
         known=known,
         text=printable(text, _LONGEST),
         error=told,
+        late=isinstance(raised, OutOfTime),
     )
 
 

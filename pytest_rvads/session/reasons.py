@@ -123,7 +123,7 @@ def _unkept(ending: Ending) -> Reason | None:
 
 
 def _late(ending: Ending) -> Reason | None:
-    late = sum(record.message == ending.late for record in ending.records.values()) if ending.late else 0
+    late = sum(record.late for record in ending.records.values())
     said = f"{ending.late.partition(': ')[2]}: {plural(late, 'item')} did not run"
     return Reason(said, exitstatus=0, cut=False) if late else None
 

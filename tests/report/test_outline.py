@@ -228,6 +228,7 @@ SUMMED_UP = {
     "verdicts": "as causes, by what was violated",
     "formula": "told where it is not that of the baseline",
     "outcome": "pytest tells it",
+    "late": "the message tells it",
     "agents": "pictures and replays show them",
     "run": "those with extremes, and the slowest",
     "hash": "programs compare it",
