@@ -116,7 +116,7 @@ def run_of_file(file: Path, asked: str | None) -> Replayed:
     run, verdict = runs[0], check(runs[0], rules[0]) if rules else None
     again = f"rvads replay {quoted(str(file))}{f' --rules {asked}' if asked else ''}"
     told = [("recorded", str(file)), *([("rule", f"{rules[0].name}: {rules[0].title}")] if rules else []), ("rerun", again)]
-    notes = "\n".join((*([verdict.explanation or verdict.message] if verdict else []), f"recorded  {file}", f"rerun     {again}"))
+    notes = "\n".join((*([] if verdict is None else [verdict.explanation]), f"recorded  {file}", f"rerun     {again}"))
     others = other_verdicts(run, usual_rules(run), rules[0].name if rules else "")
     return Replayed(run, verdict, rules[0] if rules else None, notes, Beside(tuple(told), others))
 
