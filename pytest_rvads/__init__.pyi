@@ -50,9 +50,10 @@ from pytest_rvads.search.chance import sweep as sweep
 from pytest_rvads.search.metamorphic import equivalent as equivalent
 from pytest_rvads.search.rationality import determinate as determinate, rational as rational
 from pytest_rvads.runs.itineraries import Itinerary as Itinerary
-from pytest_rvads.conduct.kpis import Kpis as Kpis, kpis as kpis
+from pytest_rvads.conduct.kpis import kpis as kpis
 from pytest_rvads.runs.readers import read_runs as read_runs
 from pytest_rvads.runs.recorded import read_recorded as read_recorded
+from pytest_rvads.runs.measured import Kpis as Kpis
 from pytest_rvads.runs.recording import Recording as Recording
 from pytest_rvads.runs.recordingfile import load_recording as load_recording, save_recording as save_recording
 from pytest_rvads.runs.run import Collision as Collision, Facts as Facts, Fault as Fault, Run as Run

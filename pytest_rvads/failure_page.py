@@ -17,7 +17,7 @@ from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.timeline import timelines
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.runs.run import ARRAYS, Run
 from pytest_rvads.wording import one_line
 

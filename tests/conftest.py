@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element, fromstring, tostring
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 import pytest_rvads
 from pytest_rvads.junctions.finder import find
@@ -86,9 +87,9 @@ def doubted(monkeypatch: pytest.MonkeyPatch) -> None:
         found = judged(run, rule)
         if found.status != Status.PASS:
             return found
-        hanging = tuple(replace(one, status=Status.UNSURE, hangs=why) for one in found.instances)
+        hanging = tuple(structs.replace(one, status=Status.UNSURE, hangs=why) for one in found.instances)
         message = f"{found.rule} UNSURE: {why}"
-        return replace(found, status=Status.UNSURE, message=message, reason=why, instances=hanging)
+        return structs.replace(found, status=Status.UNSURE, message=message, reason=why, instances=hanging)
 
     judged = checking.check
     monkeypatch.setattr(checking, "check", check)

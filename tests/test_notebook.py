@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 import pytest_rvads as rvads
 from pytest_rvads.draw.curves import draw_braking
@@ -22,7 +23,7 @@ from pytest_rvads.junctions.finder import find, names
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.notebook import _MARKS, Picture, html, telling
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.runs.run import Excerpt, Fault, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
@@ -202,8 +203,8 @@ def test_a_verdict_says_all_that_it_is(crash: Run, rule: str) -> None:
 def test_a_verdict_that_fails_nobody_does_not_look_like_a_failure() -> None:
     verdict = Verdict("p2", Status.FAIL, "p2: in a circle", unavoidable=True)
     assert "! UNAVOIDABLE" in shown(verdict).text
-    assert "! PROVOKED" in shown(replace(verdict, unavoidable=False, provoked=True)).text
-    assert "✗ FAIL" in shown(replace(verdict, unavoidable=False)).text
+    assert "! PROVOKED" in shown(structs.replace(verdict, unavoidable=False, provoked=True)).text
+    assert "✗ FAIL" in shown(structs.replace(verdict, unavoidable=False)).text
 
 
 def test_every_status_has_its_mark() -> None:

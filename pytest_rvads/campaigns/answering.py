@@ -9,15 +9,15 @@ from functools import lru_cache
 import msgspec
 
 from pytest_rvads.campaigns.judged import Judged
-from pytest_rvads.conduct.run_record import computing, indicators, took_part
+from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.decoding import encode
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import VerdictRecord
+from pytest_rvads.report.run_record import computing, took_part
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.ids import run_id
@@ -88,7 +88,7 @@ def judge(question: Question, job: Job) -> bytes:
             hash=run.hash,
             duration=run.duration,
             agents=took_part(run),
-            kpis=indicators(run),
+            kpis=kpis(run),
             timing=computing(run),
             verdicts=tuple(_verdict(run, rule) for rule in _rules(question, job)),
         )
@@ -150,15 +150,15 @@ def _rules(question: Question, job: Job) -> tuple[Rule, ...]:
     return rules_for(question.rules, job.case.scenario.place)
 
 
-def _verdict(run: Run, rule: Rule) -> VerdictRecord:
+def _verdict(run: Run, rule: Rule) -> Verdict:
     try:
-        return msgspec.convert(check(run, rule).record(), VerdictRecord)
+        return msgspec.structs.replace(check(run, rule), explanation="")
     except Exception as error:
         return _error(rule, _told(error))
 
 
-def _error(rule: Rule, reason: str) -> VerdictRecord:
-    return VerdictRecord(rule=rule.name, status=Outcome.ERROR, message=f"{rule.name} ERROR: {reason}", reason=reason)
+def _error(rule: Rule, reason: str) -> Verdict:
+    return Verdict(rule=rule.name, status=Status.ERROR, message=f"{rule.name} ERROR: {reason}", reason=reason)
 
 
 def _told(error: Exception) -> str:

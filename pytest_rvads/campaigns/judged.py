@@ -7,8 +7,10 @@ from typing import Annotated
 
 import msgspec
 
-from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import AgentRecord, Computing, Count, Indicators, Record, VerdictRecord, conclude, planned_record
+from pytest_rvads.logic.judging.verdicts import Verdict
+from pytest_rvads.outcome import Outcome
+from pytest_rvads.report.record import AgentRecord, Computing, Count, Record, conclude, planned_record
+from pytest_rvads.runs.measured import Kpis
 
 __all__ = ["Glance", "Judged", "records"]
 
@@ -48,9 +50,9 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     duration: float | None = None
     """Of the run [s]."""
     agents: tuple[AgentRecord, ...] = ()
-    kpis: Indicators | None = None
+    kpis: Kpis | None = None
     timing: dict[str, Computing] | None = None
-    verdicts: tuple[VerdictRecord, ...]
+    verdicts: tuple[Verdict, ...]
     """One per rule, in the order of the rules; of a case without a run every one is an ERROR."""
     requirements: tuple[tuple[str, ...], ...] = ()
     """Per verdict what its rule traces to, where any does."""
@@ -84,5 +86,5 @@ def records(judged: Judged) -> Iterator[Record]:
         error = Outcome.ERROR if given is Outcome.ERROR else None
         # Why there is no verdict is the same by every rule, so that it is one cause.
         text = verdict.reason or verdict.message if error else verdict.message
-        done = conclude(start, [msgspec.to_builtins(verdict)], "call", outcome, text=text, error=error)
+        done = conclude(start, [verdict], "call", outcome, text=text, error=error)
         yield msgspec.structs.replace(done, run=judged.name, **told)

@@ -15,7 +15,7 @@ from pytest_rvads.executors import Failed, Progress, gathered
 from pytest_rvads.failure_page import failure_pages
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report.record import Difference
+from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.storage import slug, write_file
@@ -34,7 +34,7 @@ class Replays:
 
     looks: Mapping[tuple[str, str], str] = field(default_factory=dict)
     """By name of a run and rule, the path of the page from the folder, with the time it is about."""
-    flaky: Mapping[str, Difference] = field(default_factory=dict)
+    flaky: Mapping[str, Divergence] = field(default_factory=dict)
     """By name, the runs that came out otherwise."""
     notes: tuple[str, ...] = ()
     """What was not drawn and why, sentences."""
@@ -82,7 +82,7 @@ def draw_replays(  # noqa: PLR0913 - a campaign, and where it is to be simulated
     jobs = _jobs(town, examples[:MOST], again, simulator)
     hashes = {cause.run: cause.hash for cause in examples}
     looks: dict[tuple[str, str], str] = {}
-    flaky: dict[str, Difference] = {}
+    flaky: dict[str, Divergence] = {}
     troubles: list[str] = []
     for done, (number, answer) in enumerate(gathered(_draw, jobs, executor, batch=1), start=1):
         if progress is not None:
@@ -91,7 +91,7 @@ def draw_replays(  # noqa: PLR0913 - a campaign, and where it is to be simulated
             troubles.append(f"{jobs[number].name}: {answer.error}")
             continue
         if hashes[answer.name] not in (None, answer.hash):
-            flaky[answer.name] = Difference("hash", None, _OTHERWISE)
+            flaky[answer.name] = Divergence("hash", text=_OTHERWISE)
         for rule, time, html in answer.pages:
             look = f"replays/{slug(f'{answer.name}-{rule}')}.html"
             write_file(folder / look, html.encode())

@@ -22,9 +22,10 @@ from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.choosing import Choice, Kinds, choose_among
 from pytest_rvads.junctions.finder import load, name_of
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import Difference, Record
+from pytest_rvads.outcome import Outcome
+from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Drawn
+from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT
 from pytest_rvads.wording import first, plural
@@ -190,7 +191,7 @@ class TownRecords(Collection[Record]):
         flaky: by name of a run, where it parts from its repetition.
     """
 
-    def __init__(self, judged: Iterable[Judged], looks: Mapping[tuple[str, str], str], flaky: Mapping[str, Difference]) -> None:
+    def __init__(self, judged: Iterable[Judged], looks: Mapping[tuple[str, str], str], flaky: Mapping[str, Divergence]) -> None:
         self._judged, self._looks, self._flaky = judged, looks, flaky
         self._count: int | None = None
 

@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from pytest_rvads.campaigns.town_tally import JunctionTally, TownMark, cell
 from pytest_rvads.draw.town_picture import Spot, TownPicture
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import markup, quoted
 

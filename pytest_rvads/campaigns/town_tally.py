@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from pytest_rvads.campaigns.judged import Judged, records
-from pytest_rvads.report.outcome import Mark, Outcome
+from pytest_rvads.outcome import Mark, Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.triage import Cause, causes, gravity, provoked, unavoidable, unsure
 

@@ -14,14 +14,14 @@ from pytest_rvads.draw.replay import Beside, replay
 from pytest_rvads.errors import FormulaError, RunError, RvadsError
 from pytest_rvads.failure_page import failure_pages, moment, other_verdicts, usual_rules
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
+from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.earlier import earlier_run
 from pytest_rvads.report.facts import facts
 from pytest_rvads.report.folders import INDEX, run_file
-from pytest_rvads.report.record import Record, VerdictRecord
+from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.runs.earlier import earlier_run
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
@@ -29,8 +29,6 @@ from pytest_rvads.scenarios.recalling import recalled
 from pytest_rvads.wording import quoted
 
 __all__ = ["Replayed", "failed_run", "run_of_file"]
-
-_STATUSES = {status.value for status in Status}
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,60 +116,25 @@ def run_of_file(file: Path, asked: str | None) -> Replayed:
     run, verdict = runs[0], check(runs[0], rules[0]) if rules else None
     again = f"rvads replay {quoted(str(file))}{f' --rules {asked}' if asked else ''}"
     told = [("recorded", str(file)), *([("rule", f"{rules[0].name}: {rules[0].title}")] if rules else []), ("rerun", again)]
-    notes = "\n".join((*([verdict.explanation or verdict.message] if verdict else []), f"recorded  {file}", f"rerun     {again}"))
+    notes = "\n".join((*([] if verdict is None else [verdict.explanation]), f"recorded  {file}", f"rerun     {again}"))
     others = other_verdicts(run, usual_rules(run), rules[0].name if rules else "")
     return Replayed(run, verdict, rules[0] if rules else None, notes, Beside(tuple(told), others))
 
 
-def _judged(run: Run, told: VerdictRecord) -> tuple[Verdict, Rule | None, str]:
+def _judged(run: Run, told: Verdict) -> tuple[Verdict, Rule | None, str]:
     """Return the verdict of a session, its rule where that is known, and why it may not be the same one."""
     try:
         rule = get_rule(told.rule)
     except FormulaError:
         said = f"{told.rule!r} is a rule of your own, so its monitors are not shown: name its file by --rules, if it has one"
-        return _as_told(run, told), None, said
+        return told, None, said
     verdict = check(run, rule)
-    if verdict.status.value == told.status.value:
+    if verdict.status is told.status:
         return verdict, rule, ""
     said = (
         f"the session said {told.status} by {told.rule}, and this version says {verdict.status}: shown is what the session said"
     )
-    return _as_told(run, told), None, said
-
-
-def _as_told(run: Run, told: VerdictRecord) -> Verdict:
-    """Return a verdict as its record tells it, without the explanation."""
-
-    def tick(time: float | None) -> int | None:
-        return None if time is None else round((time - run.start) / run.dt)
-
-    instances = tuple(
-        InstanceVerdict(
-            tuple(one.binding.items()),
-            Status(one.status.value),
-            one.responsible,
-            tick(one.trigger),
-            tick(one.failed),
-            one.broken,
-            one.margin,
-            one.hangs if isinstance(one.hangs, str) else "",
-        )
-        for one in told.instances
-        if one.status and one.status.value in _STATUSES
-    )
-    return Verdict(
-        told.rule,
-        Status(told.status.value),
-        told.message or f"{told.rule} {told.status}",
-        time=told.time,
-        instances=instances,
-        violated=told.violated,
-        roles=told.roles,
-        dt=run.dt,
-        start=run.start,
-        subject=told.subject,
-        title=told.title,
-    )
+    return told, None, said
 
 
 def _start(run: Run, record: Record) -> str:

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,76 +21,16 @@ from pytest_rvads.conduct.presence import judged
 from pytest_rvads.conduct.standing import arrived, limits_of
 from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.errors import RunError, require
+from pytest_rvads.runs.measured import Kpis, PairKpis, VehicleKpis
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 
-__all__ = ["WINDOW", "Kpis", "PairKpis", "VehicleKpis", "describe", "kpis"]
+__all__ = ["Kpis", "describe", "kpis"]
 
 WINDOW = 0.1
 """Accelerations and jerks are differences over this time [s]: ten steps, so that single steps don't dominate."""
 _DISCS = 3
 """A body is covered by this many discs for the time to collision."""
-
-
-@dataclass(frozen=True, slots=True)
-class VehicleKpis:
-    """Indicators of one vehicle."""
-
-    agent: str
-    arrival: float | None
-    """When it first arrived at its line, see `arrivals`, since the run began [s]; None if it never did."""
-    waiting: float
-    """Time at its entrance [s]."""
-    delay: float | None
-    """Time to its exit vertex beyond what driving there at the speed limit takes [s]; None if it never got there."""
-    deceleration: float | None
-    """Hardest braking, over `WINDOW`, before the vehicle first touched another: an impact is no braking [m/s^2]."""
-    jerk: float | None
-    """Largest change of acceleration, over `WINDOW`, before the vehicle first touched another [m/s^3]."""
-
-
-@dataclass(frozen=True, slots=True)
-class PairKpis:
-    """Indicators of two vehicles."""
-
-    agents: tuple[str, str]
-    ttc: float | None
-    """Shortest time to collision, were both to keep speed and heading [s]; 0 where bodies touch; None if they never are
-    on a collision course."""
-    pet: float | None
-    """Time from when the rear of one leaves the stretch where their movements conflict to when the other enters it [s];
-    negative where both are in it, at the end of the run at most; None if they don't conflict or one never came there."""
-
-
-@dataclass(frozen=True, slots=True)
-class Kpis:
-    """Indicators of a run."""
-
-    vehicles: tuple[VehicleKpis, ...]
-    pairs: tuple[PairKpis, ...]
-    unavailable: tuple[str, ...] = ()
-    """Indicators that the run does not record enough for; a None of any other one says that there was nothing to measure."""
-
-    @property
-    def ttc(self) -> float | None:
-        """The shortest time to collision of all pairs [s]."""
-        return min((p.ttc for p in self.pairs if p.ttc is not None), default=None)
-
-    @property
-    def pet(self) -> float | None:
-        """The shortest post-encroachment time of all pairs [s]."""
-        return min((p.pet for p in self.pairs if p.pet is not None), default=None)
-
-    def record(self) -> dict[str, Any]:
-        """Return builtins."""
-        pairs = [{**asdict(p), "agents": list(p.agents)} for p in self.pairs]
-        return {
-            "vehicles": [asdict(v) for v in self.vehicles],
-            "pairs": pairs,
-            "ttc": self.ttc,
-            "pet": self.pet,
-            "unavailable": list(self.unavailable),
-        }
 
 
 def kpis(run: Run) -> Kpis:
@@ -124,7 +62,11 @@ def kpis(run: Run) -> Kpis:
         for i, k in combinations(columns, 2)
         if told is None or k in told
     )
-    return Kpis(vehicles, pairs, missing)
+    ttc, pet = (
+        min((time for time in times if time is not None), default=None)
+        for times in ([pair.ttc for pair in pairs], [pair.pet for pair in pairs])
+    )
+    return Kpis(vehicles, pairs, missing, ttc, pet)
 
 
 def _unavailable(run: Run) -> tuple[str, ...]:

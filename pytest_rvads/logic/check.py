@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
+from msgspec import structs
+
 from pytest_rvads.conduct.memo import once
 from pytest_rvads.conduct.predicates import extract
 from pytest_rvads.conduct.presence import cut_off
@@ -27,7 +29,7 @@ from pytest_rvads.logic.rules.shape import shape_of
 from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.story import Story
 from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.report.outcome import Outcome, counted
+from pytest_rvads.outcome import Outcome, counted
 from pytest_rvads.runs.run import Run
 
 __all__ = ["check", "extract", "ground", "simplify", "unfold"]
@@ -113,7 +115,7 @@ def _worst(rulebook: str, verdicts: Sequence[Verdict]) -> Verdict:
     counts = Counter[Outcome | None](verdict.outcome for verdict in verdicts)
     worst = min(verdicts, key=lambda verdict: verdict.outcome.severity)
     others = tuple(f"{v.outcome} {v.message}" for v in verdicts if v is not worst and v.outcome not in _QUIET)
-    return replace(worst, message=f"{rulebook}: {counted(counts)}; {worst.message}", notes=(*worst.notes, *others))
+    return structs.replace(worst, message=f"{rulebook}: {counted(counts)}; {worst.message}", notes=(*worst.notes, *others))
 
 
 def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinerary: bool, standing: bool) -> Story:

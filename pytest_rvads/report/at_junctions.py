@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sized
 from itertools import combinations
 
+from pytest_rvads.outcome import Outcome, Tallied, counted
 from pytest_rvads.report.arrivals import Arrivals
-from pytest_rvads.report.outcome import Outcome, Tallied, counted
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Extent, Move
 from pytest_rvads.wording import first, plural

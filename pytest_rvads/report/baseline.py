@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from msgspec import structs
 
-from pytest_rvads.report.outcome import BAD, Outcome
+from pytest_rvads.outcome import BAD, Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Change, Comparison, Report
 from pytest_rvads.wording import first, plural
@@ -126,7 +126,7 @@ def _change(record: Record, before: Record | None, other: str) -> Change:
     """Return what became of an item that the session has a record of, but for its margins; `other` as of `_other`."""
     if record.status is Outcome.NOT_RUN:
         # A skip that somebody wrote into a test is a choice; being too late, or interrupted, is none.
-        chosen = record.outcome == "skipped" and not record.message.startswith("NOT RUN: ")
+        chosen = record.outcome == "skipped" and not record.late
         if before and chosen and _judged(before):
             return Change("LOST", record.nodeid, f"was {before.status}, is skipped")
         return Change("NOT RUN", record.nodeid)

@@ -16,15 +16,15 @@ def facts(record: Record, start: str, rerun: str) -> tuple[tuple[str, str], ...]
         rerun: the command that runs the item once more.
     """
     verdict = record.verdicts[-1] if record.verdicts else None
-    rule = verdict.rule if verdict else record.rule or ""
+    rule = verdict.rule if verdict is not None else record.rule or ""
     driver = f"{record.driver} ({record.source})" if record.source else record.driver
-    if record.traffic and verdict and verdict.subject:
+    if record.traffic and verdict is not None and verdict.subject:
         driver = f"{driver}, {verdict.subject} alone; the others by {record.traffic}"
     found = (
         ("recorded" if record.recording else "scenario", start),
         ("driven by", driver),
         ("simulated by", record.simulator),
-        ("rule", f"{rule}: {verdict.title}" if verdict and verdict.title else rule),
+        ("rule", f"{rule}: {verdict.title}" if verdict is not None and verdict.title else rule),
         ("requirements", ", ".join(record.requirements)),
         ("rerun", rerun),
     )

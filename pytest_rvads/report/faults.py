@@ -6,8 +6,9 @@ import math
 import re
 from collections.abc import Hashable
 
-from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import Record, VerdictRecord
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.outcome import Outcome
+from pytest_rvads.report.record import Record
 
 __all__ = ["explains", "first_line", "hanging", "signature", "time_of", "verdict_of", "violated"]
 
@@ -20,10 +21,10 @@ _VARIES = re.compile(r"0x[0-9a-fA-F]+|\d+([.,]\d+)*(e[+-]?\d+)?")
 def explains(record: Record) -> bool:
     """Tell whether what a record says was violated can be behind other failures of its run."""
     verdict = verdict_of(record)
-    return bool(verdict and record.hash and not verdict.unavoidable)
+    return verdict is not None and bool(record.hash) and not verdict.unavoidable
 
 
-def verdict_of(record: Record) -> VerdictRecord | None:
+def verdict_of(record: Record) -> Verdict | None:
     """Return the verdict that gave a record its status, or None where something else did."""
     wanted = record.status
     if wanted is Outcome.ERROR:
@@ -40,7 +41,7 @@ def time_of(record: Record) -> tuple[float, str]:
 def signature(record: Record) -> Hashable:
     """Return what records with the same cause share; what messages of one fault differ in is not part of it."""
     verdict = verdict_of(record)
-    if verdict:
+    if verdict is not None:
         # What can't be kept is one cause, however it ended.
         return "" if verdict.unavoidable else record.status, violated(record)
     # One fault of a stack is one cause, whatever rules would have judged its runs; and so is chance in it.
@@ -58,14 +59,18 @@ def violated(record: Record) -> str:
     verdict = verdict_of(record)
     if verdict is None:
         return first_line(record).removeprefix(f"{record.asks} {Outcome.ERROR}: ")
-    told = verdict.violated or verdict.cause
+    told = verdict.violated
     return told.replace("open: ", "still owed at the end of the run: ", 1) if told.startswith("open: ") else told
 
 
 def hanging(record: Record) -> str:
     """Return what an unsure record hangs on."""
     verdict = verdict_of(record)
-    told = verdict.hangs if verdict else ()
+    if verdict is None:
+        return first_line(record)
+    unsure = [instance for instance in verdict.instances if instance.status is Status.UNSURE and instance.hangs]
+    told = [f"{', '.join(f'{name}={value}' for name, value in i.binding)}: {i.hangs}" for i in unsure]
+    told = told or [verdict.reason]
     more = len(told) - _INSTANCES
     return "; ".join(told[:_INSTANCES]) + (f" and {more} more" if more > 0 else "") or first_line(record)
 

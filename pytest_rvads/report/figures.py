@@ -7,7 +7,8 @@ from array import array
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from pytest_rvads.report.record import Computing, Indicators, PairIndicators, Record, VehicleIndicators
+from pytest_rvads.report.record import Computing, Record
+from pytest_rvads.runs.measured import Kpis, PairKpis, VehicleKpis
 from pytest_rvads.wording import first, plural
 
 __all__ = ["Extremes", "Makers", "Timing", "Titles", "slowest"]
@@ -74,12 +75,12 @@ class Extremes:
     """Takes records in and tells how near, how hard and how long it got at most; of equal values the first counts."""
 
     def __init__(self) -> None:
-        self._found: dict[str, tuple[float, PairIndicators | VehicleIndicators, Record]] = {}
-        self._last: Indicators | None = None
+        self._found: dict[str, tuple[float, PairKpis | VehicleKpis, Record]] = {}
+        self._last: Kpis | None = None
 
     def add(self, record: Record) -> None:
         """Take a record in."""
-        entries: tuple[PairIndicators | VehicleIndicators, ...]
+        entries: tuple[PairKpis | VehicleKpis, ...]
         # The records of a run share its indicators where they come from a campaign.
         entries = (*record.kpis.pairs, *record.kpis.vehicles) if record.kpis and record.kpis is not self._last else ()
         self._last = record.kpis
@@ -102,7 +103,7 @@ class Extremes:
 
     def _told(self, key: str, unit: str) -> str:
         value, entry, record = self._found[key]
-        who = " and ".join(entry.agents) if isinstance(entry, PairIndicators) else entry.agent
+        who = " and ".join(entry.agents) if isinstance(entry, PairKpis) else entry.agent
         return f"{value:.2f} {unit} ({who} in {record.where})"
 
 

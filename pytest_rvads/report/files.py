@@ -19,7 +19,7 @@ from pytest_rvads.storage import read_file, write_file
 
 __all__ = ["FORMATS", "MOST", "append_summary", "load", "read", "save"]
 
-VERSION = 4
+VERSION = 5
 MOST = 2**28
 """A report is refused that is longer than any session writes it [bytes]."""
 SUMMARY_LIMIT = 900 * 1024

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Cell, Extent, Report, in_order
 from pytest_rvads.report.steady import steady

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from pytest_rvads.outcome import Tallied, counted
 from pytest_rvads.report.at_junctions import FEW, AtJunction, AtJunctions
 from pytest_rvads.report.coverage import Cells, Requirements, dropped
 from pytest_rvads.report.figures import Extremes, Makers, Timing, Titles, slowest
 from pytest_rvads.report.matrix import Matrices, Matrix
-from pytest_rvads.report.outcome import Tallied, counted
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.refused import refused
 from pytest_rvads.report.rollup import Sums, ranked, sums

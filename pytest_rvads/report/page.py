@@ -11,9 +11,9 @@ from heapq import nsmallest
 from pathlib import Path
 from typing import Any
 
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.folders import option, sessions
 from pytest_rvads.report.matrix import group_of, member_of
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.rollup import Sums

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import msgspec
 from msgspec.structs import replace
 
 from pytest_rvads.decoding import encode
-from pytest_rvads.report.outcome import Outcome, Tallied
+from pytest_rvads.logic.judging.verdicts import Verdict
+from pytest_rvads.outcome import Outcome, Tallied
+from pytest_rvads.runs.measured import Divergence, Kpis
 
 __all__ = [
     "AgentRecord",
     "Computing",
-    "Difference",
-    "Indicators",
-    "PairIndicators",
     "Record",
-    "VehicleIndicators",
-    "VerdictRecord",
     "conclude",
     "planned_record",
     "properties",
@@ -29,102 +26,6 @@ __all__ = [
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 """What things are counted or numbered by, exact in every program that reads JSON."""
-
-
-class InstanceRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What one instance of a rule says."""
-
-    binding: dict[str, str] = {}
-    status: Outcome | None = None
-    responsible: tuple[str, ...] = ()
-    trigger: float | None = None
-    """Since when the obligation exists [s]."""
-    failed: float | None = None
-    """When no continuation could repair it any more [s]."""
-    broken: tuple[str, ...] = ()
-    margin: float | None = None
-    """How long before it was allowed the bound vehicle acted, negative when it waited [s]."""
-    hangs: str | msgspec.UnsetType = msgspec.UNSET
-    """Of what is UNSURE, what it hangs on; left out elsewhere."""
-
-
-class NearRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """The step in which a rule that never applied came closest to applying."""
-
-    binding: dict[str, str]
-    time: float
-    """Of that step [s]."""
-    missing: tuple[str, ...]
-    steps: int
-
-
-class VerdictRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What one rule says about a run: a `Verdict` without its explanation."""
-
-    rule: str = ""
-    title: str = ""
-    """Of the rule, in words."""
-    status: Outcome
-    message: str = ""
-    reason: str = ""
-    final: bool = False
-    time: float | None = None
-    """Of the earliest violation, or since when the obligation is open [s]."""
-    counts: dict[str, int] = {}
-    collapsed: int = 0
-    responsible: tuple[str, ...] = ()
-    instances: tuple[InstanceRecord, ...] = ()
-    near: NearRecord | None = None
-    cause: str = ""
-    violated: str = ""
-    roles: str = ""
-    asked: bool = True
-    unavoidable: bool = False
-    notes: tuple[str, ...] = ()
-    requirement: str | None = None
-    subject: str | None = None
-    provoked: bool = False
-
-    @property
-    def outcome(self) -> Outcome:
-        """What it makes of its item."""
-        return Outcome.UNAVOIDABLE if self.unavoidable else Outcome.PROVOKED if self.provoked else self.status
-
-    @property
-    def hangs(self) -> tuple[str, ...]:
-        """What each of its unsure instances hangs on, with who that is about; where no instance tells, the reason given."""
-        unsure = [instance for instance in self.instances if instance.status is Outcome.UNSURE and instance.hangs]
-        told = (f"{', '.join(f'{name}={who}' for name, who in i.binding.items())}: {i.hangs}" for i in unsure)
-        return tuple(told) or ((self.reason,) if self.reason else ())
-
-
-class VehicleIndicators(msgspec.Struct, frozen=True, kw_only=True):
-    """Indicators of one vehicle: times [s], deceleration [m/s^2], jerk [m/s^3]."""
-
-    agent: str
-    arrival: float | None = None
-    waiting: float | None = None
-    delay: float | None = None
-    deceleration: float | None = None
-    jerk: float | None = None
-
-
-class PairIndicators(msgspec.Struct, frozen=True, kw_only=True):
-    """Indicators of two vehicles: time to collision and post-encroachment time [s]."""
-
-    agents: tuple[str, str]
-    ttc: float | None = None
-    pet: float | None = None
-
-
-class Indicators(msgspec.Struct, frozen=True, kw_only=True):
-    """Key performance indicators of a run, with the shortest times of all pairs [s]."""
-
-    vehicles: tuple[VehicleIndicators, ...] = ()
-    pairs: tuple[PairIndicators, ...] = ()
-    ttc: float | None = None
-    pet: float | None = None
-    unavailable: tuple[str, ...] = ()
 
 
 class Computing(msgspec.Struct, frozen=True, kw_only=True):
@@ -146,17 +47,6 @@ class AgentRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     def __str__(self) -> str:
         return f"{self.kind} {self.name} from {'{}.{}'.format(*self.entrance)} to {'{}.{}'.format(*self.exit)}"
-
-
-class Difference(msgspec.Struct, frozen=True):
-    """Where a run parts from its repetition."""
-
-    what: str
-    """The first field that differs."""
-    time: float | None
-    """Of the first state that does [s], None where it is not the states."""
-    text: str
-    """The difference in one sentence."""
 
 
 class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -193,11 +83,13 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     formula: str = ""
     """Digest of the formula of the rule, of its tie window and of who is bound by it."""
     status: Outcome
-    verdicts: tuple[VerdictRecord, ...]
+    verdicts: tuple[Verdict, ...]
     known: str | None
     """Reason of the xfail that matched."""
     outcome: str
     """Pytest's, empty if it did not run."""
+    late: bool = False
+    """Whether the time budget of the session was used up before the item started."""
     message: str
     run: str | None = None
     hash: str | None = None
@@ -206,12 +98,12 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     duration: float | None = None
     """Of the run [s]."""
     agents: tuple[AgentRecord, ...] = ()
-    kpis: Indicators | None = None
+    kpis: Kpis | None = None
     timing: dict[str, Computing] | None = None
     """By vehicle, of those that a stack in another process drove."""
     unkept: str | None = None
     """Why the run could not be kept."""
-    flaky: Difference | None = None
+    flaky: Divergence | None = None
     look: str = ""
     """The replay page, with the time of the violation."""
     change: str = ""
@@ -280,7 +172,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def asked(self) -> bool:
         """Whether a rule asked something of the system under test, of the subject where there is one, and got an answer."""
-        given = any(verdict.asked for verdict in self.verdicts if verdict.status.judges)
+        given = any(verdict.asked for verdict in self.verdicts if Outcome(verdict.status).judges)
         return self.status.judges or (given and self.status is not Outcome.ERROR)
 
 
@@ -317,31 +209,33 @@ def planned_record(
 
 def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
     record: Record,
-    verdicts: Iterable[Mapping[str, Any]],
+    verdicts: Sequence[Verdict],
     when: str,
     outcome: str,
     *,
     known: str | None = None,
     text: str = "",
     error: Outcome | None = None,
+    late: bool = False,
 ) -> Record:
     """Return the record of an item that is over.
 
     Args:
         record: of the item so far.
-        verdicts: the verdicts given, as builtins, in order.
+        verdicts: the verdicts given, in order; the record holds them without their explanations.
         when: phase of the report.
         outcome: pytest's outcome.
         known: reason of the xfail that matched, or None.
         text: of the exception, or empty.
         error: what a failure is that is no failed assertion: ERROR, NOT JUDGED where the test was to judge and did not, or
             UNSURE where that is to fail.
+        late: whether the time budget of the session was used up before the item started.
 
     The status is that of the verdicts, worst first. A test of a run without rule and monitor is PASS or FAIL by its
     assertions, also where an xfail expected the latter. One that was skipped by somebody is NOT RUN; it never counts as a pass,
     and no failed test as anything but a failure.
     """
-    given = msgspec.convert(list(verdicts), tuple[VerdictRecord, ...])
+    given = msgspec.convert(list(verdicts), tuple[Verdict, ...])
     worst = min((verdict.outcome for verdict in given), key=lambda found: found.severity, default=None)
     if outcome != "failed":
         ran = Outcome.FAIL if known else Outcome.NOT_RUN if outcome == "skipped" else Outcome.PASS
@@ -352,7 +246,7 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
         status = Outcome.ERROR
     else:
         status = worst if worst and worst.severity <= Outcome.UNAVOIDABLE.severity else Outcome.FAIL
-    return replace(record, status=status, verdicts=given, known=known, outcome=outcome, message=text)
+    return replace(record, status=status, verdicts=given, known=known, outcome=outcome, message=text, late=late)
 
 
 def sent(record: Record) -> dict[str, Any]:

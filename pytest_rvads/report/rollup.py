@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from pytest_rvads.outcome import Tallied, counted, told_in
 from pytest_rvads.report.at_junctions import AtJunction
-from pytest_rvads.report.outcome import Tallied, counted, told_in
 
 __all__ = ["WORST", "Row", "Sums", "natural", "ranked", "sums"]
 

@@ -11,10 +11,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.outcome import Outcome, Tallied
 from pytest_rvads.report import triage
 from pytest_rvads.report.baseline import compare
 from pytest_rvads.report.matrix import SAME, Entry, Matrices, Matrix, Place, place_of
-from pytest_rvads.report.outcome import Outcome, Tallied
 from pytest_rvads.report.outline import Head, outline
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Comparison, Report, cell_of

@@ -14,9 +14,9 @@ import msgspec
 
 from pytest_rvads.decoding import encode
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.outcome import Tallied, counted
 from pytest_rvads.report.markdown import section
 from pytest_rvads.report.matrix import SAME, Entry, Matrix
-from pytest_rvads.report.outcome import Tallied, counted
 from pytest_rvads.report.side_by_side import Ruled, Shared, SideBySide, changed, differing
 from pytest_rvads.storage import write_file
 from pytest_rvads.webpage import webpage

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator
 
 from msgspec.structs import replace
 
-from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import Difference, Record
+from pytest_rvads.outcome import Outcome
+from pytest_rvads.report.record import Record
+from pytest_rvads.runs.measured import Divergence
 
 __all__ = ["steady"]
 
@@ -28,7 +29,7 @@ def steady(records: Iterable[Record]) -> Iterator[Record]:
         if not others or not record.hash or record.status is Outcome.ERROR:
             yield record
         else:
-            parted = Difference("hash", None, f"it was judged on another run than {others[0].nodeid}")
+            parted = Divergence("hash", text=f"it was judged on another run than {others[0].nodeid}")
             yield replace(record, status=Outcome.FLAKY, flaky=record.flaky or parted, known=None)
 
 

@@ -14,9 +14,10 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 
+from pytest_rvads.logic.judging.verdicts import Verdict
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.faults import explains, first_line, hanging, signature, time_of, verdict_of, violated
-from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import Record, VerdictRecord
+from pytest_rvads.report.record import Record
 from pytest_rvads.report.variants import Variant, Variants, variant_of
 from pytest_rvads.wording import first, plural
 
@@ -95,16 +96,16 @@ class Cause:
 class _Part:
     """Failures of one run that have the same behind them, or a single one."""
 
-    def __init__(self, record: Record, signature: Hashable, text: str, verdict: VerdictRecord | None = None) -> None:
+    def __init__(self, record: Record, signature: Hashable, text: str, verdict: Verdict | None = None) -> None:
         self.signature, self.text = signature, text
         self.verdict, self.time = verdict is not None, time_of(record)
         self.grave = -1 if record.status in (Outcome.ERROR, Outcome.FLAKY) else gravity((record.asks,))
-        self.who = set(verdict.responsible) if verdict else set()
-        self.begun = set(verdict.instances[0].responsible) if verdict and verdict.instances else self.who
+        self.who = set(verdict.responsible) if verdict is not None else set()
+        self.begun = set(verdict.instances[0].responsible) if verdict is not None and verdict.instances else self.who
         """Who is to blame for any instance, and for the first one."""
         self.seats = {record.seat} - {None}
-        self.roles = verdict.roles if verdict else ""
-        self.title = verdict.title if verdict else ""
+        self.roles = verdict.roles if verdict is not None else ""
+        self.title = verdict.title if verdict is not None else ""
         self.example, self.rule = record.nodeid, record.asks
         self.run, self.junction, self.places = record.ran_as, record.junction, {variant_of(record)}
         self.rules, self.ids, self.count, self.number = {record.asks: None}, [record.nodeid], 1, 0

@@ -2,35 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.runs.run import ARRAYS, Run
 from pytest_rvads.runs.states import Colour, Zone
 
-__all__ = ["Divergence", "diverge"]
-
-
-@dataclass(frozen=True, slots=True)
-class Divergence:
-    """The first difference between two runs."""
-
-    what: str
-    """Field and vehicle, such as ``speed of a1``; or what else the runs do not share."""
-    one: str
-    other: str
-    """Its value in either run."""
-    tick: int | None = None
-    """Index of the first state that differs; None where it is not the states."""
-    time: float | None = None
-    """Of this state [s]."""
-
-    def __str__(self) -> str:
-        at = "" if self.time is None else f"t={self.time:.2f} s (tick {self.tick}): "
-        return f"{at}{self.what} is {self.one} in one run, {self.other} in the other"
+__all__ = ["diverge"]
 
 
 def diverge(one: Run, other: Run) -> Divergence | None:

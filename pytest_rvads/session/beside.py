@@ -60,7 +60,7 @@ def _rules(item: pytest.Item, run: Run) -> tuple[Rule, ...]:
 def _ghost(item: pytest.Item, options: Options, run: Run) -> Run | None:
     if options.baseline is None or run.excerpt is not None:
         return None
-    from pytest_rvads.runs.earlier import earlier_run
+    from pytest_rvads.report.earlier import earlier_run
 
     baseline = _baseline(item, options)
     if baseline is None:

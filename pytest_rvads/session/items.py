@@ -14,19 +14,20 @@ import pytest
 from pytest_rvads.collection.cells import RecordedCell
 from pytest_rvads.drivers.naming import stand_in
 from pytest_rvads.options import Options
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.session.artefacts import look, show
 from pytest_rvads.session.beside import beside
 from pytest_rvads.session.chosen_driver import where_else
 from pytest_rvads.session.exports import export
 from pytest_rvads.session.plan import start
+from pytest_rvads.session.time_budget import OutOfTime
 from pytest_rvads.wording import one_line, printable, quoted
 
 if TYPE_CHECKING:
     from pytest_rvads.collection import Cell
     from pytest_rvads.logic.judging.verdicts import Verdict
     from pytest_rvads.report.record import Record
-    from pytest_rvads.runs.divergence import Divergence
+    from pytest_rvads.runs.measured import Divergence
     from pytest_rvads.runs.run import Run
     from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.simulators.simulator import Simulator
@@ -98,7 +99,7 @@ def letter(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, 
     outcome = Outcome(record["status"])
     if report.when == "call" and report.skipped and outcome in _SKIPPED:
         return "skipped", outcome.letter, outcome.value
-    if report.when == "setup" and record["message"].startswith("NOT RUN: "):
+    if report.when == "setup" and record.get("late"):
         return "not run", outcome.letter, outcome.value
     return None
 
@@ -152,15 +153,17 @@ def _concluded(item: pytest.Item, raised: BaseException | None, report: pytest.T
     text = str(raised) if raised else report.longrepr if isinstance(report.longrepr, str) else ""
     known = _known(report, raised, text)
     error = None if raised is None or isinstance(raised, AssertionError) else Outcome.ERROR
+    given: list[Verdict] = item.stash[VERDICTS]
     told = Outcome.NOT_JUDGED if isinstance(raised, NotJudged) else Outcome.UNSURE if isinstance(raised, Unsure) else error
     return conclude(
         item.stash[RECORD],
-        [verdict.record() for verdict in item.stash[VERDICTS]],
+        given,
         report.when or "",
         report.outcome,
         known=known,
         text=printable(text, _LONGEST),
         error=told,
+        late=isinstance(raised, OutOfTime),
     )
 
 
@@ -217,26 +220,24 @@ def _repeated(item: pytest.Item, record: Record, report: pytest.TestReport) -> R
         return record
     from msgspec.structs import replace
 
-    from pytest_rvads.report.record import Difference
-
     said = "The run was simulated once more from the same start and came out differently, so its verdict means little.\n"
     cure = "\nAn autopilot has to be deterministic: no clock, no unseeded random numbers, no state kept between runs."
     report.sections.append(("rvads not deterministic", f"{said}First difference: {divergence}.{cure}"))
-    return replace(record, status=Outcome.FLAKY, flaky=Difference(divergence.what, divergence.time, str(divergence)))
+    return replace(record, status=Outcome.FLAKY, flaky=divergence)
 
 
 def _steadied(item: pytest.Item, record: Record) -> Record:
     """Return the record as FLAKY where a plugin repeats the item and its verdict or its run is another one than before."""
     from msgspec.structs import replace
 
-    from pytest_rvads.report.record import Difference
+    from pytest_rvads.runs.measured import Divergence
 
     status, run = item.stash.get(EARLIER, (record.status, record.hash))
     if (status, run) != (record.status, record.hash):
         what = "status" if run == record.hash else "hash"
         told = "the same run" if what == "status" else "another run"
         text = f"the item was repeated: {status} at first, {record.status} afterwards, of {told}"
-        record = replace(record, status=Outcome.FLAKY, flaky=Difference(what, None, text), known=None)
+        record = replace(record, status=Outcome.FLAKY, flaky=Divergence(what, text=text), known=None)
     item.stash[EARLIER] = record.status, record.hash
     return record
 

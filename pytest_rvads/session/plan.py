@@ -221,7 +221,8 @@ def _lighten(report: pytest.TestReport) -> None:
     if report.passed and report.when != "call":
         report.keywords, report.user_properties = {}, []
     if record := getattr(report, "rvads", None):
-        report.rvads = {"status": record["status"], "message": record["message"]}  # type: ignore[attr-defined]
+        kept = ("status", "message", "late")
+        report.rvads = {name: record[name] for name in kept if name in record}  # type: ignore[attr-defined]
         texts = [(intern(name), intern(value) if isinstance(value, str) else value) for name, value in report.user_properties]
         report.user_properties = texts
 

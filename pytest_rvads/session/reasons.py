@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.wording import plural
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def _flaky(ending: Ending) -> Reason | None:
     flaky = [r for r in ending.records.values() if r.status is Outcome.FLAKY and r.outcome != "failed"]
     if not flaky:
         return None
-    told = f", first {flaky[0].nodeid}: {flaky[0].flaky.text}" if flaky[0].flaky else ""
+    told = f", first {flaky[0].nodeid}: {flaky[0].flaky}" if flaky[0].flaky else ""
     return Reason(f"FLAKY, though nothing failed: {plural(len(flaky), 'item')}{told}", cut=False)
 
 
@@ -123,7 +123,7 @@ def _unkept(ending: Ending) -> Reason | None:
 
 
 def _late(ending: Ending) -> Reason | None:
-    late = sum(record.message == ending.late for record in ending.records.values()) if ending.late else 0
+    late = sum(record.late for record in ending.records.values())
     said = f"{ending.late.partition(': ')[2]}: {plural(late, 'item')} did not run"
     return Reason(said, exitstatus=0, cut=False) if late else None
 

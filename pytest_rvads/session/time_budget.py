@@ -12,19 +12,23 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.session.plan import start
 
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
 
-__all__ = ["BUDGET", "Budget"]
+__all__ = ["BUDGET", "Budget", "OutOfTime"]
 
 _STARTED = "rvads_started"
 _HISTORY = "rvads/exercised"
 """Key of pytest's cache: in how many sessions with a budget an item ran."""
 _FAILED = "cache/lastfailed"
 """Pytest's own key: what failed in the last session."""
+
+
+class OutOfTime(pytest.skip.Exception):  # type: ignore[name-defined,misc]
+    """The time budget of the session was used up before the item started."""
 
 
 class Budget:
@@ -47,10 +51,10 @@ class Budget:
         """Skip an item that is about to start too late.
 
         Raises:
-            pytest.skip.Exception: the time is up.
+            OutOfTime: the time is up.
         """
         if time.time() > self._deadline:
-            pytest.skip(self.reason)
+            raise OutOfTime(self.reason)
 
     def remember(self, records: Iterable[Record]) -> None:
         """Count what ran, so that the next session begins with what did not."""

@@ -2,6 +2,7 @@
 
 from msgspec import structs
 
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.record import AgentRecord, Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report, cell_of, in_order
 
@@ -64,21 +65,18 @@ def _record(place: str, cls: int, cfg: int, number: int) -> Record:
         idle = rule == "right_on_red" or (rule == "full_stop" and place == "light4")
         status = "NA" if idle else "PASS"
         text = f"{rule} NA: no instance was ever triggered" if idle else ""
-        return conclude(
-            made, [{"rule": rule, "status": status, "message": text}], "call", "skipped" if idle else "passed", text=text
-        )
+        return conclude(made, [Verdict(rule, Status(status), text)], "call", "skipped" if idle else "passed", text=text)
     cause = many // 4 % 15
     formula, said = WRONG[cause % 8]
-    verdict = {
-        "rule": rule,
-        "title": "who came first goes first",
-        "status": "FAIL" if cause < 8 else "OPEN",
-        "time": 3.0 + number,
-        "cause": said,
-        "violated": formula,
-        "roles": f"from {cause % 4}, straight on",
-        "message": said,
-    }
+    verdict = Verdict(
+        rule,
+        Status.FAIL if cause < 8 else Status.OPEN,
+        said,
+        title="who came first goes first",
+        time=3.0 + number,
+        violated=formula,
+        roles=f"from {cause % 4}, straight on",
+    )
     text = (
         f"{rule} at t={3 + number:.2f} s: {said} (a0 at entrance 0 to 2, a1 at entrance 1 to 3; who came first goes first)\n"
         f"       since t=1.20 s, a0 waited 0.00 s; a1 is to blame for nothing here, it came 0.84 s earlier and stood at its line"

@@ -15,6 +15,7 @@ from pytest_rvads.draw.picture import picture
 from pytest_rvads.draw.replay import Track, replay
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.junctions.finder import find
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report, in_order
@@ -194,7 +195,7 @@ def test_light_and_dark(open_page: Open, replayed: str) -> None:
 def record(cls: int, rule: str, status: str) -> Record:
     keys: dict[str, str | int] = {"junction": "stop4", "cls": cls, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": rule}
     found = planned_record(f"test_x.py::test[stop4-class{cls:02d}-{rule}]", 3, "test", keys, 4)
-    verdict = {"rule": rule, "status": status, "cause": f"{rule} broken", "time": 1.0, "instances": [], "message": f"{rule} <b>"}
+    verdict = Verdict(rule, Status(status), f"{rule} <b>", violated=f"{rule} broken", time=1.0)
     outcome, look = ("failed", f".rvads/{cls}.html#t=1.00") if status == "FAIL" else ("passed", "")
     return conclude(structs.replace(found, look=look), [verdict], "call", outcome, text=f"{rule} <b>at</b> t=1")
 
@@ -285,7 +286,9 @@ def test_a_row_of_recordings_leads_to_all_of_them(open_page: Open) -> None:
     def recorded(name: str, status: str) -> Record:
         keys = {"junction": "stop4", "recording": name, "rule": "p3"}
         found = planned_record(f"test_x.py::test[{name}-p3]", 3, "test", keys, 4)
-        return conclude(found, [{"status": status, "reason": "0.02 s apart"}], "call", "skipped", text=f"{status}: 0.02 s apart")
+        return conclude(
+            found, [Verdict("", Status(status), "", reason="0.02 s apart")], "call", "skipped", text=f"{status}: 0.02 s apart"
+        )
 
     records = [recorded(f"d{number}", "UNSURE" if number == 5 else "NA") for number in range(10)]
     browser = open_page(page(Report(in_order(records)), Path(".rvads")), "")

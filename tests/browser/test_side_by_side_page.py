@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.record import conclude, planned_record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.side_by_side import side_by_side
@@ -19,7 +20,7 @@ def session(*failing: int) -> Report:
         keys = {"junction": "stop4", "cls": cls, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": f"p{cls}"}
         start = planned_record(f"t.py::test[{HOSTILE}-{cls}]", 3, "test", {**keys, "variant": HOSTILE}, 4)
         status, outcome = ("FAIL", "failed") if cls in failing else ("PASS", "passed")
-        records.append(conclude(start, [{"status": status, "cause": HOSTILE}], "call", outcome, text=HOSTILE))
+        records.append(conclude(start, [Verdict("", Status(status), "", violated=HOSTILE)], "call", outcome, text=HOSTILE))
     return Report(tuple(records), command=HOSTILE)
 
 

@@ -22,7 +22,7 @@ from pytest_rvads.campaigns import answering
 from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.cli import main
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.simulators.patience import Limits
 
 FEW = 6
@@ -215,7 +215,7 @@ def test_a_case_that_kills_its_process_is_an_error_and_costs_no_other() -> None:
     found = {judged.cfg: judged.verdicts[0] for judged in results}
     assert len(found) == FEW
     dead = found.pop("d05.00v00.00")
-    assert dead.status is Outcome.ERROR
+    assert dead.outcome is Outcome.ERROR
     assert "the process that simulated it died" in dead.message
     assert {verdict.status for verdict in found.values()} == {Outcome.PASS}
     assert results.exitstatus == 1
@@ -340,7 +340,7 @@ def test_a_full_disk_ends_a_campaign_that_goes_on_when_there_is_room(tmp_path: P
     import resource
 
     path, usual = tmp_path / "results.jsonl", resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, usual[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (12_000, usual[1]))
     try:
         with pytest.raises(rvads.RvadsError, match=r"can't be added to .*make room, then run the campaign again"):
             rvads.campaign(cases(), executor=1, results=path)

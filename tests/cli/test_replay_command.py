@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from pytest_rvads import failure_page
@@ -179,7 +180,7 @@ def test_a_rule_of_one_s_own_is_drawn_as_the_session_judged_it(session: Path, sa
     status, _, (doubt,) = said(OWN)
     assert status == 0
     assert doubt.startswith("rvads: 'stays_out' is a rule of your own, so its monitors are not shown: name its file by --rules")
-    ((run, verdict, rule, *_),) = shown
+    ((_, verdict, rule, *_),) = shown
     record = report_of(session)[OWN]["verdicts"][0]
     assert rule == ""
     assert (verdict.message, verdict.time, list(verdict.responsible)) == (
@@ -187,7 +188,7 @@ def test_a_rule_of_one_s_own_is_drawn_as_the_session_judged_it(session: Path, sa
         record["time"],
         record["responsible"],
     )
-    assert [one.record(run.dt) for one in verdict.instances] == record["instances"]
+    assert json.loads(msgspec.json.encode(verdict.instances)) == record["instances"]
 
 
 def test_with_the_file_of_the_rule_its_monitors_are_shown(session: Path, said: Said, shown: list[tuple[Any, ...]]) -> None:
@@ -390,10 +391,19 @@ def test_the_run_of_a_file_is_drawn(session: Path, said: Said, shown: list[tuple
     assert (status, path, err) == (0, f"{kept.stem}-full_stop.html#t=1.68", [])
     assert message.startswith("  full_stop at t=1.68 s: ")
     assert Path(f"{kept.stem}-full_stop.html").exists()
-    beside = shown[0][4]
+    _, verdict, _, notes, beside = shown[0]
+    assert notes.startswith(verdict.explanation), "why the rule is violated"
     assert dict(beside.facts)["rerun"] == f'rvads replay "{kept}" --rules full_stop'
     assert "full_stop" not in [rule for rule, *_ in beside.others]
     assert beside.back == ""
+
+
+def test_run_of_a_file_is_drawn_where_the_rule_does_not_apply(session: Path, said: Said) -> None:
+    (kept, *_) = sorted((session / "runs").iterdir())
+    status, (path, message), err = said(str(kept), "--rules", "red")
+    assert (status, err) == (0, [])
+    assert Path(path.partition("#")[0]).exists()
+    assert message.startswith("  red NA: ")
 
 
 def test_without_a_rule_it_is_shown_as_it_is(session: Path, said: Said, shown: list[tuple[Any, ...]]) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.cli import main
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.files import save
 from pytest_rvads.report.record import conclude, planned_record
 from pytest_rvads.report.session_report import Report
@@ -66,8 +67,8 @@ def reports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "B", "rotation": 0, "rule": "p1"}
     start = planned_record("t.py::test[stop4]", 3, "test", keys, 4)
-    old = Report((conclude(start, [{"status": "PASS"}], "call", "passed"),), began="2026-01-01T10:00:00+00:00")
-    new = Report((conclude(start, [{"status": "FAIL"}], "call", "failed", text="p1: both in"),), exitstatus=1)
+    old = Report((conclude(start, [Verdict("", Status.PASS, "")], "call", "passed"),), began="2026-01-01T10:00:00+00:00")
+    new = Report((conclude(start, [Verdict("", Status.FAIL, "")], "call", "failed", text="p1: both in"),), exitstatus=1)
     other = planned_record("u.py::test[stop4]", 3, "test", keys, 4)
     save(tmp_path / "old.json", old)
     save(tmp_path / "new.json", new)
@@ -112,7 +113,7 @@ def test_a_session_that_died_is_compared_and_told(reports: Path, capsys: pytest.
     [
         (["old.json", "no.json"], "no.json can't be read as a report of --rvads-report: "),
         (["text.json", "old.json"], "text.json can't be read as a report of --rvads-report: "),
-        (["old.json", "later.json"], "later.json is not a report of version 4 written by --rvads-report=FILE.json"),
+        (["old.json", "later.json"], "later.json is not a report of version 5 written by --rvads-report=FILE.json"),
         (["old.json", "new.json", "-o", "out.csv"], "a comparison is a .html, .md, .json file, got 'out.csv'"),
         (
             ["old.json", "other.json"],

@@ -12,7 +12,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -32,7 +31,7 @@ from pytest_rvads.junctions.road_map import read_map
 from pytest_rvads.logic.check import check
 from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.merge import merge
-from pytest_rvads.report.record import Computing, Indicators, conclude, planned_record
+from pytest_rvads.report.record import Computing, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.runs.run import Fault, Run
@@ -67,10 +66,9 @@ def report() -> Report:
         cell = {"junction": "light4", "cls": 7, "scenario": "1132", "cfg": "B", "rotation": 0, "rule": rule, "driver": "a.B"}
         start = planned_record(f"t.py::test[{rule}]", 3, "test", cell, 4, ("REQ-1",))
         verdict = check(run(), rule)
-        over = conclude(start, [verdict.record()], "call", "failed", known=known, text=verdict.message)
+        over = conclude(start, [verdict], "call", "failed", known=known, text=verdict.message)
         timing = {"a1": Computing(stack="stack ./mine", decisions=60, compute=0.3, longest=0.02)}
-        found = msgspec.convert(kpis(run()).record(), Indicators)
-        records.append(structs.replace(over, run="r", hash=rule, look=".rvads/a.html#t=1.00", kpis=found, timing=timing))
+        records.append(structs.replace(over, run="r", hash=rule, look=".rvads/a.html#t=1.00", kpis=kpis(run()), timing=timing))
     comparison = Comparison("main.json", (Change("NEW", records[0].nodeid, "p1"), Change("LOST", "gone")), ("numpy was 1",))
     cells = tuple(map(cell_of, records))
     return Report(tuple(records), {4: (24, 81)}, cells, {"numpy": "2"}, 1, ("a note",), {"test": 2}, {"r": 1.5}, comparison)

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.sorts import Sort
@@ -21,12 +22,12 @@ Make = Callable[..., Run]
 def test_the_record_of_a_violation(make: Make, dt: float) -> None:
     # Both arrive in tick 10; a1, on the right, enters in tick 150, a0 already in tick 50.
     run = replace(make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 150, 300)}, 400), dt=dt)
-    assert check(run, "p2").record() == {
+    verdict = check(run, "p2")
+    assert verdict.record() == {
         "rule": "p2",
         "title": "right-of-way",
         "status": "FAIL",
         "message": f"p2 at t={50 * dt:.2f} s: a0 left entrance 0 before a1 was in the junction",
-        "reason": "",
         "final": True,
         "time": 50 * dt,
         "counts": {"fail": 1},
@@ -34,57 +35,46 @@ def test_the_record_of_a_violation(make: Make, dt: float) -> None:
         "responsible": ["a0"],
         "instances": [
             {
-                "binding": {"j.en": "entrance 1", "j.en'": "entrance 0", "a": "a1", "a'": "a0"},
+                "binding": [["j.en", "entrance 1"], ["j.en'", "entrance 0"], ["a", "a1"], ["a'", "a0"]],
                 "status": "FAIL",
                 "responsible": ["a0"],
-                "trigger": 10 * dt,
-                "failed": 50 * dt,
+                "trigger": 10,
+                "failed": 50,
                 "broken": ["a0 is not at entrance 0"],
                 "margin": 100 * dt,
-            }
+            },
         ],
-        "near": None,
-        "cause": "a' left its entrance before a was in the junction (a straight from entrance +0, a' straight from entrance +3)",
         "violated": "a' left its entrance before a was in the junction",
         "roles": "a straight from entrance +0, a' straight from entrance +3",
-        "asked": True,
-        "unavoidable": False,
-        "notes": [],
-        "requirement": None,
-        "subject": None,
-        "provoked": False,
+        "explanation": verdict.explanation,
+        "dt": dt,
+        "start": 0.0,
     }
+    assert verdict.cause == f"{verdict.violated} ({verdict.roles})"
 
 
 def test_the_record_of_what_never_applied(make: Make) -> None:
     # Two vehicles at green: a1 at its entrance for 40 ticks, a3 for 80; all that lacks is a red light.
     lights = {e: [(0, Colour.GREEN if e % 2 else Colour.RED)] for e in range(4)}
     run = make("light4", {1: (3, 10, 50, 200), 3: (2, 10, 90, 300)}, 400, lights)
-    untouched = {"status": "NA", "responsible": [], "trigger": None, "failed": None, "broken": [], "margin": None}
-    bindings = [{"j.en": f"entrance {e}", "a": f"a{e}", "lt": f"light {e}"} for e in (1, 3)]
+    bindings = [[["j.en", f"entrance {e}"], ["a", f"a{e}"], ["lt", f"light {e}"]] for e in (1, 3)]
     reason = "never triggered: the premise of no instance ever holds on the run"
-    assert check(run, "p4").record() == {
+    verdict = check(run, "p4")
+    assert verdict.record() == {
         "rule": "p4",
         "title": "red light",
         "status": "NA",
         "message": f"p4 NA: {reason}",
         "reason": reason,
-        "final": False,
-        "time": None,
         "counts": {"not triggered": 2},
         "collapsed": 4 * 4 * 2 - 2,
-        "responsible": [],
-        "instances": [{"binding": b, **untouched} for b in bindings],
-        "near": {"binding": bindings[0], "time": 0.1, "missing": ["light 1 is red"], "steps": 40},
-        "cause": reason,
+        "instances": [{"binding": binding, "status": "NA"} for binding in bindings],
+        "near": {"binding": bindings[0], "tick": 10, "missing": ["light 1 is red"], "steps": 40},
         "violated": reason,
-        "roles": "",
         "asked": False,
-        "unavoidable": False,
-        "notes": [],
-        "requirement": None,
-        "subject": None,
-        "provoked": False,
+        "explanation": verdict.explanation,
+        "dt": 0.01,
+        "start": 0.0,
     }
     assert check(run, "p4").explanation.splitlines()[1:] == [
         f"na        {reason}",
@@ -95,16 +85,16 @@ def test_the_record_of_what_never_applied(make: Make) -> None:
 
 def test_two_in_the_junction_share_a_margin(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 150, 300)}, 400)
-    (found,) = check(run, "p1").record()["instances"]
-    assert found == {
-        "binding": {"a": "a0", "a'": "a1"},
-        "status": "FAIL",
-        "responsible": ["a1"],
-        "trigger": 1.5,
-        "failed": 1.5,
-        "broken": ["a1 is in the junction"],
-        "margin": 0.5,
-    }
+    (instance,) = check(run, "p1").instances
+    assert instance == InstanceVerdict(
+        binding=(("a", "a0"), ("a'", "a1")),
+        status=Status.FAIL,
+        responsible=("a1",),
+        trigger=150,
+        failed=150,
+        broken=("a1 is in the junction",),
+        margin=0.5,
+    )
 
 
 def test_a_vehicle_that_turned_back_is_told_where_it_is(make: Make) -> None:

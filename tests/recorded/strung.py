@@ -98,11 +98,16 @@ def instances(run: Run, rule: Rule, after: float = 0.0, prefix: str = "") -> Tol
 
     found: Told = {}
     for instance in check(run, rule).instances:
-        told = instance.record(run.dt, run.start + after)
-        told["binding"] = tuple((variable, named(name)) for variable, name in told["binding"].items())
-        told["responsible"] = [named(name) for name in told["responsible"]]
-        told["hangs"] = ""
-        broken = told.pop("broken")
-        key = (*told["binding"], len([k for k in found if k[:-1] == told["binding"]]))
-        found[key] = {**told, "how many broken": len(broken)}
+        binding = tuple((variable, named(name)) for variable, name in instance.binding)
+        times = (
+            None if tick is None else round(run.start + after + tick * run.dt, 9) for tick in (instance.trigger, instance.failed)
+        )
+        key = (*binding, len([k for k in found if k[:-1] == binding]))
+        found[key] = {
+            "status": instance.status,
+            "responsible": [named(name) for name in instance.responsible],
+            "times": list(times),
+            "how many broken": len(instance.broken),
+            "margin": instance.margin,
+        }
     return found

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.annotations import annotate
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report
@@ -23,7 +24,7 @@ HOSTILE = st.one_of(
 def failed(run: str, rule: str, cause: str, file: str = "t.py", line: int = 3) -> Record:
     keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": rule}
     record = planned_record(f"{file}::test[{run}-{rule}]", line, "test", keys, 4)
-    verdict = {"status": "FAIL", "cause": cause, "violated": cause, "time": 1.0}
+    verdict = Verdict("", Status.FAIL, "", violated=cause, time=1.0)
     return conclude(replace(record, hash=run), [verdict], "call", "failed", text=cause)
 
 

@@ -1,21 +1,21 @@
 """Orders of arrival in the summary, from records written by hand."""
 
-import msgspec
 import pytest
 from msgspec import structs
 
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.at_junctions import AtJunctions
-from pytest_rvads.report.record import Indicators, Record, conclude, planned_record
+from pytest_rvads.report.record import Record, conclude, planned_record
+from pytest_rvads.runs.measured import Kpis, VehicleKpis
 
 
 def run(number: int, subject: str | None, pet: float | None, **arrivals: float | None) -> Record:
     """An item whose run has vehicles that arrived at these times [s]."""
     keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "S21", "rotation": 0, "seat": 0, "rule": "progress"}
     start = planned_record(f"t.py::test[{number}]", 3, "test", keys, 4)
-    vehicles = [{"agent": agent, "arrival": time} for agent, time in arrivals.items()]
-    kpis = msgspec.convert({"vehicles": vehicles, "pairs": [], "pet": pet}, Indicators)
+    kpis = Kpis(tuple(VehicleKpis(agent, time) for agent, time in arrivals.items()), pet=pet)
     return conclude(
-        structs.replace(start, hash=f"h{number}", kpis=kpis), [{"status": "PASS", "subject": subject}], "call", "passed"
+        structs.replace(start, hash=f"h{number}", kpis=kpis), [Verdict("", Status.PASS, "", subject=subject)], "call", "passed"
     )
 
 

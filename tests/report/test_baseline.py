@@ -6,11 +6,13 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.report.baseline import compare, with_baseline
 from pytest_rvads.report.markdown import markdown
-from pytest_rvads.report.record import Indicators, conclude, planned_record
+from pytest_rvads.report.record import conclude, planned_record
 from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.terminal import summary
+from pytest_rvads.runs.measured import Kpis
 
 
 def record(
@@ -21,8 +23,9 @@ def record(
     if status == "NOT RUN":
         return made
     outcome = "skipped" if status in ("NA", "UNSURE") or known else "passed" if status == "PASS" else "failed"
-    verdicts = [{"status": status, "cause": "both in", "instances": [{"margin": margin}]}]
-    made = replace(made, kpis=Indicators(**kpis))
+    given = Status(status)
+    verdicts = [Verdict("", given, "", violated="both in", instances=(InstanceVerdict((), given, margin=margin),))]
+    made = replace(made, kpis=Kpis(**kpis))
     return conclude(made, verdicts, "call", outcome, known=known, text="p1 at t=1.00 s: both in")
 
 

@@ -9,10 +9,11 @@ import pytest
 from msgspec import structs
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.coverage import dropped, measure, shortfall
 from pytest_rvads.report.merge import merge
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import AgentRecord, Record, conclude, planned_record
 from pytest_rvads.report.session_report import Extent, Report
 
@@ -33,7 +34,7 @@ def record(cls: int, rule: str, status: str, *, row: int = 0, hash: str = "aa") 
         return made
     outcome = {"PASS": "passed", "NA": "skipped", "UNSURE": "skipped"}.get(status, "failed")
     error = Outcome.ERROR if status == "ERROR" else None
-    verdicts = [] if error else [{"status": status, "cause": "c"}]
+    verdicts = [] if error else [Verdict("", Status(status), "", violated="c")]
     return conclude(structs.replace(made, hash=hash), verdicts, "call", outcome, error=error)
 
 
@@ -72,7 +73,7 @@ def recorded(name: str, rule: str, status: str) -> Record:
     """A record of what nobody simulated, which has no class."""
     made = planned_record(f"t.py::test[{name}-{rule}]", 3, "test", {"junction": "stop4", "recording": name, "rule": rule}, 4)
     outcome = {"PASS": "passed", "NA": "skipped"}.get(status, "failed")
-    return conclude(structs.replace(made, hash=name), [{"status": status}], "call", outcome)
+    return conclude(structs.replace(made, hash=name), [Verdict("", Status(status), "")], "call", outcome)
 
 
 def test_recordings_have_cells_of_their_own_and_no_classes() -> None:
@@ -91,7 +92,7 @@ def test_one_row_of_a_class_exercises_its_cell() -> None:
 def test_what_only_the_traffic_was_asked_exercises_nothing() -> None:
     def among(traffic: str, seat: int, status: str, asked: bool) -> Record:
         made = record(1, "p1", "PASS")
-        verdicts = [{"status": status, "provoked": status == "FAIL", "asked": asked}]
+        verdicts = [Verdict("", Status(status), "", provoked=status == "FAIL", asked=asked)]
         return structs.replace(conclude(made, verdicts, "call", "passed"), seat=seat, traffic=traffic)
 
     seen = [among("hesitant", 0, "FAIL", False), among("hesitant", 1, "FAIL", True), among("stopped", 1, "PASS", True)]

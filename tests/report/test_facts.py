@@ -2,16 +2,16 @@
 
 from typing import Any
 
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.facts import facts
-from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import Record, VerdictRecord, conclude, planned_record
+from pytest_rvads.report.record import Record, conclude, planned_record
 
 KEYS = {"junction": "stop4", "cls": 7, "scenario": "1133", "cfg": "C", "rotation": 0, "rule": "full_stop", "driver": "a.Racer"}
 
 
 def failed(**more: Any) -> Record:
     record = planned_record("test_it.py::test_it[x]", 1, "test_it", {**KEYS, "simulator": "bullet", **more}, 4, ("REQ-1",))
-    return conclude(record, [{"rule": "full_stop", "title": "full stop", "status": "FAIL", "subject": "a0"}], "call", "failed")
+    return conclude(record, [Verdict("full_stop", Status.FAIL, "", title="full stop", subject="a0")], "call", "failed")
 
 
 def test_what_is_known_is_told_in_order() -> None:
@@ -40,4 +40,4 @@ def test_of_a_recorded_run_nothing_drives() -> None:
 def test_a_rule_without_a_verdict_or_title_is_its_name() -> None:
     record = planned_record("a", 1, "a", KEYS, 4)
     assert dict(facts(record, "", ""))["rule"] == "full_stop"
-    assert VerdictRecord(rule="mine", status=Outcome.FAIL).title == ""
+    assert Verdict("mine", Status.FAIL, "").title == ""

@@ -16,12 +16,14 @@ from msgspec import structs
 import pytest_rvads as rvads
 from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
+from pytest_rvads.outcome import Outcome
+from pytest_rvads.report.faults import hanging as hanging_on
 from pytest_rvads.report.files import FORMATS, load, save
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import Block, Causes, Changes, Head, RollUp, Verdicts, outline
-from pytest_rvads.report.record import Computing, Indicators, Record, VerdictRecord, conclude, planned_record, received, sent
+from pytest_rvads.report.record import Computing, Record, conclude, planned_record, received, sent
 from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
+from pytest_rvads.runs.measured import Kpis
 
 STACK = Computing(stack="stack ./mine", decisions=60, compute=0.3, longest=0.02)
 INDICATORS = {
@@ -33,7 +35,7 @@ TELLING: dict[str, dict[str, Any]] = {
     "OPEN": {"violated": "waits for ever", "time": 9.0},
     "PROVOKED": {"status": "FAIL", "provoked": True, "violated": "was run into"},
     "UNAVOIDABLE": {"status": "FAIL", "unavoidable": True, "violated": "a cycle of four"},
-    "UNSURE": {"instances": [{"status": "UNSURE", "binding": {"a": "v7", "a'": "v9"}, "hangs": "v7 came 0.02 s <= v9"}]},
+    "UNSURE": {"instances": (InstanceVerdict((("a", "v7"), ("a'", "v9")), Status.UNSURE, hangs="v7 came 0.02 s <= v9"),)},
 }
 
 
@@ -53,9 +55,10 @@ def record(number: int, outcome: Outcome, known: str | None = None) -> Record:
         "simulator": "mine",
     }
     start = planned_record(f"t.py::test[stop4-class{number:02d}-p{number % 2}]", 3, "test", keys, 4, ("REQ-1", "REQ-2"))
-    told = {"status": outcome.value, **TELLING.get(outcome, {})}
-    verdicts = [told] if outcome.value in (*TELLING, "PASS", "NA") else []
-    kpis = msgspec.convert(INDICATORS, Indicators)
+    telling = dict(TELLING.get(outcome, {}))
+    status = telling.pop("status", outcome.value)
+    verdicts = [Verdict("", Status(status), "", **telling)] if outcome.value in (*TELLING, "PASS", "NA") else []
+    kpis = msgspec.convert(INDICATORS, Kpis)
     ran = structs.replace(start, run=f"run{number}", hash=f"h{number}", kpis=kpis, timing={"a1": STACK})
     result = "skipped" if known or outcome.meaning == "idle" else "failed" if outcome.bad else "passed"
     over = conclude(ran, verdicts, "call", result, known=known, text=f"{outcome} in run {number}")
@@ -225,6 +228,7 @@ SUMMED_UP = {
     "verdicts": "as causes, by what was violated",
     "formula": "told where it is not that of the baseline",
     "outcome": "pytest tells it",
+    "late": "the message tells it",
     "agents": "pictures and replays show them",
     "run": "those with extremes, and the slowest",
     "hash": "programs compare it",
@@ -340,10 +344,9 @@ def test_a_csv_is_one_table_whose_last_rows_are_about_the_session() -> None:
 def test_records_hold_all_that_verdicts_and_indicators_say() -> None:
     run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1133", distance=0.3, duration=3.0), rvads.Reference))
     for rule in ("p1", "p2", "p4"):
-        told = rvads.check(run, rule).record()
-        assert msgspec.json.decode(msgspec.json.encode(msgspec.convert(told, VerdictRecord))) == told
-    found = kpis(run).record()
-    assert msgspec.json.decode(msgspec.json.encode(msgspec.convert(found, Indicators))) == found
+        verdict = rvads.check(run, rule)
+        assert msgspec.json.decode(msgspec.json.encode(verdict), type=Verdict) == verdict
+    assert msgspec.json.decode(msgspec.json.encode(kpis(run)), type=Kpis) == kpis(run)
 
 
 def test_records_hold_what_an_unsure_instance_hangs_on() -> None:
@@ -351,10 +354,11 @@ def test_records_hold_what_an_unsure_instance_hangs_on() -> None:
     hanging, sure = (
         InstanceVerdict(binding, Status(s), (), 3, None, (), 0.02, h) for s, h in (("UNSURE", "0.02 s"), ("PASS", ""))
     )
-    told = Verdict("p3", Status.UNSURE, "p3 UNSURE", instances=(hanging, sure)).record()
-    back = msgspec.convert(told, VerdictRecord)
-    assert msgspec.json.decode(msgspec.json.encode(back)) == told
-    assert back.hangs == ("a=v7, a'=v9: 0.02 s",)
+    start = planned_record("t.py::test[p3]", 3, "test", {"junction": "stop4", "rule": "p3"}, 4)
+    verdict = Verdict("p3", Status.UNSURE, "p3 UNSURE", instances=(hanging, sure))
+    back = received(sent(conclude(start, [verdict], "call", "skipped")))
+    assert back.verdicts == (verdict,)
+    assert hanging_on(back) == "a=v7, a'=v9: 0.02 s"
 
 
 def test_a_record_crosses_processes_as_builtins() -> None:

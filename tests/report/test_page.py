@@ -12,6 +12,7 @@ import pytest
 from markdown_it import MarkdownIt
 from msgspec.structs import replace
 
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.annotations import annotate
 from pytest_rvads.report.folders import claimed
 from pytest_rvads.report.markdown import markdown
@@ -29,7 +30,7 @@ def record(cls: int, rule: str, status: str, cfg: str = LONG) -> Record:
     made = planned_record(f"t.py::test[stop4-class{cls:02d}-cfg{cfg}-{rule}]", 3, "test", keys, 4)
     made = replace(made, hash=f"{cls} {cfg}", driver="mine.Pilot", source="pilots.py 3fa29c01", simulator="bullet")
     outcome = {"PASS": "passed", "NA": "skipped"}.get(status, "failed")
-    return conclude(made, [{"status": status, "cause": "both in"}], "call", outcome, text=f"{rule} at t=1.00 s")
+    return conclude(made, [Verdict("", Status(status), "", violated="both in")], "call", outcome, text=f"{rule} at t=1.00 s")
 
 
 def session(*records: Record, **more: Any) -> Report:

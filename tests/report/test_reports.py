@@ -14,7 +14,9 @@ from markdown_it import MarkdownIt
 from msgspec.structs import replace
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.book import rulebook
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report import triage
 from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.figures import Extremes
@@ -22,14 +24,14 @@ from pytest_rvads.report.files import load, save
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.merge import merge
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.page import page
-from pytest_rvads.report.record import Indicators, Record, conclude, planned_record, properties
+from pytest_rvads.report.record import Record, conclude, planned_record, properties
 from pytest_rvads.report.session_report import Comparison, Report, cell_of
 from pytest_rvads.report.steady import steady
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.traceability import table
 from pytest_rvads.report.triage import Cause
+from pytest_rvads.runs.measured import Kpis
 from pytest_rvads.wording import printable
 
 TOTALS = {4: (24, 81)}
@@ -73,7 +75,8 @@ def record(  # noqa: PLR0913 - what a cell is told by
     }
     made = planned_record(f"t.py::test[{cls}-{scenario}-{cfg}-{rule}]", 3, "test", keys, 4)
     outcome = "skipped" if status == "NA" or known else "passed" if status == "PASS" else "failed"
-    verdicts = [{"status": status, "cause": cause}]
+    unavoidable = status == "UNAVOIDABLE"
+    verdicts = [Verdict("", Status.FAIL if unavoidable else Status(status), "", violated=cause, unavoidable=unavoidable)]
     made = replace(made, hash=f"{cls} {scenario} {cfg}")
     return conclude(made, verdicts, "call", outcome, known=known, text=f"{rule} at t=1.00 s")
 
@@ -150,7 +153,7 @@ def test_an_item_that_never_ran_is_an_error_or_not_run() -> None:
 
 def test_several_verdicts_count_by_the_worst() -> None:
     made = record(1, "C", "p1", "PASS")
-    four, two = ([{"status": s} for s in given] for given in (("PASS", "NA", "FAIL", "OPEN"), ("NA", "PASS")))
+    four, two = ([Verdict("", Status(s), "") for s in given] for given in (("PASS", "NA", "FAIL", "OPEN"), ("NA", "PASS")))
     assert conclude(made, four, "call", "failed").status == "FAIL"
     assert conclude(made, two, "call", "passed").status == "PASS"
 
@@ -158,7 +161,7 @@ def test_several_verdicts_count_by_the_worst() -> None:
 def test_nothing_but_a_judged_pass_is_a_pass() -> None:
     def status(verdicts: list[str], outcome: str, **more: Any) -> str:
         made = record(1, "C", "p1", "PASS")
-        return conclude(made, [{"status": s} for s in verdicts], "call", outcome, **more).status.value
+        return conclude(made, [Verdict("", Status(s), "") for s in verdicts], "call", outcome, **more).status.value
 
     assert status([], "failed", error=Outcome.NOT_JUDGED) == "NOT JUDGED"
     assert status([], "passed") == "PASS", "a test of a run by its own assertions"
@@ -219,8 +222,8 @@ def test_recordings_with_the_same_verdicts_are_a_row() -> None:
 
 def test_what_is_unsure_is_listed_with_what_it_hangs_on() -> None:
     def unsure(name: str, *hangs: str, reason: str = "") -> Record:
-        instances = [{"status": "UNSURE", "binding": {"a": f"v{n}"}, "hangs": text} for n, text in enumerate(hangs)]
-        verdict = {"status": "UNSURE", "instances": instances, "reason": reason}
+        instances = tuple(InstanceVerdict((("a", f"v{n}"),), Status.UNSURE, hangs=text) for n, text in enumerate(hangs))
+        verdict = Verdict("", Status.UNSURE, "", instances=instances, reason=reason)
         return conclude(recorded(name, "p3", "NOT RUN"), [verdict], "call", "skipped", text="p3 UNSURE")
 
     one, two = unsure("d0", "0.02 s", "0.03 s", reason="first come"), unsure("d1", reason="who came first")
@@ -239,14 +242,14 @@ def test_a_report_is_read_back(tmp_path: Path) -> None:
     assert (tmp_path / "r.md").read_text(encoding="utf-8") == markdown(REPORT)
 
 
-OLDER, OTHER = ({"format": name, "version": n, "records": []} for name, n in (("rvads-report", 3), ("other-report", 4)))
+OLDER, OTHER = ({"format": name, "version": n, "records": []} for name, n in (("rvads-report", 4), ("other-report", 5)))
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", json.dumps(OLDER), json.dumps(OTHER)])
 def test_other_files_are_refused(tmp_path: Path, content: str) -> None:
     path = tmp_path / "r.json"
     path.write_text(content, encoding="utf-8")
-    with pytest.raises(RvadsError, match=r"r\.json (is not a report of version 4|can't be read)"):
+    with pytest.raises(RvadsError, match=r"r\.json (is not a report of version 5|can't be read)"):
         load(path)
 
 
@@ -357,7 +360,7 @@ def measured(cls: int, **vehicle: float | None) -> Record:
     one = {"agent": "a0", "waiting": 1.0, "delay": None, "deceleration": 2.0, "jerk": 3.0}
     pair = {"agents": ["a0", "a1"], "ttc": 2.5 - cls, "pet": None}
     vehicles = [one, {**one, "agent": "a1", **vehicle}]
-    return replace(made, run=f"run{cls}", kpis=msgspec.convert({"vehicles": vehicles, "pairs": [pair]}, Indicators))
+    return replace(made, run=f"run{cls}", kpis=msgspec.convert({"vehicles": vehicles, "pairs": [pair]}, Kpis))
 
 
 def test_extremes_name_value_vehicle_and_run() -> None:
@@ -500,7 +503,7 @@ def test_record_that_contradicts_itself_is_refused(tmp_path: Path, edited: dict[
 @pytest.mark.parametrize("outcome", ["passed", "failed", "skipped"])
 def test_no_record_that_a_session_writes_contradicts_itself(outcome: str, status: str, error: Outcome | None) -> None:
     start = planned_record("t", 3, "test", {"junction": "stop4", "rule": "p1"}, 4)
-    verdicts = [{"rule": "p1", "status": status, "unavoidable": flag} for flag in (False, True)]
+    verdicts = [Verdict("p1", Status(status), "", unavoidable=flag) for flag in (False, True)]
     for given in ([], verdicts[:1], verdicts):
         for when in ("setup", "call"):
             assert conclude(start, given, when, outcome, error=error).contradiction == ""
@@ -508,5 +511,5 @@ def test_no_record_that_a_session_writes_contradicts_itself(outcome: str, status
 
 def test_unavoidable_violation_that_is_to_fail_stays_unavoidable() -> None:
     start = planned_record("t", 3, "test", {"junction": "stop4", "rule": "p2"}, 4)
-    verdict = {"rule": "p2", "status": "FAIL", "unavoidable": True}
+    verdict = Verdict("p2", Status.FAIL, "", unavoidable=True)
     assert conclude(start, [verdict], "call", "failed").status is Outcome.UNAVOIDABLE

@@ -15,11 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report import matrix, rollup, traceability, triage
 from pytest_rvads.report.coverage import measure
 from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.markdown import markdown
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.outline import Causes, Figures, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Computing, Record, conclude, planned_record
@@ -35,7 +36,7 @@ def record(junction: str, run: int, rule: str, status: str, **more: Any) -> Reco
     name = f"{junction}-class{run:02d}-as11{run:02d}-cfgC"
     start = planned_record(f"{name}-{rule}", 0, "", keys, 3 + number % 2, more.pop("requirements", ()))
     outcome = "skipped" if status == "NA" else "passed" if status == "PASS" else "failed"
-    verdict = {"status": status, "violated": "both in" if status == "FAIL" else "", "time": 1.0}
+    verdict = Verdict("", Status(status), "", violated="both in" if status == "FAIL" else "", time=1.0)
     over = conclude(start, [verdict], "call", outcome, text=f"{rule} {status}", **more)
     return replace(over, run=name, hash=f"{junction} {run}")
 

@@ -12,10 +12,12 @@ from markdown_it import MarkdownIt
 from msgspec import structs
 
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.report.record import Indicators, Record, conclude, planned_record
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report, cell_of
 from pytest_rvads.report.side_by_side import SideBySide, side_by_side
 from pytest_rvads.report.side_by_side_forms import save, sections, text
+from pytest_rvads.runs.measured import Kpis
 
 HOSTILE = "<script>alert(1)</script> | `x` [a](javascript:1) \x1b[31m @all\n# head"
 BAD = ("FAIL", "OPEN")
@@ -26,12 +28,12 @@ def record(  # noqa: PLR0913 - what a cell is told by
 ) -> Record:
     keys = {"junction": "stop4", "cls": cls, "scenario": "1111", "cfg": cfg, "rotation": 0, "rule": rule, "variant": variant}
     made = planned_record(f"t.py::test[{variant}-stop4-class{cls:02d}-as1111-cfg{cfg}-{rule}]", 3, "test", keys, 4)
-    made = structs.replace(made, driver="mine.Pilot", source="pilots.py 12ab34cd", kpis=Indicators(pet=pet))
+    made = structs.replace(made, driver="mine.Pilot", source="pilots.py 12ab34cd", kpis=Kpis(pet=pet))
     made = structs.replace(made, hash=f"{variant} {cls} {cfg}")
     if status == "NOT RUN":
         return made
     outcome = "failed" if status in BAD else "skipped" if status == "NA" else "passed"
-    return conclude(made, [{"status": status, "cause": cause}], "call", outcome, text=f"{rule}: {cause}")
+    return conclude(made, [Verdict("", Status(status), "", violated=cause)], "call", outcome, text=f"{rule}: {cause}")
 
 
 def report(*records: Record, **fields: Any) -> Report:

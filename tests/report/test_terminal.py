@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from rich.cells import cell_len
 
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.columns import Cell, Column, blocks, wrapped
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report
 from pytest_rvads.report.terminal import Summary, summarise, summary
@@ -120,7 +121,7 @@ def record(number: int, rule: str, status: str, test: str = "test", **more: obje
         "driver": "mine.Pilot",
     }
     start = planned_record(f"t.py::{test}[class{number:02d}-{rule}]", 3, test, keys, 4)
-    verdict = {"rule": rule, "status": status, "violated": f"{rule} was broken", "time": 1.0, **more}
+    verdict = replace(Verdict(rule, Status(status), "", violated=f"{rule} was broken", time=1.0), **more)
     over = conclude(start, [verdict], "call", "failed" if status in ("FAIL", "OPEN") else "passed")
     return replace(over, run=f"class{number:02d}", hash=f"{test} {number}")
 

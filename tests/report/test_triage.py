@@ -9,9 +9,10 @@ import pytest
 from msgspec.structs import replace
 
 import pytest_rvads as rvads
+from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report import triage
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
@@ -42,7 +43,7 @@ def failures(mutant: str, junction: str, letters: str, classes: Sequence[int]) -
             if verdict.status in ("FAIL", "OPEN"):
                 keys = {"junction": junction, "cls": scenario.number, "scenario": "", "cfg": "", "rotation": 0, "rule": rule.name}
                 record = planned_record(f"{mutant}::{scenario.name}-{rule.name}", 1, "test", keys, place.ways)
-                record = conclude(record, [verdict.record()], "call", "failed", text=verdict.message)
+                record = conclude(record, [verdict], "call", "failed", text=verdict.message)
                 records.append(replace(record, hash=run.hash))
     return found
 
@@ -104,7 +105,7 @@ def test_cause_groups_are_few_and_pure() -> None:
 def failed(run: str, rule: str, violated: str, time: float | None, **more: Any) -> Record:
     keys = {"junction": "stop4", "cls": 1, "scenario": "1111", "cfg": "C", "rotation": 0, "rule": rule}
     record = planned_record(f"t.py::test[{run}-{rule}]", 3, "test", keys, 4)
-    verdict = {"status": "FAIL", "cause": violated, "violated": violated, "time": time, **more}
+    verdict = replace(Verdict("", Status.FAIL, "", violated=violated, time=time), **more)
     return conclude(replace(record, hash=run), [verdict], "call", "failed", text=violated)
 
 
@@ -123,7 +124,7 @@ def test_what_broke_first_explains_the_rest_of_its_run() -> None:
 
 def by(*vehicles: str) -> dict[str, Any]:
     """Return what a verdict says of who is to blame; each vehicle broke the rule once."""
-    return {"responsible": vehicles, "instances": [{"responsible": (vehicle,)} for vehicle in vehicles]}
+    return {"responsible": vehicles, "instances": tuple(InstanceVerdict((), Status.FAIL, (vehicle,)) for vehicle in vehicles)}
 
 
 def test_two_faults_of_two_vehicles_in_one_run_are_two_causes() -> None:
@@ -238,7 +239,7 @@ def test_chance_is_one_cause_over_all_rules() -> None:
 
 
 def test_a_cause_says_in_words_what_is_owed_and_which_rule_it_is() -> None:
-    open_ = {"status": "OPEN", "title": "everybody gets into the junction"}
+    open_ = {"status": Status.OPEN, "title": "everybody gets into the junction"}
     (cause,) = causes([replace_status(failed("one", "arrives", "open: everybody gets into the junction", 1.0, **open_))])
     assert cause.text == "still owed at the end of the run: everybody gets into the junction"
     assert cause.rule == "arrives (everybody gets into the junction)"

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.matrix import Matrices, Matrix, member_of
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record, properties
 from pytest_rvads.report.session_report import Report, cell_of
@@ -19,7 +20,7 @@ def record(variant: str, cls: int, cfg: str = "C", rule: str = "p1", status: str
     keys = {"junction": "stop4", "cls": cls, "scenario": "1111", "cfg": cfg, "rotation": 0, "rule": rule, "variant": variant}
     made = planned_record(f"t.py::test[{variant}-stop4-class{cls:02d}-as1111-cfg{cfg}-{rule}]", 3, "test", keys, 4)
     outcome = "failed" if status in ("FAIL", "OPEN") else "skipped" if status == "NA" else "passed"
-    return conclude(made, [{"status": status}], "call", outcome, text=f"{status} told")
+    return conclude(made, [Verdict("", Status(status), "")], "call", outcome, text=f"{status} told")
 
 
 def matrix(records: Iterable[Record]) -> Matrix:

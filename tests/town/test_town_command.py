@@ -15,8 +15,8 @@ from pytest_rvads.campaigns import answering, replays
 from pytest_rvads.cli import main
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.files import load
-from pytest_rvads.report.outcome import Outcome
 from pytest_rvads.report.session_report import Report
 
 SHORT = ("-j", "1", "--grid", "B", "--subject", "none")

@@ -7,17 +7,17 @@ from msgspec import structs
 
 from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.campaigns.town_tally import JunctionTally, cell
-from pytest_rvads.report.outcome import Outcome
-from pytest_rvads.report.record import VerdictRecord
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.outcome import Outcome
 
 
 def result(name: str, *outcomes: Outcome, violated: str = "a left too early", cfg: str = "A") -> Judged:
     """A run with a verdict of rules r0, r1, ... each, the later the rule the later violated."""
     verdicts = tuple(
-        VerdictRecord(
-            rule=f"r{k}",
-            status=outcome,
-            message=f"r{k} {outcome}",
+        Verdict(
+            f"r{k}",
+            Status(outcome.value),
+            f"r{k} {outcome}",
             time=float(k) if outcome is Outcome.FAIL else None,
             violated=f"{violated} (r{k})" if outcome is Outcome.FAIL else "",
             roles="a right from entrance +0" if outcome is Outcome.FAIL else "",
@@ -75,9 +75,7 @@ def test_what_broke_first_explains_the_rest_of_its_run() -> None:
 
 
 def test_a_fault_is_one_cause_whatever_rules_would_have_judged() -> None:
-    verdicts = tuple(
-        VerdictRecord(rule=rule, status=Outcome.ERROR, message=f"{rule} ERROR: it broke", reason="it broke") for rule in "pq"
-    )
+    verdicts = tuple(Verdict(rule, Status.ERROR, f"{rule} ERROR: it broke", reason="it broke") for rule in "pq")
     ((_, (cause,)),) = of(structs.replace(result("run"), verdicts=verdicts)).grouped()
     assert (cause.text, cause.count, cause.rules) == ("it broke", 2, ("p", "q"))
 

@@ -1,15 +1,15 @@
-"""Verdicts: what a rule says about a run."""
+"""Verdicts: what a rule says about a run. Reports and files of results hold these values as they are."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+import msgspec
+
 from pytest_rvads.displayed import shown
 from pytest_rvads.errors import RunError
-from pytest_rvads.report.outcome import Outcome
+from pytest_rvads.outcome import Outcome
 
 __all__ = ["InstanceVerdict", "NearMiss", "Status", "Verdict"]
 
@@ -31,44 +31,28 @@ class Status(StrEnum):
     """The run can't be judged: it is empty, damaged, or ended by a fault."""
 
 
-@dataclass(frozen=True, slots=True)
-class InstanceVerdict:
+class InstanceVerdict(msgspec.Struct, frozen=True, omit_defaults=True):
     """What one instance of a rule says; symmetric instances are one."""
 
     binding: tuple[tuple[str, str], ...]
     """Variables of the rule and the names they stand for."""
     status: Status
-    responsible: tuple[str, ...]
+    responsible: tuple[str, ...] = ()
     """The vehicles bound to act, when violated or open."""
-    trigger: int | None
+    trigger: int | None = None
     """Tick since which the obligation exists that was violated, is open, or was discharged first."""
-    failed: int | None
+    failed: int | None = None
     """Tick at which no continuation could repair it any more."""
-    broken: tuple[str, ...]
+    broken: tuple[str, ...] = ()
     """What was not as it had to be, in that tick."""
-    margin: float | None
+    margin: float | None = None
     """How long before it was allowed the bound vehicle acted, negative when it waited; seconds of overlap where two
     must never be together [s]. None where one of the two events is missing."""
-
     hangs: str = ""
     """Of what is UNSURE, what it hangs on, and by how much."""
 
-    def record(self, dt: float, start: float = 0.0) -> dict[str, Any]:
-        """Return builtins, with times on the clock of the recording [s] instead of ticks."""
-        return {
-            "binding": dict(self.binding),
-            "status": self.status.value,
-            "responsible": list(self.responsible),
-            "trigger": None if self.trigger is None else round(start + self.trigger * dt, 9),
-            "failed": None if self.failed is None else round(start + self.failed * dt, 9),
-            "broken": list(self.broken),
-            "margin": self.margin,
-            **({"hangs": self.hangs} if self.hangs else {}),
-        }
 
-
-@dataclass(frozen=True, slots=True)
-class NearMiss:
+class NearMiss(msgspec.Struct, frozen=True):
     """The step in which a rule that never applied came closest to applying."""
 
     binding: tuple[tuple[str, str], ...]
@@ -79,8 +63,7 @@ class NearMiss:
     """How many steps were as close as this one."""
 
 
-@dataclass(frozen=True, slots=True, repr=False)
-class Verdict:
+class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     """The verdict of one rule on one run.
 
     Its truth value is that of "the run satisfies the rule"; an NA verdict has none and refuses.
@@ -96,7 +79,7 @@ class Verdict:
     """True when no continuation of the run could change the status."""
     time: float | None = None
     """Of the earliest violation, or since when the obligation is open [s]."""
-    counts: Mapping[str, int] = field(default_factory=dict)
+    counts: dict[str, int] = {}
     """Instances by outcome: fail, open, pass, "not triggered"."""
     collapsed: int = 0
     """Instances that what is static makes true; they are in no count."""
@@ -119,13 +102,15 @@ class Verdict:
     dt: float = 0.01
     """Time between two states [s]."""
     start: float = 0.0
-    """Time of the first state on the clock of the recording, which `time` and the records are on [s]; ticks count from it."""
+    """Time of the first state on the clock of the recording, which `time` is on [s]; ticks count from it."""
     subject: str | None = None
     """The vehicle under test, where the others are traffic; the status is then that of what it is to blame for, if anything."""
     provoked: bool = False
     """Violated or open, but by the doing of the traffic alone: nothing for a test of the subject to fail by."""
     title: str = ""
     """Of the rule, in words."""
+    responsible: tuple[str, ...] = ()
+    """The vehicles responsible for violated or open instances, the earliest first, each once."""
 
     def __repr__(self) -> str:
         return f"<Verdict {self.rule} {self.status}: {self.message}>"
@@ -155,44 +140,11 @@ class Verdict:
         return Outcome.UNAVOIDABLE if self.unavoidable else Outcome.PROVOKED if self.provoked else Outcome(self.status.value)
 
     @property
-    def responsible(self) -> tuple[str, ...]:
-        """The vehicles responsible for violated or open instances, the earliest first, each once."""
-        worst = [i for i in self.instances if i.status is self.status and self.status in (Status.FAIL, Status.OPEN)]
-        return tuple(dict.fromkeys(name for i in worst for name in i.responsible))
-
-    @property
     def cause(self) -> str:
         """What was violated and by whom: the same words for the same violation in a rotated scenario."""
         return f"{self.violated} ({self.roles})" if self.roles else self.violated
 
     def record(self) -> dict[str, Any]:
-        """Return the verdict as builtins."""
-        return {
-            "rule": self.rule,
-            "title": self.title,
-            "status": self.status.value,
-            "message": self.message,
-            "reason": self.reason,
-            "final": self.final,
-            "time": self.time,
-            "counts": dict(self.counts),
-            "collapsed": self.collapsed,
-            "responsible": list(self.responsible),
-            "instances": [i.record(self.dt, self.start) for i in self.instances],
-            "near": self.near
-            and {
-                "binding": dict(self.near.binding),
-                "time": round(self.start + self.near.tick * self.dt, 9),
-                "missing": list(self.near.missing),
-                "steps": self.near.steps,
-            },
-            "cause": self.cause,
-            "violated": self.violated,
-            "roles": self.roles,
-            "asked": self.asked,
-            "unavoidable": self.unavoidable,
-            "notes": list(self.notes),
-            "requirement": self.requirement,
-            "subject": self.subject,
-            "provoked": self.provoked,
-        }
+        """Return the verdict as builtins that JSON has too, without what has its default, as reports hold it."""
+        content: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self))
+        return content

@@ -54,6 +54,8 @@ def tell(story: Story) -> Verdict:
         time = None if tick is None else round(run.start + tick * run.dt, 9)
     elif doubt is not None:
         time = since(run, doubt)
+    instances = tuple(_instance(j, run) for j in ordered)
+    violated = [i for i in instances if i.status is story.status and i.status in (Status.FAIL, Status.OPEN)]
     return Verdict(
         rule.name,
         story.status,
@@ -63,7 +65,7 @@ def tell(story: Story) -> Verdict:
         time=time,
         counts=story.counts,
         collapsed=story.collapsed,
-        instances=tuple(_instance(j, run) for j in ordered),
+        instances=instances,
         near=miss,
         violated=_violated(story, worst),
         roles=_roles(story, worst),
@@ -77,6 +79,7 @@ def tell(story: Story) -> Verdict:
         subject=story.subject,
         provoked=story.provoked,
         title=rule.title,
+        responsible=tuple(dict.fromkeys(name for i in violated for name in i.responsible)),
     )
 
 

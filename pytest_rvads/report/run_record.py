@@ -1,4 +1,4 @@
-"""What a record tells of a run beside its verdicts: who took part, indicators, and how long stacks computed."""
+"""What a record tells of a run beside verdicts and indicators: who took part, and how long stacks computed."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from contextlib import suppress
 
 import msgspec
 
-from pytest_rvads.conduct.kpis import kpis
-from pytest_rvads.report.record import AgentRecord, Computing, Indicators
+from pytest_rvads.report.record import AgentRecord, Computing
 from pytest_rvads.runs.run import Run
 
-__all__ = ["computing", "indicators", "took_part"]
+__all__ = ["computing", "took_part"]
 
 
 def took_part(run: Run) -> tuple[AgentRecord, ...]:
@@ -22,11 +21,6 @@ def took_part(run: Run) -> tuple[AgentRecord, ...]:
         AgentRecord(name=agent.name, kind=agent.kind.value, entrance=entrances[agent.entrance], exit=exits[agent.exit])
         for agent in run.agents
     )
-
-
-def indicators(run: Run) -> Indicators:
-    """Return the key performance indicators of a run."""
-    return msgspec.convert(kpis(run).record(), Indicators)
 
 
 def computing(run: Run) -> dict[str, Computing] | None:
