@@ -23,7 +23,7 @@ from pytest_rvads.simulators.choice import Choice, choice, choosing
 from pytest_rvads.simulators.closed_loop import closed_vmax
 from pytest_rvads.simulators.planar import usual
 from pytest_rvads.simulators.simulator import meant, named
-from studies import killing
+from studies import killing, power, prediction
 from studies.mutants import MUTANTS
 
 OWN = """
@@ -118,10 +118,15 @@ def test_commands_take_a_simulator(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["braking", "--simulator", "own:counting", "--json"]) == 0
     assert {speed for row in json.loads(capsys.readouterr().out).values() for speed in row.values()} == {1.0}
     arguments = ["--deficiency", "I3", "--seeds", "1", "--budget", "1", "--workers", "1"]
-    assert main(["power", "--simulator", "own:counting", *arguments]) == 0
+    assert power.main(["--simulator", "own:counting", *arguments]) == 0
     assert sys.modules["own"].counting.runs > 0
-    for command in (["braking"], ["power", *arguments], ["power", "--mutants"], ["simulate", "--jsonl"]):
-        assert main([*command, "--simulator", "own:nothing"]) == 2
+    for command, words in (
+        (main, ["braking"]),
+        (power.main, arguments),
+        (power.main, ["--mutants"]),
+        (prediction.main, ["--jsonl"]),
+    ):
+        assert command([*words, "--simulator", "own:nothing"]) == 2
         assert "simulator 'own:nothing' can't be loaded" in capsys.readouterr().err
 
 
