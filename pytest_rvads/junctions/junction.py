@@ -198,7 +198,7 @@ class Junction:
 
     @cached_property
     def _lines(self) -> tuple[Segment, ...]:
-        """Its centre lines as far as they are known: approaches, movements by their keys, exit roads."""
+        """The known centre lines of the junction: approaches, movements in the order of their keys, exit roads."""
         paths = (self.movements[key].path for key in sorted(self.movements))
         return tuple(line for line in (*(e.approach for e in self.entrances), *paths, *(e.road for e in self.exits)) if line)
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.junctions.bends import LEAST_RADIUS, least_radius
+from pytest_rvads.junctions.least_squares import BAND, normal_bands, pull, solved
 from pytest_rvads.maps.segment import Segment, join
 
 __all__ = ["CAR", "EXIT_LENGTH", "FINE", "LANE_TOLERANCE", "STEP", "Body", "Course", "Sweep", "no_way", "plan", "through"]
@@ -56,8 +57,6 @@ _LANE, _INSIDE, _CENTRE = 20.0, 2.0, 0.02
 """Weights of bodies over the border, of corners over it inside the junction, and of offsets [1/m].
 
 All weights are chosen, not measured: what `keep_lane` judges comes before the rest."""
-_BAND = 5
-"""An offset changes the errors of so many stations: its own and two on either side."""
 _NUDGE = 1e-4
 """Change of an offset that slopes are measured with [m]."""
 
@@ -205,10 +204,10 @@ class Sweep:
         cost = float((best * best).sum())
         for _ in range(ROUNDS):
             slopes = self._slopes(offsets, best, nearest)
-            bands = _normal(slopes)
-            pull = _pull(slopes, best)
+            bands = normal_bands(slopes)
+            force = pull(slopes, best)
             for _ in range(12):
-                trial = offsets - _solved(bands, damping, pull)
+                trial = offsets - solved(bands, damping, force)
                 near = self.nearest(self.way(trial))
                 errors = self.errors(trial, near)
                 lower = float((errors * errors).sum())
@@ -224,15 +223,15 @@ class Sweep:
         return offsets
 
     def _slopes(self, offsets: Array, errors: Array, nearest: NDArray[np.int64]) -> Array:
-        """Return how the errors of a station change with the offsets around, shape ``(stations, errors, _BAND)`` [1/m]."""
+        """Return how the errors of a station change with the offsets around, shape ``(stations, errors, BAND)`` [1/m]."""
         station = np.arange(len(offsets))
-        slopes = np.zeros((*errors.shape, _BAND))
-        for colour in range(_BAND):
+        slopes = np.zeros((*errors.shape, BAND))
+        for colour in range(BAND):
             moved = np.zeros(len(offsets))
-            moved[colour::_BAND] = _NUDGE
+            moved[colour::BAND] = _NUDGE
             moved[~self.free] = 0.0
             change = (self.errors(offsets + moved, nearest) - errors) / _NUDGE
-            slopes[station, :, (colour - station + _BAND // 2) % _BAND] = change
+            slopes[station, :, (colour - station + BAND // 2) % BAND] = change
         return slopes
 
 
@@ -291,44 +290,3 @@ def no_way(course: Course, body: Body) -> Narrow | None:
         return None
     first, last = (path.amiss[[0, -1]] + body.axle).tolist()
     return Narrow(radius, min(first - body.length - STEP, 0.0), max(last + STEP, course.length) + body.length)
-
-
-def _normal(slopes: Array) -> Array:
-    """Return the bands of the normal matrix: entry (k, k + m) at ``[m, k]``, shape ``(_BAND, stations)``."""
-    count, half = len(slopes), _BAND // 2
-    products = np.einsum("nca,ncb->nab", slopes, slopes)
-    padded = np.zeros((_BAND, count + 2 * half))
-    for a in range(_BAND):
-        for b in range(a, _BAND):
-            padded[b - a, a : a + count] += products[:, a, b]
-    return padded[:, half : half + count]
-
-
-def _pull(slopes: Array, errors: Array) -> Array:
-    """Return the slope of half the cost with every offset, shape ``(stations,)``."""
-    count, half = len(slopes), _BAND // 2
-    padded = np.zeros(count + 2 * half)
-    for a in range(_BAND):
-        padded[a : a + count] += (slopes[:, :, a] * errors).sum(axis=1)
-    return padded[half : half + count]
-
-
-def _solved(bands: Array, damping: float, right: Array) -> Array:
-    """Solve a damped normal equation, by elimination within its bands: libraries differ in the last bits with their threads."""
-    count = len(right)
-    rows = [[*row, 0.0, 0.0, 0.0, 0.0] for row in zip(*bands.tolist(), strict=True)]
-    rows = [row[:_BAND] for row in rows] + [[1.0] + [0.0] * (_BAND - 1)] * (_BAND - 1)
-    x = right.tolist() + [0.0] * (_BAND - 1)
-    for k in range(count):
-        row = rows[k]
-        row[0] += damping
-        for m in range(1, _BAND):
-            if row[m]:
-                share, below = row[m] / row[0], rows[k + m]
-                for q in range(m, _BAND):
-                    below[q - m] -= share * row[q]
-                x[k + m] -= share * x[k]
-    for k in range(count - 1, -1, -1):
-        row = rows[k]
-        x[k] = (x[k] - sum(row[m] * x[k + m] for m in range(1, _BAND))) / row[0]
-    return np.array(x[:count])

@@ -1,0 +1,69 @@
+"""The damped normal equations of a least-squares problem in which errors depend on neighbouring unknowns alone.
+
+Numpy's own solvers give other last bits with other numbers of threads, and runs have to be the same bit for bit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["BAND", "normal_bands", "pull", "solved"]
+
+BAND = 5
+"""The errors of a row depend on so many unknowns: that of the row and two on either side."""
+
+
+def normal_bands(slopes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the bands of the normal matrix: entry (k, k + m) at ``[m, k]``, shape ``(BAND, unknowns)``.
+
+    Args:
+        slopes: how every error of a row changes with the unknowns of its band, shape ``(unknowns, errors, BAND)``.
+    """
+    count, half = len(slopes), BAND // 2
+    products = np.einsum("nca,ncb->nab", slopes, slopes)
+    padded = np.zeros((BAND, count + 2 * half))
+    for a in range(BAND):
+        for b in range(a, BAND):
+            padded[b - a, a : a + count] += products[:, a, b]
+    return padded[:, half : half + count]
+
+
+def pull(slopes: NDArray[np.float64], errors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the slope of half the sum of squares with every unknown, shape ``(unknowns,)``.
+
+    Args:
+        slopes: as for `normal_bands`.
+        errors: shape ``(unknowns, errors)``.
+    """
+    count, half = len(slopes), BAND // 2
+    padded = np.zeros(count + 2 * half)
+    for a in range(BAND):
+        padded[a : a + count] += (slopes[:, :, a] * errors).sum(axis=1)
+    return padded[half : half + count]
+
+
+def solved(bands: NDArray[np.float64], damping: float, right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the solution of the damped normal equations, by elimination within their bands.
+
+    Args:
+        bands: of the normal matrix, as `normal_bands` returns them.
+        damping: added to the diagonal.
+        right: the right-hand side, shape ``(unknowns,)``.
+    """
+    count = len(right)
+    rows = [list(row) for row in zip(*bands.tolist(), strict=True)]
+    x = right.tolist() + [0.0] * (BAND - 1)
+    for k in range(count):
+        row = rows[k]
+        row[0] += damping
+        for m in range(1, BAND):
+            if row[m]:
+                share, below = row[m] / row[0], rows[k + m]
+                for q in range(m, BAND):
+                    below[q - m] -= share * row[q]
+                x[k + m] -= share * x[k]
+    for k in range(count - 1, -1, -1):
+        row = rows[k]
+        x[k] = (x[k] - sum(row[m] * x[k + m] for m in range(1, BAND))) / row[0]
+    return np.array(x[:count])
