@@ -27,6 +27,7 @@ __all__ = [
     "Segment",
     "Turn",
     "directions",
+    "fixed",
     "limit_in",
     "limits_between",
 ]
@@ -108,8 +109,8 @@ class Segment:
         points, steps = points[keep], steps[steps > 1e-9]
         if not len(steps):
             raise MapError(f"segment {self.id!r} has zero length")
-        object.__setattr__(self, "points", _fixed(points))
-        object.__setattr__(self, "stations", _fixed(np.concatenate(([0.0], np.cumsum(steps)))))
+        object.__setattr__(self, "points", fixed(points))
+        object.__setattr__(self, "stations", fixed(np.concatenate(([0.0], np.cumsum(steps)))))
 
     def __reduce__(self) -> tuple[Any, ...]:
         parts = self.id, self.points, self.turn, self.junction, self.limits
@@ -218,7 +219,7 @@ def directions(line: Segment) -> NDArray[np.float64]:
     return found
 
 
-def _fixed(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+def fixed(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return an array that nobody can write to, nor make writable: autopilots are handed centre lines."""
     return np.frombuffer(numbers.tobytes(), dtype=np.float64).reshape(numbers.shape)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.sweep import BEFORE, Course, through
-from pytest_rvads.maps.segment import ADVISED, SPEED_LIMIT, Limits, Pose, Segment, Turn, limit_in
+from pytest_rvads.maps.segment import ADVISED, SPEED_LIMIT, Limits, Pose, Segment, Turn, fixed, limit_in
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, GONE, JUNCTION, Zone
 
 __all__ = ["ENTRANCE_ZONE", "LEAVE", "Itinerary", "itinerary"]
@@ -56,7 +56,7 @@ class Itinerary:
         object.__setattr__(self, "end", end)
         object.__setattr__(self, "leave", min(self.length + LEAVE, end))
         borders = (self.line - ENTRANCE_ZONE, np.nextafter(0.0, 1.0), self.length, end)
-        object.__setattr__(self, "borders", np.frombuffer(np.array(borders).tobytes()))  # bytes: no driver can write into them
+        object.__setattr__(self, "borders", fixed(np.array(borders)))
         object.__setattr__(self, "limits", tuple((at - self.origin, limit) for at, limit in self.path.limits))
 
     @classmethod
