@@ -15,6 +15,7 @@ from typing import Any, Generic, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.cast import Cast, Pairs
 from pytest_rvads.conduct.memo import given, once
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
@@ -29,16 +30,12 @@ __all__ = [
     "GONE",
     "JUNCTION",
     "Block",
-    "Cast",
-    "Pairs",
     "Signal",
     "Stream",
     "as_blocks",
     "assume",
-    "everybody",
     "lasting",
     "latched",
-    "pairs",
     "signal",
     "sized",
     "tick_of",
@@ -49,91 +46,20 @@ APPROACH, ENTRANCE, JUNCTION, EXIT, GONE, ABSENT = map(int, Zone)
 """The zones as plain numbers: numpy compares arrays with members of an enumeration several times as slowly."""
 
 
-class Pairs:
-    """Pairs of vehicles, by column.
-
-    Args:
-        pairs: increasing.
-        ordered: whether a pair is not the same in the other order.
-    """
-
-    def __init__(self, pairs: Sequence[tuple[int, int]], *, ordered: bool = True) -> None:
-        self.one, self.two = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-        self.column = {pair: number for number, pair in enumerate(pairs)}
-        if not ordered:
-            self.column |= {(two, one): number for number, (one, two) in enumerate(pairs)}
-        self._starts = np.flatnonzero(np.diff(self.one, prepend=-1))
-
-    def __len__(self) -> int:
-        return len(self.one)
-
-    def any(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.bool_]:
-        """Return for which vehicle something holds of a pair that it is the first of, see `count`."""
-        return self.count(truths, agents) > 0
-
-    def count(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.int64]:
-        """Return for how many pairs that a vehicle is the first of something holds, shape ``(n, agents)``.
-
-        Args:
-            truths: about the pairs, shape ``(n, pairs)``.
-            agents: how many vehicles there are.
-        """
-        found = np.zeros((len(truths), agents), dtype=np.int64)
-        if len(self):
-            found[:, self.one[self._starts]] = np.add.reduceat(truths, self._starts, axis=1, dtype=np.int64)
-        return found
-
-
-class Cast:
-    """The vehicles of a block, and what is static about them.
-
-    Args:
-        junction: where they drive.
-        agents: the vehicles, in the order of the columns.
-        facts: that may state a speed limit.
-    """
-
-    def __init__(self, junction: Junction, agents: Sequence[Agent], facts: Facts) -> None:
-        self.junction, self.agents, self.facts = junction, tuple(agents), facts
-        self.entrance = np.array([agent.entrance for agent in self.agents], dtype=np.int64)
-        self.exit = np.array([agent.exit for agent in self.agents], dtype=np.int64)
-        self.way = np.array([agent.route.length for agent in self.agents], dtype=np.float64)
-        """Lengths of the movements [m]."""
-        self.length, self.width = np.array([agent.size or (np.nan, np.nan) for agent in self.agents]).reshape(-1, 2).T
-        """Of the bodies [m]; NaN where they are not known."""
-        self._static: dict[object, Any] = {}
-
-    def __len__(self) -> int:
-        return len(self.agents)
-
-    def static(self, work: Callable[[Cast], _Value]) -> _Value:
-        """Return what `work` finds out about the vehicles; the work is done once."""
-        if work not in self._static:
-            self._static[work] = work(self)
-        result: _Value = self._static[work]
-        return result
-
-
 def sized(block: Block, columns: Sequence[int], position: str = "station") -> None:
-    """Check that positions, and the sizes of some vehicles, are known.
+    """Check that a block holds the positions of all vehicles and the sizes of some vehicles.
 
     Args:
         block: the states.
-        columns: of the vehicles.
+        columns: the columns of the vehicles whose sizes are needed.
         position: ``station`` or ``pose``.
 
     Raises:
-        RunError: they are not.
+        RunError: the position or a size is not recorded.
     """
     block.need(position)
     if any(block.cast.agents[column].size is None for column in columns):
         raise RunError("the run holds no size of its vehicles")
-
-
-def pairs(cast: Cast, belong: Callable[[int, int], bool]) -> Pairs:
-    """Return the ordered pairs of different vehicles that belong together."""
-    numbers = range(len(cast))
-    return Pairs([(one, two) for one in numbers for two in numbers if one != two and belong(one, two)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,14 +70,14 @@ class Signal(Generic[_Value]):
     """Takes the block and the carry; returns the value, and with a carry also one array per part of it, whose last row is the
     carry of the next block."""
     start: tuple[Any, ...] | Callable[[float], tuple[Any, ...]] = ()
-    """The carry of a vehicle, or of a pair of vehicles, that was not there before, or what returns it for the time between two
-    states [s]; empty: the signal has no carry."""
+    """The carry of a vehicle or pair that was absent in the block before. A function returns the carry for the time between two
+    states [s]. An empty tuple: the signal has no carry."""
     pairs: Callable[[Cast], Pairs] | None = None
     """Which pairs the columns of the value and the carry are about; None: vehicles."""
     needs: Callable[[Block, Sequence[int]], None] | None = None
     """Raises a `RunError` where the value about some vehicles, given by column, is not known."""
     otherwise: Any = False
-    """The value about two vehicles that make no pair, and about vehicles in blocks in which they are not."""
+    """The value for two vehicles that make no pair, and for a vehicle in a block from which the vehicle is absent."""
 
     @overload
     def __call__(self, states: Block | Run) -> _Value: ...
@@ -160,9 +86,9 @@ class Signal(Generic[_Value]):
     def __call__(self, states: Block | Run, *columns: int) -> NDArray[Any]: ...
 
     def __call__(self, states: Block | Run, *columns: int) -> Any:
-        """Return the value on a block or a whole run: for all vehicles or pairs, or for one, given by column.
+        """Return the value on a block or a whole run, for all vehicles or pairs, or for the vehicle or pair of some columns.
 
-        Of two vehicles that make no pair it is `otherwise` in every state.
+        For two vehicles that make no pair the value is `otherwise` in every state.
         """
         if not isinstance(states, Block):
             blocks = once(states, as_blocks)
@@ -228,23 +154,23 @@ class Block:
     speed: NDArray[np.float64] | None = None
     pose: NDArray[np.float64] | None = None
     touching: Sequence[tuple[frozenset[str], int]] | None = None
-    """Names of the pairs that touch for the first time, and in which row; None where nobody recorded it."""
+    """The names of two vehicles that touch for the first time, and the row of this state; None: contacts are not recorded."""
     tick: int = 0
-    """Of the first state."""
+    """Tick of the first state."""
     previous: Block | None = None
-    """The block before."""
+    """The block before this block."""
     kept: Sequence[int | None] | None = None
-    """Of every vehicle its column in the block before, None if it was not there; None: all columns are the same."""
+    """The column of every vehicle in the block before, None for a vehicle that was absent; None: the columns have not changed."""
     whole: bool = False
     """Whether the block is part of a run that is known to its end."""
     following: weakref.ref[Block] | None = None
-    """The block after it, if that is known; weak, because a circle of blocks would stay in memory for a while."""
+    """The block after this block, if known; weak, because a circle of references would stay in memory for a while."""
     columns: dict[int, int] = field(default_factory=dict)
-    """Of every vehicle its column in the run, and in the block."""
+    """The column in the block by the column in the run, for every vehicle of the block."""
     after: dict[Signal[Any], tuple[NDArray[Any], ...]] = field(default_factory=dict)
-    """What signals carry over to the next block."""
+    """The carry that every signal hands on to the next block."""
     values: dict[Signal[Any], Any] = field(default_factory=dict)
-    """Those that are worked out."""
+    """The values of the signals that have been worked out."""
 
     @property
     def junction(self) -> Junction:
@@ -253,7 +179,7 @@ class Block:
 
     @property
     def next(self) -> Block | None:
-        """The block after it, if that is known."""
+        """The block after this block; None if it is not known."""
         return None if self.following is None else self.following()
 
     @cached_property
@@ -290,7 +216,7 @@ class Block:
         return value
 
     def _carry(self, signal: Signal[Any]) -> tuple[NDArray[Any], ...]:
-        """Return what a signal carries over from the block before."""
+        """Return the carry of a signal at the end of the block before, in the columns of this block."""
         if self.previous is None:
             return _fresh(signal, self.cast, self.dt)
         signal(self.previous)
@@ -318,12 +244,12 @@ def _fresh(signal: Signal[Any], cast: Cast, dt: float) -> tuple[NDArray[Any], ..
 
 
 class Stream:
-    """Feeds blocks, each with the carry of the one before.
+    """Makes blocks of states as the states come, and hands the carry of every block on to the next block.
 
     Args:
-        junction: where the vehicles drive.
+        junction: the junction that the vehicles drive through.
         dt: time between two states [s].
-        facts: that may state a speed limit.
+        facts: the facts of the run; they may state a speed limit.
     """
 
     def __init__(self, junction: Junction, dt: float, facts: Facts) -> None:
@@ -334,11 +260,11 @@ class Stream:
         self._tick = 0
 
     def recast(self, agents: Sequence[Agent], kept: Sequence[int | None]) -> None:
-        """Change who the vehicles are.
+        """Replace the vehicles, because a vehicle has come or gone.
 
         Args:
-            agents: from the next block on.
-            kept: the column that each of them had so far; None: it was not there.
+            agents: the vehicles of the next block, in the order of its columns.
+            kept: for every vehicle its column in the last block, None for a vehicle that has just come.
         """
         self.cast, self._kept = Cast(self.cast.junction, agents, self._facts), kept
 
@@ -346,10 +272,10 @@ class Stream:
         """Return the next states as a block.
 
         Args:
-            signals: with a carry, which are worked out because later blocks depend on them.
-            zone: as in `Block`, likewise the others.
-            lights: likewise.
-            **arrays: those that are known.
+            signals: the signals with a carry; each is worked out, because later blocks depend on its carry.
+            zone: `Zone` of every vehicle, shape ``(n, agents)``.
+            lights: `Colour` at every entrance, shape ``(n, entrances)``.
+            **arrays: the other arrays of `Block` that are known.
         """
         block = Block(self.cast, zone, lights, self.dt, **arrays, tick=self._tick, previous=self._last, kept=self._kept)
         for signal in signals:
@@ -362,18 +288,23 @@ class Stream:
         return block
 
 
-_WORK, _LEAST, _MOST = 150_000, 64, 4096
-"""Of the blocks of a run: states times the square of vehicles, which fits into the cache, the fewest and the most states."""
+_WORK = 150_000
+"""States of a block times the square of its vehicles: so much fits into the cache of a processor."""
+_LEAST = 64
+"""Fewest states of a block."""
+_MOST = 4096
+"""Most states of a block."""
 _BLOCKS = 60
-"""A run is so many blocks at most."""
+"""Most blocks of a run."""
 
 
 def as_blocks(run: Run, size: int = 0) -> tuple[Block, ...]:
-    """Return a run as blocks: as one where nobody is absent, else each with those who are there.
+    """Return a run as consecutive blocks; a run without absent vehicles is one block.
 
     Args:
         run: the run.
-        size: states of a block; 0: as many as are worked out fastest.
+        size: number of states of a block; 0: the number that is worked out fastest. A block holds only the vehicles that are
+            present in at least one of its states.
     """
     present = run.zone != ABSENT
     most = int(present.sum(axis=1).max(initial=1))
@@ -409,7 +340,7 @@ def as_blocks(run: Run, size: int = 0) -> tuple[Block, ...]:
 
 
 def assume(run: Run, block: Block) -> None:
-    """Take a block for the only block of a run."""
+    """Have signals on a run read this block instead of blocks that are made of the run."""
     blocks: tuple[Block, ...] = (block,)
     given(run, as_blocks, blocks)
 
@@ -417,11 +348,6 @@ def assume(run: Run, block: Block) -> None:
 def tick_of(run: Run, collision: Collision) -> int:
     """Return the tick of a collision."""
     return min(max(round(collision.time / run.dt), 0), run.steps - 1)
-
-
-def everybody(cast: Cast) -> Pairs:
-    """Return all pairs of vehicles, in both orders."""
-    return pairs(cast, lambda _one, _two: True)
 
 
 def lasting(truths: NDArray[np.bool_], before: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import ABSENT, Block, Cast, Pairs, as_blocks, signal, sized
+from pytest_rvads.conduct.blocks import ABSENT, Block, as_blocks, signal, sized
+from pytest_rvads.conduct.cast import Cast, Pairs
 from pytest_rvads.conduct.memo import once
 from pytest_rvads.runs.run import Collision, Run
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, Cast, signal, sized
+from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, signal, sized
 from pytest_rvads.conduct.bodies import headings
+from pytest_rvads.conduct.cast import Cast
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
@@ -164,10 +165,11 @@ def off_lane(block: Block) -> NDArray[np.bool_]:
 
 @signal
 def _beside(block: Block) -> tuple[NDArray[Any], ...]:
-    """Return where the vehicles that are there are beside their ways.
+    """Return the lateral places of all present vehicles.
 
-    These are rows and columns; and how far the middles of front and rear are to the left of the way at their stations, and how
-    far from the way there, each of shape ``(2, places)`` [m].
+    Returns:
+        Row and column of every present vehicle; the offsets of the middles of front and rear to the left of the way, shape
+        ``(2, places)`` [m]; and their distances from the way, likewise [m].
     """
     ways, (rows, columns) = block.cast.static(_ways), np.nonzero(block.here)
     front, station = block.need("pose")[rows, columns, :2], block.need("station")[rows, columns]

@@ -1,4 +1,4 @@
-"""What is found out about a run is shared by all rules that judge the run."""
+"""Results of functions of a run, kept beside the run so that all rules that judge the run share them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ __all__ = ["given", "once"]
 
 _Result = TypeVar("_Result")
 _JUDGINGS: dict[int, dict[object, Any]] = {}
-"""By the id of a run what is known of it, until the run goes: results must not hold the run itself."""
+"""The results of every run by the id of the run, deleted with the run; a result must not hold the run itself."""
 
 
 def once(run: Run, work: Callable[..., _Result], *columns: int) -> _Result:
-    """Return what `work` finds out about a run, or about some of its agents, given by column; the work is done once."""
+    """Return the result of `work` on a run, or on some of its agents, given by column; `work` is called once."""
     results, key = _judging(run), (work, columns)
     if key not in results:
         results[key] = work(run, *columns)
@@ -25,7 +25,7 @@ def once(run: Run, work: Callable[..., _Result], *columns: int) -> _Result:
 
 
 def given(run: Run, work: Callable[[Run], _Result], result: _Result) -> None:
-    """Have `once` return a result that comes from elsewhere."""
+    """Have `once` return this result for a run instead of calling `work`."""
     _judging(run)[work, ()] = result
 
 

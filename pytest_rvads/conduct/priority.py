@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, Cast, lasting, signal, sized
+from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, lasting, signal, sized
 from pytest_rvads.conduct.bodies import collide, couples
+from pytest_rvads.conduct.cast import Cast
 from pytest_rvads.conduct.motion import entered, facing
 from pytest_rvads.conduct.rights import (
     GREEN,
@@ -74,7 +75,7 @@ def _stop_signs(cast: Cast) -> NDArray[np.bool_]:
 
 @signal
 def unhindered(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle has no reason of its own to brake: its light, its stop sign, whom it owes the way, who drives ahead of it."""
+    """Which vehicle has no reason of its own to brake: no red light, stop sign, duty to give way, or vehicle close ahead."""
     cast, both = block.cast, block.cast.static(lane)
     front = block.need("station")
     rear = front - cast.length
@@ -123,7 +124,7 @@ def _bound(block: Block) -> NDArray[np.bool_]:
 
 @signal
 def _bound_later(block: Block) -> frozenset[tuple[Agent, Agent]]:
-    """Which two vehicles are bound so in the block or in a later block of the run."""
+    """The pairs of vehicles for which `_bound` holds in the block or in a later block of the run."""
     agents, columns = block.cast.agents, np.flatnonzero(_bound(block).any(axis=0))
     both = block.cast.static(owing)
     found = frozenset((agents[one], agents[two]) for one, two in zip(both.one[columns], both.two[columns], strict=True))
@@ -185,19 +186,19 @@ class Meeting(NamedTuple):
     """What two vehicles do in one state."""
 
     bound: bool
-    """Whether it has to give way to the other vehicle, which is due."""
+    """Whether the agent has to give way to the other vehicle, and the other vehicle is due."""
     touching: bool
     """Whether the bodies of the two vehicles touch."""
     front: float
     """Station of the front of the agent [m]."""
     rear: float
-    """Station of its rear, infinite once it is gone [m]."""
+    """Station of the rear of the agent, infinite once the agent is gone [m]."""
     still: bool
     """Whether the agent stands."""
     ahead: float
     """Station of the front of the other vehicle; NaN where it is absent [m]."""
     speed: float
-    """Speed of the other vehicle, likewise [m/s]."""
+    """Speed of the other vehicle [m/s]; NaN where it is absent."""
     unhindered: bool
     """Whether the other vehicle has no reason of its own to brake."""
     starting: bool
@@ -219,11 +220,11 @@ def _columns(cast: Cast) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 _UNSEEN = Meeting(False, False, math.nan, math.nan, False, math.nan, math.nan, False, False, False, False, False)
-"""Of a vehicle that entered before the other one was there."""
+"""The first state of an encounter whose agent entered before the other vehicle came: nothing is known of that state."""
 
 
 def _meetings(block: Block, chosen: NDArray[np.int64], firsts: Sequence[int]) -> Iterator[Iterator[Meeting]]:
-    """Yield for some pairs of `owing` what they do in every row from a first one on."""
+    """Yield, for each chosen pair of `owing`, an iterator over its states from the first row of the pair on."""
     if not len(chosen):
         return
     cast, both, near, begin = block.cast, block.cast.static(owing), block.cast.static(neighbours), min(firsts)

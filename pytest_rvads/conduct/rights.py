@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import ABSENT, EXIT, Block, Cast, Pairs, everybody, lasting, pairs, signal, sized
+from pytest_rvads.conduct.blocks import ABSENT, EXIT, Block, lasting, signal, sized
+from pytest_rvads.conduct.cast import Cast, Pairs, everybody, pairs
 from pytest_rvads.conduct.grounds import ground_of, in_turn, lit, may_owe
 from pytest_rvads.conduct.motion import entered, facing
 from pytest_rvads.conduct.standing import TIE, arrivals, arrived, leads, stands, waited
@@ -60,7 +61,7 @@ GREEN, YELLOW, RED = int(Colour.GREEN), int(Colour.YELLOW), int(Colour.RED)
 _Ends = float | NDArray[np.float64]
 _ALL_WAY = JunctionControl.STOP
 _LONG_AGO = -(10**9)
-"""The tick in which a vehicle last stood ready that never did."""
+"""Stands for the tick in which a vehicle last stood ready, for a vehicle that never stood ready."""
 DUE = 4.0
 """A vehicle that reaches the shared stretch within this time at its present speed is due [s]: the usual critical gap of a left
 turn across oncoming traffic (Highway Capacity Manual: 4.1 s)."""
@@ -82,7 +83,7 @@ def lights(cast: Cast) -> NDArray[np.bool_]:
 
 @signal
 def has_way(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle no light keeps from going: it is green or yellow, was when the vehicle entered, or there is none."""
+    """Which vehicle no light keeps from going: its light is or was at its entry green or yellow, or its entrance has no light."""
     colour = facing(block)
     found: NDArray[np.bool_] = ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
     return found
@@ -118,9 +119,9 @@ def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 def yields(block: Block) -> NDArray[np.bool_]:
     """Which first vehicle has to give way to the second where their ways meet, as the lights are.
 
-    Turning across oncoming traffic it does to who also has the right to go (Vienna Convention on Road Traffic, Art. 16(2));
-    turning to the near side on red to everybody who has it (CVC 21453(b)). Without lights it does on the ground that there is;
-    to who comes to a light, as long as that lets it go.
+    A vehicle that turns across oncoming traffic gives way to vehicles whose light lets them go (Vienna Convention on Road
+    Traffic, Art. 16(2)). A vehicle that turns to the near side on red gives way to all vehicles whose light lets them go (CVC
+    21453(b)). A vehicle without a light gives way as signs and sides say, to a vehicle at a light only while that light lets the vehicle go.
     """
     both, (always, near) = block.cast.static(owing), block.cast.static(_always)
     mine = always | ((facing(block)[:, both.one] == RED) == near)

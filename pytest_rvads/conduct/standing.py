@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import APPROACH, ENTRANCE, Block, Cast, Pairs, latched, pairs, signal
+from pytest_rvads.conduct.blocks import APPROACH, ENTRANCE, Block, latched, signal
+from pytest_rvads.conduct.cast import Cast, Pairs, pairs
 from pytest_rvads.conduct.motion import wt
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Key

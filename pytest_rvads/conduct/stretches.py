@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, Cast, Pairs, pairs, signal, sized
+from pytest_rvads.conduct.blocks import Block, signal, sized
+from pytest_rvads.conduct.cast import Cast, Pairs, pairs
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import CONFLICT_WIDTH, Key, Shared, Stretch
 from pytest_rvads.junctions.junction import Junction

@@ -34,9 +34,9 @@ EARLY = 0.05
 
 
 def gone_for_good(bench: Bench) -> Iterator[str]:
-    """A vehicle past the end of its itinerary is GONE: it stays so, nobody sees it or touches it, and the others go on.
+    """A vehicle past the end of its itinerary stays GONE: no driver sees it, no vehicle touches it, and other vehicles go on.
 
-    Tried with one that follows it over the place where it went, and with others that stand.
+    A follower drives over the place where the vehicle was last seen, while other vehicles stand.
     """
     shown: list[Observation] = []
     case = bench.queue(1, most=2, distance=3.0, speed=0.0, duration=30.0)

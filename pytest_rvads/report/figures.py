@@ -149,12 +149,12 @@ class _Computed:
 
 
 def slowest(seconds: Mapping[str, float], most: int, least: float = 0.0) -> list[str]:
-    """Return a line on the runs that took longest.
+    """Return a line that names the slowest runs; an empty list if no run took `least` seconds.
 
     Args:
-        seconds: run to how long it took [s].
-        most: runs named.
-        least: there is no such line where none took as long [s].
+        seconds: the time that every run took, by the name of the run [s].
+        most: number of runs that the line names.
+        least: the time from which on a run is slow [s].
     """
     ranked = sorted(seconds.items(), key=lambda entry: -entry[1])[:most]
     if not ranked or ranked[0][1] < least:

@@ -33,11 +33,11 @@ class Sums:
     """A table of sums."""
 
     corner: str
-    """What a row is: kind, rule, or junction."""
+    """Heading of the first column: kind, rule, or junction."""
     headings: tuple[str, ...]
-    """Of what stands between the name of a row and its verdicts."""
+    """Headings of the columns between the name of a row and its verdicts."""
     kinds: tuple[Tallied, ...]
-    """Of verdicts, those that there are, a column each; None: known failures."""
+    """The kinds of verdicts that occur, one column for each kind; None: known failures."""
     rows: tuple[Row, ...]
 
     @property

@@ -1,4 +1,4 @@
-"""Two sessions side by side: what each was, and in what their verdicts differ.
+"""Two sessions side by side: the command and result of each session, and the items whose verdicts differ.
 
 Items are matched by node id, as with a baseline, so two controllers are compared by running the same tests with each.
 """

@@ -34,7 +34,8 @@ class PairKpis(msgspec.Struct, frozen=True):
     on a collision course."""
     pet: float | None = None
     """Time from when the rear of one leaves the stretch where their movements conflict to when the other enters it [s];
-    negative where both are in it, at the end of the run at most; None if they don't conflict or one never came there."""
+    negative where both are in it, at the end of the run at most; None if their ways do not conflict, or if a vehicle never
+    reached the conflict."""
 
 
 class Kpis(msgspec.Struct, frozen=True):
@@ -43,7 +44,7 @@ class Kpis(msgspec.Struct, frozen=True):
     vehicles: tuple[VehicleKpis, ...] = ()
     pairs: tuple[PairKpis, ...] = ()
     unavailable: tuple[str, ...] = ()
-    """Indicators that the run does not record enough for; a None of any other one says that there was nothing to measure."""
+    """Indicators that the run does not record enough for; an indicator that is None and not named here had nothing to measure."""
     ttc: float | None = None
     """The shortest time to collision of all pairs [s]."""
     pet: float | None = None

@@ -12,7 +12,8 @@ from functools import partial
 from typing import Any, TypeVar
 
 from pytest_rvads.conduct.backlog import Backlog
-from pytest_rvads.conduct.blocks import Cast, Signal
+from pytest_rvads.conduct.blocks import Signal
+from pytest_rvads.conduct.cast import Cast
 from pytest_rvads.conduct.instant import Instant
 from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.logic.judging.evaluate import OPERATORS, Values

@@ -43,8 +43,8 @@ class Decided:
     binding: Mapping[str, str]
     """Variables of the rule and the names they stand for."""
     verdict: Truth
-    """``F``: violated in this very state; ``T``: nothing can violate it any more; ``?``: it was not violated as long as its
-    vehicles were there."""
+    """``F``: violated in this very state; ``T``: nothing can violate it any more; ``?``: a vehicle of the
+    instance left before the rule was violated."""
     time: float
     """When that was known, since the first state [s]."""
 

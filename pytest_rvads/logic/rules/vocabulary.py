@@ -100,7 +100,7 @@ class Word:
         """Return its truth on a run, shape ``(steps,)``.
 
         Raises:
-            FormulaError: its function returns something else, or there is none.
+            FormulaError: the word has no function, or its function returns another shape or type.
         """
         if self.holds is None:
             raise FormulaError(f"nothing tells the value of {self.name} on a run")

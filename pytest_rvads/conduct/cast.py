@@ -1,0 +1,93 @@
+"""Casts: the vehicles of a block of states, and the pairs of them that signals are about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.runs.run import Facts
+from pytest_rvads.runs.states import Agent
+
+__all__ = ["Cast", "Pairs", "everybody", "pairs"]
+
+_Value = TypeVar("_Value")
+
+
+class Pairs:
+    """Pairs of vehicles; a vehicle is given by its column in a block.
+
+    Args:
+        pairs: the columns of the first and the second vehicle of every pair, in increasing order.
+        ordered: whether (1, 2) and (2, 1) are two different pairs.
+    """
+
+    def __init__(self, pairs: Sequence[tuple[int, int]], *, ordered: bool = True) -> None:
+        self.one, self.two = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+        self.column = {pair: number for number, pair in enumerate(pairs)}
+        if not ordered:
+            self.column |= {(two, one): number for number, (one, two) in enumerate(pairs)}
+        self._starts = np.flatnonzero(np.diff(self.one, prepend=-1))
+
+    def __len__(self) -> int:
+        return len(self.one)
+
+    def any(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.bool_]:
+        """Return which vehicles are the first of a pair for which `truths` holds, shape ``(n, agents)``; see `count`."""
+        return self.count(truths, agents) > 0
+
+    def count(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.int64]:
+        """Return, for every vehicle, the number of pairs with this vehicle first for which `truths` holds, shape ``(n, agents)``.
+
+        Args:
+            truths: a truth value per state and pair, shape ``(n, pairs)``.
+            agents: number of vehicles.
+        """
+        found = np.zeros((len(truths), agents), dtype=np.int64)
+        if len(self):
+            found[:, self.one[self._starts]] = np.add.reduceat(truths, self._starts, axis=1, dtype=np.int64)
+        return found
+
+
+class Cast:
+    """The vehicles of a block, with what stays the same as long as these vehicles drive.
+
+    Args:
+        junction: the junction that the vehicles drive through.
+        agents: the vehicles, in the order of the columns.
+        facts: the facts of the run; they may state a speed limit.
+    """
+
+    def __init__(self, junction: Junction, agents: Sequence[Agent], facts: Facts) -> None:
+        self.junction, self.agents, self.facts = junction, tuple(agents), facts
+        self.entrance = np.array([agent.entrance for agent in self.agents], dtype=np.int64)
+        self.exit = np.array([agent.exit for agent in self.agents], dtype=np.int64)
+        self.way = np.array([agent.route.length for agent in self.agents], dtype=np.float64)
+        """Lengths of the movements [m]."""
+        self.length, self.width = np.array([agent.size or (np.nan, np.nan) for agent in self.agents]).reshape(-1, 2).T
+        """Of the bodies [m]; NaN where they are not known."""
+        self._static: dict[object, Any] = {}
+
+    def __len__(self) -> int:
+        return len(self.agents)
+
+    def static(self, work: Callable[[Cast], _Value]) -> _Value:
+        """Return the result of `work` on this cast; `work` is called once per cast."""
+        if work not in self._static:
+            self._static[work] = work(self)
+        result: _Value = self._static[work]
+        return result
+
+
+def pairs(cast: Cast, belong: Callable[[int, int], bool]) -> Pairs:
+    """Return the ordered pairs of different vehicles for which `belong` holds, given their columns."""
+    numbers = range(len(cast))
+    return Pairs([(one, two) for one in numbers for two in numbers if one != two and belong(one, two)])
+
+
+def everybody(cast: Cast) -> Pairs:
+    """Return all pairs of vehicles, in both orders."""
+    return pairs(cast, lambda _one, _two: True)
