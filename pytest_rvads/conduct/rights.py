@@ -121,7 +121,8 @@ def yields(block: Block) -> NDArray[np.bool_]:
 
     A vehicle that turns across oncoming traffic gives way to vehicles whose light lets them go (Vienna Convention on Road
     Traffic, Art. 16(2)). A vehicle that turns to the near side on red gives way to all vehicles whose light lets them go (CVC
-    21453(b)). A vehicle without a light gives way as signs and sides say, to a vehicle at a light only while that light lets the vehicle go.
+    21453(b)). A vehicle without a light gives way as signs and sides say, and to a vehicle at a light only while the light lets
+    that vehicle go.
     """
     both, (always, near) = block.cast.static(owing), block.cast.static(_always)
     mine = always | ((facing(block)[:, both.one] == RED) == near)
