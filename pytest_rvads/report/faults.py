@@ -32,10 +32,15 @@ def verdict_of(record: Record) -> Verdict | None:
     return next((verdict for verdict in record.verdicts if wanted in (verdict.outcome, verdict.status)), None)
 
 
-def time_of(record: Record) -> tuple[float, str]:
-    """Return when it was violated [s]; of several at the same time, the first by name tells."""
+def time_of(record: Record) -> tuple[bool, float, str]:
+    """Return the place of a record in the order of its run: violations by their times [s], then obligations that are open.
+
+    An obligation becomes overdue at the end of the run, whenever it began. Records with the same time are ordered by the names of
+    their rules.
+    """
     verdict = verdict_of(record)
-    return (math.inf if verdict is None or verdict.time is None else verdict.time), record.asks
+    time = math.inf if verdict is None or verdict.time is None else verdict.time
+    return record.status is Outcome.OPEN, time, record.asks
 
 
 def signature(record: Record) -> Hashable:

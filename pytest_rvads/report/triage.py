@@ -99,6 +99,7 @@ class _Part:
     def __init__(self, record: Record, signature: Hashable, text: str, verdict: Verdict | None = None) -> None:
         self.signature, self.text = signature, text
         self.verdict, self.time = verdict is not None, time_of(record)
+        self.open = record.status is Outcome.OPEN
         self.grave = -1 if record.status in (Outcome.ERROR, Outcome.FLAKY) else gravity((record.asks,))
         self.who = set(verdict.responsible) if verdict is not None else set()
         self.begun = set(verdict.instances[0].responsible) if verdict is not None and verdict.instances else self.who
@@ -237,11 +238,14 @@ class ByCause(ByText):
                 self._close(next(iter(self._open)))
 
     def _close(self, run: str) -> None:
-        """Take in what broke in a run: what broke first explains the rest, but for what others broke by themselves, too."""
+        """Group what broke in a run: the first violation explains the others, except what other vehicles broke by themselves.
+
+        The first violation also explains every open obligation: a crash that ends a run leaves bystanders at their lights.
+        """
         begun: list[_Part] = []
         for part in sorted(self._open.pop(run), key=lambda part: part.time):
             for earlier in begun:
-                own = part.rule in _OWN and earlier.rule in _OWN and part.who and earlier.begun
+                own = part.rule in _OWN and earlier.rule in _OWN and part.who and earlier.begun and not part.open
                 if not own or part.who & earlier.begun:
                     earlier.join(part)
                     break
