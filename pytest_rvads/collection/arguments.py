@@ -1,4 +1,4 @@
-"""The arguments of ``@rvads.scenario``: which values each takes, and which exclude each other."""
+"""Checks the arguments of ``@rvads.scenario``: the values of each argument, and arguments that exclude each other."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _SINGLE: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 
 def refuse(asked: Mapping[str, Any]) -> None:
-    """Refuse wrong values of arguments that take one, and arguments that exclude each other."""
+    """Refuse wrong values of arguments, and combinations of arguments that exclude each other."""
     got = asked["junction"]
     if got is None and asked["junctions"] is None:
         raise ScenarioError(f"name a junction, several, or {EVERY!r} for all of a map, or say by junctions= of which kinds")

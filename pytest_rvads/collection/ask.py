@@ -109,7 +109,7 @@ class Ask:
             takes_rule: whether the test runs over rules.
 
         Raises:
-            RvadsError: no such junction, or none that has what is asked for.
+            RvadsError: a junction does not exist, or no junction fits the arguments of the mark.
         """
         sources = [self._source(name, folder, options.map, added) for name in self.junction]
         choice = choose_among(sources, kinds=self.kinds)
@@ -178,7 +178,7 @@ class Ask:
         return judged_at(self.rules or ("paper" if self.subject is None else "road",), place)
 
     def _source(self, junction: str, folder: Path, default: str | None, added: Extensions) -> tuple[str, str | None]:
-        """Return a junction, or what it is called, and its map as the finder takes them."""
+        """Return the name of a junction and the path of its map file, as `find` takes the two."""
         if self.map is not None:
             beside = folder / self.map
             return junction, str((beside if beside.exists() else Path(self.map)).resolve())
@@ -245,4 +245,4 @@ def judged_at(names: Sequence[str | Rule], place: Junction) -> tuple[Rule, ...]:
 
 
 _SAME = ("occupancy", "classes", "subject", "followers", "senses", "duration", "aggression", "wait")
-"""The arguments that a selection takes as they are."""
+"""Arguments of the mark that are passed to `Selection` unchanged."""

@@ -20,9 +20,9 @@ _FILES: pytest.StashKey[dict[str, Any]] = pytest.StashKey()
 
 @contextmanager
 def open_session(config: pytest.Config) -> Iterator[None]:
-    """Open the session's own book: what is registered in it is forgotten at its end.
+    """Open the rulebook of a session: rules that are registered during the session are forgotten when the session ends.
 
-    It begins with what the process knows, not with what a test does that runs a session.
+    The rulebook begins with the rules of the process, without rules that a test registered before it started an inner session.
     """
     with own_desk(Desk(PROCESS.book, index=Desk(PROCESS.book))) as config.stash[_SESSION]:
         yield

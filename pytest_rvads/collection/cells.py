@@ -1,4 +1,4 @@
-"""Cells: what one item runs and judges, what it is selected by, and which deficiencies of it are known."""
+"""Cells: one cell is the run and the rule of one pytest item, with the keys that select the item and its known deficiencies."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def runs_of(selection: Selection, policies: Sequence[Policy | None], unfit: Unfi
 
 
 def cells_of(scenario: Scenario, policy: Policy | None, axis: Sequence[tuple[Rule | None, Traced]]) -> Iterator[Cell]:
-    """Yield the cells of a run, one per rule of the axis; each rule comes with what it traces to there."""
+    """Yield the cells of a run: one cell per rule of the axis, with the requirements that the rule traces to."""
     from pytest_rvads.scenarios.ids import run_id
 
     run = run_id(scenario, None if policy is None else policy.name)

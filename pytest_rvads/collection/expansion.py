@@ -33,7 +33,7 @@ _CELLS, _FILES = 5000, 100
 FILES: pytest.StashKey[OpenFiles] = pytest.StashKey()
 """The files of recorded runs that were read last."""
 _DRIVING = ("rvads_sut", "rvads_autopilot", "rvads_vehicle", "rvads_simulator")
-"""What a run is simulated with, and what nobody needs where it was recorded."""
+"""Fixtures that only a simulated run needs; in items of recorded runs these fixtures are None."""
 _KNOWN: pytest.StashKey[dict[Known, tuple[str, bool]]] = pytest.StashKey()
 """Known deficiencies: the node id they stand at, and whether they match a cell."""
 
@@ -209,9 +209,9 @@ def _add(cell: C, cells: dict[str, C]) -> None:
 def _note(
     known: Sequence[tuple[Any, Known]], metafunc: pytest.Metafunc, cells: Collection[Cell] | Collection[RecordedCell]
 ) -> None:
-    """Note which known deficiencies a test has; one that stands at the test itself must match, else that is refused.
+    """Note the known deficiencies of a test, and refuse a deficiency that stands at the test and matches none of its cells.
 
-    What a sample leaves out may have been what it is about.
+    Where only a sample of the cells runs, no deficiency is refused: its cells may be among those that the sample leaves out.
     """
     noted = metafunc.config.stash.setdefault(_KNOWN, {})
     some = any(drawn.test == metafunc.definition.nodeid for drawn in metafunc.config.stash.get(DRAWN, {}))

@@ -16,7 +16,7 @@ __all__ = ["Extensions", "extensions"]
 
 @dataclass(frozen=True, slots=True)
 class Extensions:
-    """Names that users gave, and what they stand for."""
+    """Junctions, grids and drivers that users registered by name."""
 
     junctions: Mapping[str, tuple[str, str]]
     """Name to map file and junction in it."""

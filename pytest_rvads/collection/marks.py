@@ -73,13 +73,13 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
         occupancy: what a full scenario is: ``"arms"``, one vehicle on every arm, on any of its lanes; or ``"lanes"``, one on
             every lane. The same with one lane per arm.
         followers: how many vehicles queue behind each, 0 to 9, or several numbers to run one after the other.
-        grid: ``"paper"``, or letters of the paper's configurations such as ``"CD"``. With a subject also ``"staggered"``, in
-            which it and the others arrive one after the other, one of these such as ``"S21"``, in which the others start 21 m
-            before their lines, or ``"arrivals"``, an equal start and some staggered ones. By default ``"arrivals"`` with a
-            subject, and ``"paper"`` without.
-        distances: instead of `grid`: metres to the stopping line, a number for all vehicles, a tuple with one
-            per entrance, or a list of either, or an array, to run one after the other.
-        speeds: with `distances`: initial speeds [m/s], likewise; 0 by default.
+        grid: ``"paper"``, or letters of the paper's configurations such as ``"CD"``. A test with a subject may also take
+            ``"staggered"``: the subject and the traffic arrive one after the other. A single staggered configuration is named
+            ``"S21"``: the traffic starts 21 m before its stopping lines. ``"arrivals"`` is an equal start and some staggered
+            starts. Default: ``"arrivals"`` with a subject, ``"paper"`` without a subject.
+        distances: distances to the stopping line [m], instead of `grid`: a number for all vehicles, a tuple with a number
+            per entrance, or a list or array of numbers or tuples, which run one after the other.
+        speeds: initial speeds [m/s], with `distances` and in the same forms; 0 by default.
         probe: keep points of the grid beyond the braking envelope v(d)max; by default they are left out.
         rules: a rulebook, rules, or both; of a rulebook only the rules about this kind of junction run. By default
             ``"paper"``, and ``"road"`` with a subject.
@@ -114,10 +114,10 @@ def recorded(
     requirement: str | Iterable[str] | None = None,
     **misspelt: Never,
 ) -> pytest.MarkDecorator:
-    """Run a test over recorded runs: those of files that somebody kept, or busy periods of recorded traffic.
+    """Run a test over recorded runs: files of runs, or busy periods of recorded traffic.
 
-    The test takes ``run``, ``rule`` and ``monitor`` as for scenarios; ``rvads_recorded`` is the same run. Nothing drives. A file
-    that can't be read costs its own items, which are errors, and no others.
+    The test takes ``run``, ``rule`` and ``monitor`` as for scenarios; ``rvads_recorded`` is the same run. Nothing is simulated.
+    The items of a file that can't be read are errors; the items of all other files run.
 
     Args:
         patterns: files, folders with files of runs in them or in their folders, or patterns such as ``"drives/**/*.npz"``;

@@ -44,7 +44,7 @@ def told_at(place: str) -> Iterator[None]:
 
 
 def several(name: str, value: Any, kind: type | tuple[type, ...], what: str) -> tuple[Any, ...] | None:
-    """Return one value of an argument or several as a tuple, None as it is; whole numbers as Python's own.
+    """Return the values of an argument as a tuple, or None for None; whole numbers of numpy become numbers of Python.
 
     Raises:
         ScenarioError: values of another type, or none at all.

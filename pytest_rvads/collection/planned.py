@@ -30,7 +30,7 @@ UNFIT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
 REFUSED: pytest.StashKey[dict[str, dict[str, None]]] = pytest.StashKey()
 """Why junctions are left out, or run otherwise than asked for, to their names."""
 DRAWN: pytest.StashKey[dict[Drawn, None]] = pytest.StashKey()
-"""Where tests run only some of what they ask for."""
+"""Tests that run only a sample of their runs, with the size of the sample."""
 EXTENTS: pytest.StashKey[dict[str, Extent]] = pytest.StashKey()
 """Junction to how much there is to cover, where its number of ways does not tell."""
 

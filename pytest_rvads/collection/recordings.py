@@ -34,7 +34,7 @@ _UNKNOWN = "unknown"
 
 
 class OpenFiles:
-    """The runs of the files read last. Items of one file follow each other, and so do looking into it and judging it.
+    """Keeps the runs of the files that were read last, because the items of one file are collected and judged in succession.
 
     Args:
         limit: a speed limit in place of those that the files hold [m/s].
@@ -177,10 +177,10 @@ def _plain(text: str) -> str:
 
 
 def _matches(pattern: str, folder: Path) -> dict[Path, str]:
-    """Return the files that a pattern matches in a folder, in order, with what each is called.
+    """Return the files that a pattern matches in a folder, in order, with a name for each file.
 
-    That is its name without the ending, and before it the folders that it lies in below the part of the pattern that has no
-    wildcards: so no file that comes later changes what others are called.
+    The name is the path below the part of the pattern without wildcards, without the file's ending. So a file that is added
+    later does not change the names of the present files.
     """
     literal = folder / pattern
     if os.path.exists(literal):

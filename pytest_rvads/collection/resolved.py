@@ -1,4 +1,4 @@
-"""What the marks of a test come to: at which junctions, which runs of them, and which of these are drawn."""
+"""The marks of a test resolved: the junctions, the runs at each junction, and the sample of runs that is drawn."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Resolved:
 
     @cached_property
     def axis(self) -> list[tuple[Rule | None, Traced]]:
-        """The rules, each with what it traces to here."""
+        """The rules, with the requirements that each rule traces to in this test."""
         mine = self.requirement
         return [(rule, (*mine, rule.requirement) if rule and rule.requirement else mine) for rule in self.rules]
 
@@ -75,7 +75,7 @@ class Found:
     resolved: tuple[Resolved, ...]
     """At the junctions that have what is asked for."""
     left_out: tuple[tuple[str, str], ...]
-    """The other junctions that were meant, each with the reason."""
+    """Junctions that the mark names and that can't be used, with the reason for each junction."""
     passed_over: int
     """How many junctions more would do, but for a limit."""
 
@@ -128,7 +128,7 @@ class Runs:
         """How many scenarios have no room for their vehicles, likewise."""
 
     def __iter__(self) -> Iterator[PlannedRun]:
-        """Yield the runs, each once; one that marks mean differently as often as they do."""
+        """Yield each run once per distinct mark that asks for the run."""
         return self._watch(self._made())
 
     def _made(self) -> Iterator[PlannedRun]:
@@ -146,5 +146,5 @@ class Runs:
             self.unfit += unfit.count
 
     def drawn(self, size: int, seed: int) -> list[PlannedRun]:
-        """Return so many of them, spread over junctions, their classes, and their configurations."""
+        """Return a sample of `size` runs, spread over junctions, classes and configurations."""
         return draw(self, size, seed, lambda run: run.stratum, lambda run: run.name)

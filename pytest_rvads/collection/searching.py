@@ -1,4 +1,4 @@
-"""``@rvads.falsify``: a test that searches, checked where it is written as marks are."""
+"""``@rvads.falsify``: a test that searches for a failing scenario; its arguments are checked when the test is defined."""
 
 from __future__ import annotations
 

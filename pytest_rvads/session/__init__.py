@@ -1,1 +1,1 @@
-"""A session of pytest: what it planned, what came of it, how it ends."""
+"""A session of pytest: the planned items, the records of the items that ran, and the end of the session."""

@@ -41,7 +41,7 @@ class Shown:
     page: str = ""
     """The page again, empty if there is none."""
     image: str = ""
-    """The picture as SVG, empty if there is none."""
+    """SVG text of the picture; empty if no picture was drawn."""
 
 
 def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes: str, around: Callable[[], Beside]) -> Shown:

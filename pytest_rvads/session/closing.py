@@ -35,9 +35,9 @@ class Verdicts:
     def __init__(self, session: Session) -> None:
         self._session = session
         self.summary: Summary | None = None
-        """What is printed; None where nothing of ours ran, or where it can't be shown."""
+        """The printed summary; None in a session without items of this plugin, and where the terminal can't show the summary."""
         self.whole: dict[str, list[Any]] = {}
-        """What was folded of the terminal's reports, by kind, as it was."""
+        """The terminal's reports before folding, by kind."""
         self.lines = 0
         """How many lines of pytest were folded."""
 

@@ -1,4 +1,4 @@
-"""The folder of a session: which one it is, the same in all of its processes, made when something is written to it."""
+"""The folder of a session: all processes of the session share one path, and the folder is made when a file is written to it."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ _Handler = Callable[[int, FrameType | None], None]
 
 
 def heed(config: pytest.Config) -> None:
-    """Have SIGTERM and SIGHUP end a session as Ctrl-C does; where somebody ignores (``nohup``) or handles them, they stay his."""
+    """Have SIGTERM and SIGHUP end a session as Ctrl-C does, unless the process ignores (``nohup``) or handles these signals."""
     session = os.getpid()
     _lose_none_in_forks()
 
@@ -96,7 +96,7 @@ def _leave() -> None:
 
 
 def _handle(config: pytest.Config, numbers: list[int], handler: _Handler) -> None:
-    """Handle signals until the session is over; in a thread, where nobody can, they stay as they are."""
+    """Handle signals until the session ends; a session outside the main thread can't handle signals and leaves them unchanged."""
     if threading.current_thread() is threading.main_thread():
         for number in numbers:
             config.add_cleanup(partial(_restore, number, signal.signal(number, handler)))
@@ -107,7 +107,7 @@ def _restore(number: int, handler: Any) -> None:
 
 
 def end_with_parent() -> None:
-    """Have the kernel kill this process as soon as the one that started it is gone, however that went; on Linux only."""
+    """Have the Linux kernel kill this process as soon as its parent process ends, for whatever reason the parent ends."""
     if sys.platform == "linux":
         import ctypes
 

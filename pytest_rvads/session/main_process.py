@@ -112,7 +112,7 @@ class Session:
 
     @pytest.hookimpl(wrapper=True, trylast=True)
     def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> Generator[None, None, None]:
-        """Finish the session, whatever ended it and whatever becomes of others that finish theirs."""
+        """Write the reports and set the exit status, even after an interruption or when another plugin's hook raises an error."""
         if self.config.option.collectonly or not self._concerned():
             return (yield)
         put_off(self.config)

@@ -68,7 +68,7 @@ class Outputs:
 
     @cached_property
     def journal(self) -> Journal:
-        """What the records are written to as they come."""
+        """The journal, to which each record is appended as soon as its item ends."""
         from pytest_rvads.report.journal import Journal
 
         journal = Journal(_first_json(self._reports))

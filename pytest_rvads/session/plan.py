@@ -35,9 +35,9 @@ class Plan:
     deselected: set[str] = field(default_factory=set)
     """Node ids of the other items."""
     vanished: dict[str, Record] = field(default_factory=dict)
-    """Those of them that nobody has said to have deselected, with the starts of their records."""
+    """Node ids of items that disappeared without `pytest_deselected`, with the beginnings of their records."""
     files: set[str] = field(default_factory=set)
-    """Every file that something was collected from, ours or not."""
+    """Every file from which pytest collected an item, of this plugin or not."""
     left_out: dict[str, int] = field(default_factory=dict)
     """Test to how many points of its grid were left out, because nobody could stop there."""
     unfit: dict[str, int] = field(default_factory=dict)
@@ -47,7 +47,7 @@ class Plan:
     refused: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Why junctions are left out, to their names."""
     drawn: dict[Drawn, None] = field(default_factory=dict)
-    """Where tests run only some of what they ask for."""
+    """Tests that run only a sample of their runs, with the size of the sample."""
 
     def pack(self) -> str:
         """Return the plan as one string of JSON."""
@@ -119,7 +119,7 @@ class Planner:
         self._collected: list[pytest.Item] = []
         self._selected: list[pytest.Item] = []
         self._told: set[str] = set()
-        """Node ids of items that somebody deselected as one should."""
+        """Node ids of items that were deselected with the hook `pytest_deselected`."""
         self._unsent = hasattr(config, "workerinput")
         self._ids = 0
         """How many items a worker has collected, ours or not."""

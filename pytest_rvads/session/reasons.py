@@ -33,9 +33,9 @@ class Ending:
     missing: int
     """Selected items that never ran."""
     unsaid: int
-    """Items that workers collected, where none of them came to say which are ours."""
+    """Number of items that workers collected, if every worker ended before it reported which items belong to this plugin."""
     vanished: int
-    """Items that somebody dropped without deselecting them."""
+    """Number of items that a plugin dropped without the hook `pytest_deselected`."""
     undriven: Mapping[str, str]
     """Node ids of items that nothing was named to drive in, and where what was meant may be."""
     turned: Set[str]

@@ -57,7 +57,7 @@ class Budget:
             raise OutOfTime(self.reason)
 
     def remember(self, records: Iterable[Record]) -> None:
-        """Count what ran, so that the next session begins with what did not."""
+        """Count the runs of each item, so that the next session begins with the items that ran least often."""
         cache = getattr(self._config, "cache", None)
         if cache is not None:
             history = Counter(self._cached(_HISTORY))
