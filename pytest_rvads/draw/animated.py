@@ -1,4 +1,4 @@
-"""A run as an animated picture that needs no script, so that it moves where only images are shown."""
+"""A run as an animated SVG without a script, which also moves on pages that allow images only."""
 
 from __future__ import annotations
 

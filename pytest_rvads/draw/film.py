@@ -87,9 +87,10 @@ def _near(run: Run, scene: Scene, column: int, still: int) -> NDArray[np.bool_]:
 
 
 def framed(run: Run, scene: Scene, film: Film, responsible: Collection[str]) -> tuple[float, float, float, float]:
-    """Return left, top, width and height of what is shown, in SVG coordinates [m].
+    """Return left, top, width and height of the visible part, in SVG coordinates [m].
 
-    That is those that the picture is about and who is near them when it happens; the whole junction where it is about nobody.
+    The visible part holds the responsible vehicles and the vehicles near them during the film. Without a responsible vehicle it is
+    the whole junction.
     """
     pose, ticks = run.need("pose"), list(film.ticks)
     about = [column for column, agent in enumerate(run.agents) if agent.name in responsible and run.here[ticks, column].any()]

@@ -99,7 +99,7 @@ def _parted(run: Run, ghost: Run, name: str) -> tuple[str, list[tuple[float, str
 
 
 def _short(one: str, other: str) -> tuple[str, str]:
-    """Return two numbers with as few digits as tell them apart, words as they are."""
+    """Return two numbers as text, with as few digits as distinguish the two; return words unchanged."""
     try:
         pair = float(one), float(other)
     except ValueError:

@@ -73,11 +73,11 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
         title: heading of the page.
         notes: text shown beside the picture, such as an explanation.
         marked: further events (time [s], text), such as a violation; they stand out.
-        tracks: what else to show over time, such as the monitors of a rule.
-        responsible: names of the vehicles to point out.
-        opened: time at which the page opens [s], the one of the further events that all rows are marked at; by default the
-            beginning, and all of them.
-        beside: what else the page says and shows.
+        tracks: further rows over time, such as the monitors of a rule.
+        responsible: names of the vehicles to highlight.
+        opened: time at which the page opens [s]; the rows are marked at the further event of this time. By default the page opens
+            at the beginning, and the rows are marked at all further events.
+        beside: further texts and pictures of the page.
 
     Times that are given and shown are on the clock of the recording that the run is an excerpt of, ticks count from its start.
 
@@ -141,9 +141,9 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
 
 
 def _home(run: Run, scene: Scene, about: float, responsible: Collection[str]) -> list[float]:
-    """Return left, top, right and bottom of what the page shows at first, in SVG coordinates [m].
+    """Return left, top, right and bottom of the part that the page shows at first, in SVG coordinates [m].
 
-    That is the junction, the vehicles near it when it happens, and where those that it is about came from.
+    The part holds the junction, the vehicles near the junction at the time `about`, and the starts of the responsible vehicles.
     """
     tick = min(max(round((about - run.start) / run.dt), 0), run.steps - 1)
     low, high = scene.core
@@ -161,7 +161,7 @@ def _home(run: Run, scene: Scene, about: float, responsible: Collection[str]) ->
 
 
 def _touched(run: Run) -> tuple[Collision, ...]:
-    """Return who touched whom and when, nobody where the run can't tell."""
+    """Return the collisions of a run; none if the run holds no bodies."""
     try:
         return contacts(run)
     except RunError:
@@ -204,7 +204,7 @@ def events(run: Run) -> list[tuple[float, str]]:
 
 
 def _found_there(run: Run, tick: int, column: int) -> bool:
-    """Whether a vehicle was in its zone when the recording of it began, so that nobody saw it come there."""
+    """Return whether the recording of a vehicle begins in its zone, so that no border crossing was recorded."""
     return tick == 0 or bool(run.zone[tick - 1, column] == Zone.ABSENT)
 
 

@@ -105,9 +105,9 @@ class Scene:
         return x - sin(heading) * aside, y + cos(heading) * aside
 
     def lights(self, colours: Iterable[int]) -> str:
-        """Return a lamp per entrance with a light; its letter tells the colour to those who can't see it.
+        """Return a lamp per entrance with a light; a letter in the lamp names the colour for colour-blind readers.
 
-        It stands at the kerb, or hangs over the lane where the arm has several.
+        The lamp stands at the kerb, or hangs over the lane if the arm has several lanes.
         """
         parts = []
         for entrance, colour in enumerate(map(Colour, colours)):
@@ -132,7 +132,7 @@ def label(junction: Junction, entrance: int) -> str:
 
 
 def inks(agents: Sequence[Agent]) -> list[str]:
-    """Return the colours that vehicles are drawn in: by entrance, one by one where several come from one."""
+    """Return the colours of vehicles: a colour per entrance, or a colour per vehicle if several vehicles share an entrance."""
     several = max(Counter(agent.entrance for agent in agents).values(), default=0) > 1
     numbers = range(len(agents)) if several else [agent.entrance for agent in agents]
     return [_shade(number) for number in numbers]

@@ -1,4 +1,4 @@
-"""A junction without a run: its ways in a colour per turn, and whatever stands or lies on it, as a picture of its own."""
+"""A picture of a junction without a run: the movements in a colour per turn, and the objects and markings of the junction."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def town_picture(road_map: RoadMap) -> TownPicture:
 
 
 def spot(report: JunctionReport) -> Spot | None:
-    """Return where a junction is; None where nothing leads there, so that nobody knows."""
+    """Return the position of a junction, the mean of its arms; None for a junction without arms."""
     arms = report.arms
     if not arms:
         return None
@@ -98,7 +98,7 @@ def simplified(points: NDArray[np.float64], tolerance: float) -> NDArray[np.floa
 
 
 def _path(points: NDArray[np.float64]) -> str:
-    """Return a line for the attribute ``d``, in whole decimetres: steps between rounded points, so that none adds up."""
+    """Return a line for the attribute ``d``: steps between points rounded to decimetres, so that rounding errors don't add up."""
     tenths = np.rint(points * 10.0).astype(int)
     (x, y), steps = tenths[0].tolist(), np.diff(tenths, axis=0)
     return f"M{_tenth(x)} {_tenth(y)}" + "".join(f"l{_tenth(dx)} {_tenth(dy)}" for dx, dy in steps.tolist() if dx or dy)

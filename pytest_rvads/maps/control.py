@@ -92,12 +92,12 @@ def signs_of(controlled: Sequence[set[ObjectKind]]) -> tuple[Sign, ...]:
 
 
 def sign_of_arm(signs: Sequence[Sign]) -> Sign:
-    """Return what regulates an arm: what most of its entrances have, the one at the kerb where they differ; NONE without any."""
+    """Return the most frequent sign of the entrances of an arm, on a tie the sign nearest to the kerb; NONE without entrances."""
     return max(signs, key=lambda sign: (signs.count(sign), -signs.index(sign)), default=Sign.NONE)
 
 
 def control_of(signs: Iterable[Sign]) -> JunctionControl:
-    """Return what regulates a junction as a whole, from what regulates its entrances."""
+    """Return the control of a junction from the signs of its entrances."""
     found = set(signs)
     for sign, control in ((Sign.STOP, JunctionControl.STOP), (Sign.LIGHTS, JunctionControl.LIGHTS)):
         if found == {sign}:
@@ -108,9 +108,9 @@ def control_of(signs: Iterable[Sign]) -> JunctionControl:
 
 
 def setback_of(objects: Iterable[MapObject]) -> float:
-    """Return the distance of the stopping line before the vertex [m]: of the nearest marked line, 0 where there is none.
+    """Return the distance of the stopping line before the vertex [m]: that of the nearest marked line, 0 without a marked line.
 
-    A sign is no line: where none is marked, vehicles stop before they enter (California Vehicle Code 22450(a), Uniform Vehicle
+    A sign is no line: without a marked line, vehicles stop before they enter (California Vehicle Code 22450(a), Uniform Vehicle
     Code 11-403).
     """
     return min((item.setback for item in objects if item.kind is ObjectKind.LINE and item.setback is not None), default=0.0)

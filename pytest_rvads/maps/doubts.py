@@ -26,7 +26,7 @@ class Doubt(StrEnum):
     SIGNAL = "signal"
     """A signal is broken or could not be attached to an entrance, or a reference names no signal."""
     LANE = "lane"
-    """A lane section has two lanes with one id; the one that nobody drives on was left out."""
+    """A lane section has two lanes with the same id; the lane that is not for driving was left out."""
     RIGHT_OF = "right_of"
     """No pair of entrances is right-of another: a Y junction, where the priority rules say nothing."""
     ORDER = "order"

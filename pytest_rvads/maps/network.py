@@ -81,7 +81,7 @@ class DeclaredJunction:
     type: str = "default"
     """``default`` where lanes lead through it; others are listed and never usable."""
     direct: tuple[tuple[str, str], ...] = ()
-    """Pairs of edges outside that it links to each other without lanes of its own."""
+    """Pairs of edges outside the junction that the junction links directly, without a connecting lane."""
     lost: str | None = None
     """A road of the junction, or one that it connects, whose lanes have no place because it has no geometry or no length."""
     priorities: tuple[tuple[str, str], ...] = ()

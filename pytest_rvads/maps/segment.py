@@ -37,7 +37,7 @@ GAP_LIMIT = 1.0
 SPEED_LIMIT = 11.176
 """City speed limit of the paper, 25 mph; holds where a map states none [m/s]."""
 NO_LIMIT = 999.0
-"""Kept where a map says that there is no limit: a number that files can hold and no vehicle reaches [m/s]."""
+"""Speed limit of a road that the map marks as unlimited: a finite number, for files, that no vehicle reaches [m/s]."""
 ADVISED = 130 / 3.6
 """Speed to drive at where there is no limit [m/s]: Autobahn-Richtgeschwindigkeits-Verordnung, section 1."""
 Limits = tuple[tuple[float, float | None], ...]
@@ -254,9 +254,9 @@ def join(segments: Sequence[Segment]) -> Segment | None:
 
 
 def _joined_limits(segments: Sequence[Segment]) -> Limits:
-    """Return the speed limits along segments that follow each other.
+    """Return the speed limits along consecutive segments.
 
-    A gap between two belongs to the first. In a junction that states no limit the limit of the road that leads in goes on.
+    A gap between two segments belongs to the first segment. In a junction without a limit the limit of the approach continues.
     """
     if not any(segment.limits for segment in segments):
         return ()

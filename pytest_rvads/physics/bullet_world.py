@@ -55,7 +55,7 @@ class BulletWorld:
         bullet.performCollisionDetection(physicsClientId=client)
 
     def _link(self, body: int) -> tuple[int, int]:
-        """Return where `body` is: its multibody, and the first of its three joints there."""
+        """Return the number of the multibody that holds `body`, and the number of the first of the three joints of `body`."""
         return self._groups[body // _MOST][0], body % _MOST * 3
 
     def _build(self, vehicles: Sequence[Vehicle]) -> tuple[int, list[int]]:

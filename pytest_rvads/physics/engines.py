@@ -30,8 +30,8 @@ MUJOCO = Engine("mujoco", "mujoco", MujocoWorld)
 
 @lru_cache(maxsize=1)
 def usual() -> Engine:
-    """Return the engine that is used where nobody names one: pybullet, and where that is not installed MuJoCo.
+    """Return the default engine: pybullet, or MuJoCo if pybullet is not installed.
 
-    Which of them comes with the package is decided by the markers of its dependencies: pybullet where it has wheels.
+    The dependencies of the package install pybullet on platforms for which pybullet has wheels, and MuJoCo on all others.
     """
     return BULLET if find_spec(BULLET.library) else MUJOCO

@@ -31,7 +31,7 @@ _LONG = 3600.0
 
 
 def weak_orders(count: int) -> Iterator[tuple[int, ...]]:
-    """Yield every order of arrival with ties: the rank of each vehicle, 0 for those who come first.
+    """Yield every order of arrival with ties, as the rank of each vehicle: 0 for the vehicles that arrive first.
 
     There are 1, 3, 13, 75, 541 of 1 to 5 vehicles (the ordered Bell numbers).
     """

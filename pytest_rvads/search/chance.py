@@ -107,8 +107,8 @@ def sweep(  # noqa: PLR0913 - what to sweep by position, how by keyword
         low: least draw [s].
         high: greatest draw [s].
         step: distance of the draws tried first [s].
-        simulator: what makes the runs, as for `simulate`.
-        executor: what makes them side by side, as for `campaign`; this process by default.
+        simulator: the simulator of the runs, as for `simulate`.
+        executor: executor or number of processes for the runs, as for `campaign`; this process by default.
 
     Raises:
         ScenarioError: an empty range, or a step below one tick.

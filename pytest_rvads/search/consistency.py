@@ -65,7 +65,7 @@ def decide(model: Model, rules: Iterable[Rule]) -> Answer:
 
 
 def core(model: Model, rules: Sequence[Rule]) -> tuple[Rule, ...]:
-    """Return rules that contradict each other, as few as dropping one after the other leaves; all of them are needed."""
+    """Return a minimal set of contradicting rules: vehicles can keep the set as soon as any rule of the set is dropped."""
     kept = list(rules)
     for rule in rules:
         fewer = [r for r in kept if r is not rule]

@@ -55,7 +55,7 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """What to look for and where, whatever is to drive."""
+    """The rule to break and the scenarios to search, independent of the driver."""
 
     place: Junction
     rule: str | Rule
@@ -160,8 +160,8 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
 ) -> Counterexample | None:
     """Look for a scenario in which a rule is broken.
 
-    Several searches go on side by side; the answer is that of the first one, by its seed, that finds something, and does not
-    depend on what works on them.
+    Several searches may run in parallel. The answer is the counterexample of the lowest seed that has a counterexample, so the
+    answer does not depend on the executor.
 
     Args:
         junction: built-in name, or id of a junction in ``map``; or the junction itself.
@@ -172,10 +172,10 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
         seed: of the search.
         fleet: the bodies of the vehicles; passenger cars by default.
         name: under which counterexamples are kept in the example database; None keeps none.
-        simulator: what makes the runs, as for `simulate`.
-        searches: how many there are, with the seeds from `seed` on and equal parts of the budget.
-        executor: what they go on side by side on, as for `campaign`; a single one goes on here.
-        space: where to look, see `strategies.scenarios`.
+        simulator: the simulator of the runs, as for `simulate`.
+        searches: number of searches, with the seeds from `seed` on and equal parts of the budget.
+        executor: executor or number of processes for several searches, as for `campaign`; a single search runs in this process.
+        space: bounds of the scenarios, see `strategies.scenarios`.
 
     Returns:
         The simplest counterexample that was found, or None.

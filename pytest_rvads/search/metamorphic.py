@@ -1,6 +1,6 @@
 """Metamorphic checks: runs that have to be judged alike, whatever the verdicts are (paper, section 5.2).
 
-No oracle is needed but that two scenarios are equivalent: a controller that passes one and fails the other is wrong in one.
+The only oracle is that two scenarios are equivalent: a controller that passes the first scenario and fails the second is wrong.
 """
 
 from __future__ import annotations

@@ -73,10 +73,10 @@ def determinate(
     tolerance: float = 0.5,
     simulator: Simulator | None = None,
 ) -> None:
-    """Require that a run which starts from the positions and speeds of another one at time `at` goes on like it.
+    """Require that a run which starts from the positions and speeds of another run at time `at` continues like that run.
 
-    Autopilots start anew, so what they remember must not matter. A rule must have the same status, and everybody must enter
-    the junction in the same order and, up to `tolerance`, at the same time.
+    The autopilots of the second run have no memory of the time before `at`, so their memory must not matter. Every rule must have
+    the same status, and all vehicles must enter the junction in the same order and, up to `tolerance`, at the same time.
 
     Args:
         case: the case to begin with; without lights, because they would start anew as well.

@@ -42,7 +42,7 @@ class Variant:
     image: tuple[int, ...]
     """Per entrance of the first scenario, as it stands on the map, the entrance that corresponds to it."""
     sided: bool = False
-    """True where left and right have changed places, so that rules which name them say something else."""
+    """Whether the scenario is mirrored, so that rules which name left or right don't apply to both scenarios alike."""
 
     def concerns(self, rule: Rule) -> bool:
         """Return whether `rule` says the same about both scenarios."""
@@ -97,7 +97,7 @@ def _lights_follow(junction: Junction, rotation: int, rows: int) -> bool:
 
 
 def creation(case: Case) -> Iterator[Variant | Incomparable]:
-    """The other order of creation: reversed, so that of any two vehicles the other one comes first."""
+    """Yield the case with the order of creation reversed, which reverses the order of every two vehicles."""
     if len(case.scenario.creation) < 2:
         yield Incomparable("creation order", "there is only one vehicle")
     else:
@@ -215,7 +215,7 @@ def _elsewhere(
 
 
 def _match(before: Junction, after: Junction, place: Callable[[float, float], tuple[float, float]]) -> tuple[int, ...]:
-    """Return per arm the one that lies where `place` puts it."""
+    """Return for each arm of `before` the arm of `after` that lies at the position to which `place` maps the first arm."""
 
     def middles(junction: Junction) -> list[NDArray[np.float64]]:
         ends = [

@@ -1,4 +1,4 @@
-"""Two runs side by side: how each vehicle fared in the one, and the one in its place in the other."""
+"""A table of two runs side by side, which compares each vehicle of the first run with its counterpart in the second run."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ __all__ = ["side_by_side"]
 
 
 def side_by_side(one: Run, first: Verdict, other: Run, second: Verdict, image: Sequence[int], what: str) -> str:
-    """Return a table: a row per vehicle of `one`, beside the vehicle that corresponds to it in `other`.
+    """Return a table with a row per vehicle of `one`, beside the corresponding vehicle of `other`.
 
     Args:
-        one: a run.
-        first: its verdict.
-        other: the run to compare with.
-        second: the verdict of the same rule on it.
-        image: per entrance of `one` the one that corresponds to it in `other`.
-        what: what was changed between them.
+        one: the first run.
+        first: the verdict on the first run.
+        other: the second run.
+        second: the verdict of the same rule on the second run.
+        image: for each entrance of `one` the corresponding entrance of `other`.
+        what: the change between the two runs, in words.
     """
     columns: dict[int, list[int]] = {}
     for k, agent in enumerate(other.agents):

@@ -92,4 +92,4 @@ _RIGHT: dict[str, tuple[Callable[[Any], bool], str]] = {
     "pace": (lambda pace: _number(pace, 0, 1), "a share of v(d)max, from 0 to 1"),
     "wait": (_range, "the least and the greatest number of seconds, such as (0, 4)"),
 }
-"""What each argument must be that no junction is needed to judge: whether it is that, and how to say it."""
+"""For each argument that can be checked without a junction: the check, and the expected value in words."""

@@ -29,7 +29,7 @@ __all__ = ["abstract_scenarios", "distances", "junctions", "scenarios", "waits"]
 LONGEST_WAIT = 4.0
 """Range of the draw of autopilots that have one, from 0 [s]."""
 USUAL_WAIT = 1.5
-"""That of a scenario which says nothing else [s]."""
+"""Draw of a scenario without ``wait`` [s]."""
 PACE = 0.75
 """Share of v(d)max that vehicles start with at most, so that reacting takes no more than ordinary braking."""
 _ROUND = (20.0, 10.0, 5.0, 2.0, 1.0, 0.3, 30.0)
@@ -121,7 +121,7 @@ def scenarios(  # noqa: PLR0913 - keywords, each an axis of its own
         junction: built-in name, or id of a junction in `map`; or the junction itself.
         map: OpenDRIVE file of a junction given by id.
         subject: entrance of the vehicle under test among traffic; there is always one.
-        partial: with arms on which nobody stands; else there is one vehicle on each, on any of its lanes.
+        partial: whether arms may be empty; otherwise one vehicle stands on each arm, on any lane of the arm.
         near: least distance to the stopping line [m].
         far: greatest distance [m]; no farther than the approach of an entrance reaches.
         pace: greatest speed as a share of v(d)max; at 1 a vehicle may have to brake with all it has from the first step on.

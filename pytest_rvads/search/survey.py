@@ -30,7 +30,7 @@ class Contradiction:
     arrivals: tuple[float, ...]
     """When the vehicle at each occupied entrance arrives [s]."""
     rules: tuple[str, ...]
-    """Rules that contradict each other; without any one of them there is a way."""
+    """A minimal set of contradicting rules: vehicles can keep the set as soon as any rule of the set is dropped."""
 
 
 @dataclass(frozen=True, slots=True)

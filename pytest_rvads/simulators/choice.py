@@ -27,7 +27,7 @@ class Choice(NamedTuple):
 
 
 _CHOICES: list[list[Choice]] = [[Choice()]]
-"""One entry per open session, a list of its own so that a session takes back its own choice, whoever ends first."""
+"""One entry per open session. Each entry is a separate list, so that a session removes its own choice in any order of ends."""
 
 _LOCK = threading.Lock()
 """Runs may be made in several threads, each of which chooses."""

@@ -41,9 +41,9 @@ def closed_vmax(  # noqa: PLR0913 - how, and where
 ) -> float | None:
     """Return the greatest speed from which `driver` stops a lone vehicle at a red light, straight ahead.
 
-    Or, on the way to a movement of a junction: at the stop sign of its entrance, and where there is none, at a red light that is
-    put there. A lone vehicle has nobody to give way to, so that is how it is known whether it could. After it has stopped it may
-    go on at a stop sign, and where the turn crosses nobody's way (right on red).
+    With `place` and `movement` the vehicle drives that movement and stops at the stop sign of its entrance. An entrance without a
+    stop sign gets a red light for the test, because a lone vehicle gives way to no other vehicle. After the stop the vehicle may
+    continue at a stop sign, and on a turn that crosses no other movement (right on red).
 
     Args:
         distance: reference point to stopping line at the start [m].

@@ -31,13 +31,13 @@ class Loop:
     """What changes while a run is simulated; columns are the agents, in the order of the run.
 
     Args:
-        case: what is simulated.
-        name: of the simulator.
-        make: makes the world that the vehicles move in. A `Halt` that this world raises on its way ends the run by a fault.
-        versions: of what simulates, for the provenance.
-        elsewhere: columns of vehicles that the world drives by itself; nobody is asked for their controls.
-        controlled: whether vehicles have dynamics of their own in that world: its steps then take throttle, brake and steering of
-            every vehicle in place of the forces on it. Those of who is gone are 0.
+        case: the simulated case.
+        name: the simulator's name.
+        make: makes the world in which the vehicles move. A `Halt` that the world raises during the run ends the run by a fault.
+        versions: versions of the simulator and its libraries, for the provenance.
+        elsewhere: columns of vehicles that the world drives itself; no driver is asked for their controls.
+        controlled: whether the world has its own vehicle dynamics. A step of such a world takes throttle, brake and steering of
+            every vehicle instead of forces; the controls of a vehicle that has left are 0.
 
     Raises:
         MapError: it is not known where the lanes of the junction lie.
@@ -168,7 +168,7 @@ class Loop:
         return True
 
     def _sample(self) -> None:
-        """Take and record the current state of every vehicle; one that is gone stays as it was last seen."""
+        """Record the current state of every vehicle; a vehicle that has left keeps its last state."""
         bodies, motions = self._bodies, self._motions
         gone = [column for column in self._active if bodies[column].sample(motions[column]).zone is GONE]
         for column in gone:

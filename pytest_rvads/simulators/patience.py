@@ -27,10 +27,10 @@ _TICK = 0.5
 _GRACE = 3.0
 """How much longer than a limit a driver may take to stop, and to let go of what runs elsewhere [s]."""
 _SIGNAL = getattr(signal, "SIGURG", None)
-"""Who does not expect it ignores it, unlike all other signals that nobody needs; None where there are no signals of threads."""
+"""A signal whose default action is to be ignored, so that a thread without a handler survives it; None on Windows."""
 _LIBRARY = str(Path(os.__file__).parent)
 _DEBUGGERS = {"bdb", "pdb", "pydevd", "_pydevd_bundle"}
-"""Packages in whose hands a run may take as long as it likes."""
+"""Packages of debuggers: a run in a debugger has no time limit."""
 
 
 class Limits(NamedTuple):
@@ -46,7 +46,7 @@ class Limits(NamedTuple):
 
 
 class TooLate(BaseException):
-    """Raised into a run when a limit is over; nobody but those who began to watch it is to catch it."""
+    """Raised in the thread of a run when a time limit is over; only the code that opened the watch may catch the exception."""
 
 
 class Watch:
@@ -121,7 +121,7 @@ class Watch:
 
 
 class _Watchdog:
-    """Looks at all watches from a thread of its own, which ends when there are none."""
+    """Checks the time limits of all watches in a separate thread, which ends when the last watch closes."""
 
     def __init__(self, *, last_resort: bool = True) -> None:
         self._last_resort = last_resort

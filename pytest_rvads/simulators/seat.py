@@ -144,15 +144,15 @@ def crew(
     """Make the autopilots of a run.
 
     Args:
-        agents: in creation order.
+        agents: the vehicles of the run, in creation order.
         driver: drives every vehicle, or the subject alone.
-        traffic: drives the other vehicles where there is a subject.
+        traffic: drives all vehicles but the subject; None in a run without a subject.
         subject: name of the vehicle under test, or None.
-        senses: of what `driver` drives; traffic sees everything.
-        key: what their random draws depend on, beside the seed and the vehicle.
+        senses: senses of the vehicles that `driver` drives; traffic sees everything.
+        key: seeds the random draws together with the scenario's seed and the vehicle's name.
 
     Returns:
-        One seat per agent, in the same order.
+        One seat per agent, in the order of `agents`.
 
     Raises:
         Halt: `driver` or `traffic` raised, or made something that can't drive.
@@ -197,10 +197,10 @@ def _delegate(system: Any, agents: Sequence[Agent]) -> list[Any]:
 
 @contextmanager
 def _asking(doing: str, agent: Agent, *, limited: bool = True) -> Iterator[None]:
-    """Run code of a driver: what it raises ends the run with a fault, and it may take no longer than the watch allows.
+    """Run code of a driver: an exception ends the run with a fault, and so does exceeding the time limit of the watch.
 
     Args:
-        doing: what it is asked for, as reasons say it.
+        doing: the requested action in words, for the fault's reason.
         agent: the vehicle concerned.
         limited: whether the limit of a decision counts; a stack in another process has limits of its own.
 

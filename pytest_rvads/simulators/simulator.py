@@ -45,7 +45,7 @@ class Simulator(Protocol):
 
     @property
     def name(self) -> str:
-        """What reports call it, and options choose it by."""
+        """The simulator's name in reports and options."""
 
     def __call__(self, case: Case, /) -> Run:
         """Return the run of `case`.
@@ -73,7 +73,7 @@ def named(name: str | None, here: Path | None = None) -> Simulator:
         here: a folder in which modules are looked for first.
 
     Raises:
-        ScenarioError: there is none, what is there can't simulate, or a library that it needs is not installed.
+        ScenarioError: no simulator has this name, the named object is no simulator, or a library of the simulator is missing.
     """
     if name is None:
         return usual()
