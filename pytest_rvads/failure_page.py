@@ -1,4 +1,4 @@
-"""A verdict that is not as it should be, as the replay page of its run: what tests and ``rvads check`` show of a failure."""
+"""The replay page of a run with a failed verdict, which tests and ``rvads check`` write."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ def _part(run: Run, begin: int, end: int) -> Run:
 
 
 def _within(track: Track, begin: int, end: int) -> Track | None:
-    """Return what a track shows from one tick to before another, None where it does not change between them."""
+    """Return the part of a track between the ticks `begin` and `end`; None if the track does not change between the two."""
     before = [word for tick, word in track.changes if tick <= begin]
     inside = [(tick - begin, word) for tick, word in track.changes if begin < tick < end]
     return replace(track, changes=((0, before[-1]), *inside)) if inside else None

@@ -54,6 +54,7 @@ def pytest_rvads_grids(config: pytest.Config) -> Mapping[str, tuple[Any, Any]]: 
 def pytest_rvads_verdict(record: dict[str, Any], config: pytest.Config) -> None:
     """Learn the verdict of an item as soon as it is known.
 
-    The record is what reports are made of (see docs/sessions.md): builtins, to be read and not changed. Called in the main
-    process, also under xdist; not for items that never ran. An item that is repeated gives one call each time. Since 0.1.
+    The record has the fields of a record in the JSON report (see docs/sessions.md), as builtins; hooks must not change it.
+    The hook is called in the main process, also under xdist, and not for items that never ran. A repeated item calls the hook
+    once per repetition. Since 0.1.
     """

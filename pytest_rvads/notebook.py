@@ -133,7 +133,7 @@ def _scenario(scenario: Scenario) -> str:
 
 
 def _starts(scenario: Scenario, starts: Sequence[tuple[float, float]]) -> str:
-    """Return a picture of the vehicles where they start, with their ways as far as they are judged on them."""
+    """Return a picture of the vehicles at their starts, with the judged part of each vehicle's way."""
     place, agents = scenario.place, scenario.agents()
     scene = Scene(place)
     size = (Vehicle().length, Vehicle().width)
@@ -204,7 +204,7 @@ def _happened(run: Run) -> list[str]:
 
 
 def _made(run: Run) -> list[str]:
-    """Return what drove, and what simulated, where the run tells."""
+    """Return lines with the drivers and the simulator of a run, as far as its provenance names the two."""
     told = {
         name: one_line(str(run.provenance[name])) for name in ("autopilot", "traffic", "simulator") if run.provenance.get(name)
     }
@@ -214,7 +214,7 @@ def _made(run: Run) -> list[str]:
 
 
 def _passage(run: Run, column: int) -> list[str]:
-    """Return when an agent comes to the parts of its way; ``by`` the time at which it was first seen where it was there then."""
+    """Return the times at which an agent enters its zones; ``by`` marks a zone in which the recording of the agent begins."""
     found = []
     for zone, _ in _ZONES:
         reached = np.flatnonzero(run.zone[:, column] >= zone)

@@ -193,9 +193,9 @@ class Options:
     repeat: str
     """Which runs are simulated once more: failed or never."""
     artefacts: str | None
-    """Folder below which every session has one of its own."""
+    """Folder that holds a folder per session."""
     keep_sessions: int
-    """How many sessions stay there."""
+    """Number of latest sessions whose folders are kept."""
     again: str
     """The command that runs an item once more as it ran here, when its id follows in quotes."""
     open: str
@@ -294,9 +294,9 @@ def _value(config: pytest.Config, name: str) -> str:
 
 
 def _again(config: pytest.Config) -> str:
-    """Return pytest with the flags that say what drives, where, in which simulator, by which rules, and which items there are.
+    """Return the pytest command with this session's options for driver, map, simulator, rules and selection of items.
 
-    The ini file says it again.
+    Settings of the ini file are not repeated: the next session reads the same ini file.
     """
     drives = ("sut", "sut-rate", "autopilot", "simulator", "speed-limit", "map", "rules")
     names = (*drives, "cover", "grid", "max-items", "sample", "seed")

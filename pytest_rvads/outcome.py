@@ -17,14 +17,14 @@ BAD: tuple[Meaning, ...] = ("violated", "error", "flaky")
 
 
 class Outcome(StrEnum):
-    """What became of an item, in the order in which sentences count.
+    """Result of an item, in the order in which summaries count the results.
 
-    A member is its spelling in reports, its severity, what it means, how a cell of a table shows it, its style in a terminal
-    and its mark on a page; and where they are not the usual ones, its word and its letter.
+    The value of a member is the spelling in reports. The attributes are severity, meaning, the text of a table cell, the style in
+    a terminal, the mark on a page, and pytest's word and letter if these differ from the default.
     """
 
     severity: int
-    """0 is the worst; between two there is room for another."""
+    """0 is the worst result; the numbers have gaps for further members."""
     meaning: Meaning
     """What it says when a session is compared with an earlier one; ``idle``: nothing."""
     cell: str

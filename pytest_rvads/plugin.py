@@ -113,9 +113,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_report_header(config: pytest.Config) -> list[str]:
-    """Name what drives, and what simulates, where the options say so: with file and digest of its code.
+    """Return header lines with driver and simulator, if options name the two, with the file and the digest of the driver's code.
 
-    Also told is what that simulator says does not carry over.
+    A further line names the limits that the simulator states for its results.
     """
     options = config.stash[OPTIONS]
     driven = [f"rvads: driven by {options.driver}{code_of_driver(config)}"] if options.driver else []
@@ -128,7 +128,7 @@ def pytest_report_header(config: pytest.Config) -> list[str]:
 
 
 def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Item]) -> str | None:
-    """Say that fixtures name what drives, where no option does."""
+    """Return a line which says that fixtures choose the driver, if no option names a driver."""
     from pytest_rvads.collection import is_recorded
 
     ours = (item for item in items if "rvads_cell" in getattr(item, "fixturenames", ()))
@@ -158,7 +158,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 class Recorded:
-    """Expands ``@rvads.recorded``, before pytest does fixtures with parameters: those that drive are no business of its tests."""
+    """Expands ``@rvads.recorded`` before pytest expands parametrized fixtures, because its tests ignore fixtures of drivers."""
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
@@ -212,7 +212,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Generator[None, object, object]:
-    """Keep the rules that a fixture registers as long as its scope says."""
+    """Keep the rules that a fixture registers until the scope of the fixture ends."""
     with outliving(fixturedef):
         return (yield)
 

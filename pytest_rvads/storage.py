@@ -59,17 +59,17 @@ def read_file(path: Path, most: int) -> bytes:
 
 
 def write_file(path: Path, content: bytes | Iterable[bytes]) -> None:
-    """Write a file in one piece: whoever reads it meanwhile, or is cut off, finds what was there before or all of the new.
+    """Write a file atomically: a reader sees the old content or the whole new content, even if the writer is killed.
 
-    Processes may write the same file at once: each writes one of its own aside and moves it into place. What is there and is
-    no regular file, such as ``/dev/stdout``, is written to directly. Folders are made.
+    Several processes may write the same file: each process writes a temporary file and renames it. A path of another kind of file,
+    such as ``/dev/stdout``, is written to directly. Missing folders are made.
 
     Args:
-        path: of the file.
-        content: of the file; in pieces where memory may not hold it.
+        path: path of the file.
+        content: content of the file; an iterable of pieces for content that does not fit into memory.
 
     Raises:
-        OSError: it can't be written; an earlier file stays.
+        OSError: the file can't be written; an earlier file is kept.
     """
     path = Path(os.path.realpath(path))
     pieces = [content] if isinstance(content, bytes) else content

@@ -13,7 +13,7 @@ from pytest_rvads import __version__
 __all__ = ["ENGINES", "code", "versions"]
 
 ENGINES = ("pybullet", "mujoco", "libsumo")
-"""Packages that simulators are built on, where they are installed."""
+"""Packages of the engines of simulators; a package may be missing."""
 
 
 def versions(*libraries: str) -> dict[str, str]:

@@ -44,7 +44,7 @@ def markup(text: str) -> str:
 
 
 def encode_all(*streams: TextIO | None) -> None:
-    r"""Let streams write any text: what their encoding lacks is escaped, as in ``\u2192``, where they would raise."""
+    r"""Let streams write any text: a character that the encoding lacks is escaped, as in ``\u2192``, and raises no error."""
     for stream in streams:
         if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
             stream.reconfigure(errors="backslashreplace")
@@ -56,10 +56,10 @@ def plural(count: int, thing: str, several: str = "") -> str:
 
 
 def quoted(name: str) -> str:
-    """Return an id or the name of a file as it is pasted into a shell, which takes nothing in it for a command.
+    """Return an id or a file name quoted for a shell, so that the shell expands nothing.
 
-    It stands in double quotes, which every shell knows, also that of Windows; where a shell would take something between them
-    for its own, it stands in single ones.
+    The quotes are double quotes, which every shell knows, including that of Windows. A name with characters that a shell expands
+    between double quotes gets single quotes.
     """
     return shlex.quote(name) if _EXPANDED.search(name) else f'"{name}"'
 

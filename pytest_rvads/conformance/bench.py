@@ -123,9 +123,9 @@ def crowd(place: Junction, driver: Factory, *, most: int | None = None, **scenar
 
     Args:
         place: the junction.
-        driver: what drives.
-        most: so many vehicles at most, at the first entrances.
-        scenario: as for `Scenario`; distances are different for each entrance by default.
+        driver: the driver of every vehicle.
+        most: largest number of vehicles; the first entrances get a vehicle.
+        scenario: arguments of `Scenario`; by default the distances of the entrances differ.
     """
     ways = [place.directions(entrance) for entrance in range(len(place.entrances))]
     code = tuple(found[0] if found else 0 for found in ways)

@@ -76,9 +76,9 @@ def _zone(run: Run, column: int) -> str:
 
 
 def crossing(bench: Bench) -> Iterator[str]:
-    """Two vehicles that cross and ignore each other collide: the pair once, when their bodies touch, and the run ends there.
+    """Two vehicles that cross and ignore each other collide once, when their bodies touch, and the collision ends the run.
 
-    `Collision.speed` is their relative speed then.
+    `Collision.speed` is the relative speed of the two vehicles at the collision.
     """
     place, one, two = next(
         ((place, *pair) for place in bench.junctions for pair in straight(place, conflicting=True)), (None, None, None)
@@ -92,7 +92,7 @@ def crossing(bench: Bench) -> Iterator[str]:
 
 
 def running_into(bench: Bench) -> Iterator[str]:
-    """A vehicle that runs into a standing one has collided with it, likewise."""
+    """A vehicle that runs into a standing vehicle collides with the standing vehicle."""
     case = bench.queue(1, distance=5.0, speed=3.0, duration=10.0)
     behind = case.agents()[1].name
     yield from _collides(bench, Case(case.scenario, partial(Cast, {behind: SPEED})))
@@ -155,7 +155,7 @@ def _apart(run: Run, tick: int) -> float:
 
 
 def passing(bench: Bench) -> Iterator[str]:
-    """Bodies that pass each other at 0.5 m have not collided: bodies are as long and as wide as their vehicles, no more."""
+    """Vehicles that pass each other at a gap of 0.5 m don't collide: a body has exactly the length and width of its vehicle."""
     for place in bench.junctions:
         for one, two in straight(place, conflicting=False):
             _, _, apart = meeting(place, one, two)

@@ -15,7 +15,7 @@ __all__ = ["FAULTY_FROM", "Brakes", "Cast", "Cruises", "Hangs", "NotANumber", "R
 FAULTY_FROM = 3
 """Tick from which drivers with a fault have it."""
 _ASLEEP = 30.0
-"""How long a driver that hangs does so, where nobody ends it [s]."""
+"""Time after which a hanging driver returns if no time limit ends the run before [s]."""
 
 
 class Brakes:

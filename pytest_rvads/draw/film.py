@@ -89,7 +89,7 @@ def _near(run: Run, scene: Scene, column: int, still: int) -> NDArray[np.bool_]:
 def framed(run: Run, scene: Scene, film: Film, responsible: Collection[str]) -> tuple[float, float, float, float]:
     """Return left, top, width and height of the visible part, in SVG coordinates [m].
 
-    The visible part holds the responsible vehicles and the vehicles near them during the film. Without a responsible vehicle it is
+    The visible part holds the responsible vehicles and the vehicles near them. Without a responsible vehicle it is
     the whole junction.
     """
     pose, ticks = run.need("pose"), list(film.ticks)

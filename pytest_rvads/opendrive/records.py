@@ -1,4 +1,4 @@
-"""Records of an OpenDRIVE file: what the metric graph needs of it, and nothing else."""
+"""Records of the parts of an OpenDRIVE file that the metric graph needs."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Section(NamedTuple):
 
 
 class RoadLink(NamedTuple):
-    """What a road continues into at one of its ends."""
+    """The road or junction that continues a road at one of its ends."""
 
     junction: bool
     element: str
@@ -146,7 +146,7 @@ class Road:
 
     @property
     def contacts(self) -> Iterator[tuple[str, RoadLink | None]]:
-        """Each end with what the road continues into there."""
+        """Yield the two ends of the road, with the link of each end."""
         yield "start", self.predecessor
         yield "end", self.successor
 

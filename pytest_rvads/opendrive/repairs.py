@@ -94,7 +94,7 @@ def _by_end(table: dict[LaneEnd, str]) -> defaultdict[RoadEnd, list[str]]:
 
 
 def _neighbours(document: Document) -> dict[RoadEnd, dict[RoadEnd, None]]:
-    """Return per road end the road ends that may meet it: by road links and tables, both ends where they do not say which."""
+    """Return for each road end the road ends that may join it by road links and tables; both ends of a road if none is stated."""
     found: dict[RoadEnd, dict[RoadEnd, None]] = defaultdict(dict)
     around: dict[str, dict[RoadEnd, None]] = defaultdict(dict)
     links = [(road.id, *contact) for road in document.roads.values() for contact in road.contacts]
@@ -158,9 +158,9 @@ def mend_joints(draft: Draft) -> None:
 
 
 def _mend(draft: Draft, edge: Chain, after: Chain) -> str | None:
-    """Let a lane go on from another one, and return what was repaired; None where one lies behind the end of the other.
+    """Join two linked lanes whose ends do not meet, and return the repair in words; None if `after` begins beyond `edge`.
 
-    The lane that is changed is the one that is linked to nothing else at that end, or else the one inside a junction.
+    The repair moves the lane that has no other link at the joint; if both lanes have, the lane inside a junction.
     """
     ends = [
         (draft.links.in_degree(after.id), after.junction is None, after, edge, 1, edge.end_heading),

@@ -1,10 +1,10 @@
 """On which side traffic keeps: as the file states, or as its lanes prove.
 
 The attribute ``rule`` of a road is RHT where it is missing, says the standard. Some writers leave it out of maps
-where traffic keeps left, some write the wrong one on connecting roads; but what such a file says elsewhere holds
-only for one of the two sides. Two things are told apart: the *direction* of lanes relative to the reference line,
-and the side on which traffic *keeps*: a map of one-way roads drawn along their traffic has right-hand lanes, and yet
-traffic keeps left on it if the road back lies on the right.
+where traffic keeps left, and some write a wrong value on connecting roads. The links and lanes of such a file are
+consistent with one of the two sides only. The *direction* of lanes relative to the reference line differs from the
+side on which traffic *keeps*: a map of one-way roads that are drawn along their traffic has right-hand lanes, although
+its traffic keeps left if the opposite road lies on the right.
 """
 
 from __future__ import annotations

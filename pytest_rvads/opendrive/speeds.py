@@ -38,12 +38,13 @@ def speed_of(text: str, what: str) -> float:
 
 
 def stated(rows: Iterable[tuple[Element, str, Element | None]], road: str, warnings: list[MapWarning]) -> Limits:
-    """Return the speed limits of a road or of a lane of it; one that can't be read is told and ignored.
+    """Return the speed limits of a road or of a lane; an unreadable limit is ignored with a warning.
 
     Args:
-        rows: per limit the element that says where it begins, by which attribute, and the one that says how fast; None: no limit.
+        rows: for each limit the element with the place where the limit begins, the name of the attribute with the place, and the
+            element with the speed; None instead of this element for an unlimited stretch.
         road: id of the road.
-        warnings: gets what is told.
+        warnings: list to which warnings are appended.
     """
     found = []
     for where, name, speed in rows:

@@ -44,7 +44,7 @@ class Free:
     """A free constant: how to move it, and which tables depend on it."""
 
     move: Callable[[float], Setup]
-    """Returns the setup of the experiment with this one moved by so much."""
+    """Returns the setup of the experiment with the constant moved by the argument."""
     resolution: float
     """Its room is found in steps of this size."""
     limit: float
@@ -63,7 +63,7 @@ class Room:
 
 
 def _with(constants: Constants) -> Setup:
-    """Return the setup with these constants; the draw follows from them, so it is derived anew."""
+    """Return the setup with these constants, and with the random draw that follows from the constants."""
     return Setup(constants, wait=crossing_wait(Setup(constants)))
 
 

@@ -1,4 +1,4 @@
-"""The two tables of the paper's experiment: which scenarios they hold, and how one of them is run and judged."""
+"""The two tables of the paper's experiment: the scenarios of each table, and the simulation and verdicts of an entry."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def run_entry(entry: Entry, setup: Setup) -> Run:
 
 
 def judge(job: Job) -> dict[str, str]:
-    """Simulate and judge a run of a table; one argument, so that it can be mapped over processes."""
+    """Simulate and judge a run of a table. The single argument allows mapping the function over processes."""
     entry, setup = job
     return outcome(run_entry(entry, setup), entry.table.rules)
 

@@ -53,7 +53,7 @@ def unpack(content: bytes, most: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
 
 
 def peek(path: Path, name: str, most: int = 2**16) -> bytes:
-    """Return how the numbers of an array of a file begin, at most `most` bytes; nothing where there is none, or a damaged one."""
+    """Return the first bytes of an array in a file of a run, at most `most`; no bytes if the array is missing or damaged."""
     try:
         with open_file(path) as file, zipfile.ZipFile(file) as archive, archive.open(f"{name}.npy") as member:
             data = member.read(most)

@@ -17,11 +17,11 @@ __all__ = ["speeds", "stations", "unseen_stand"]
 _Values = NDArray[np.float64]
 
 _APART = 0.15
-"""Samples that are nearer to each other tell what happens between them, see `speeds` [s]."""
+"""Longest time between samples for which the speed is interpolated in a straight line [s], see `speeds`."""
 _AROUND = 4
-"""Samples that tell how a vehicle brakes and sets off between the two in their middle."""
+"""Number of consecutive samples that show a stop between the two middle samples."""
 _AGREE = 0.1
-"""By what share speed times time may differ from the way made between two samples, for speeds to be believed."""
+"""Largest relative difference between speed times time and the distance driven between two samples for a trusted speed."""
 
 
 def stations(times: _Values, station: _Values, speed: _Values, at: _Values) -> _Values:
@@ -39,10 +39,11 @@ def stations(times: _Values, station: _Values, speed: _Values, at: _Values) -> _
 
 
 def speeds(times: _Values, station: _Values, speed: _Values, spread: _Values | None, at: _Values) -> _Values:
-    """Return the speeds at times between samples: a straight line, but where a vehicle brakes and sets off again in between.
+    """Return the speeds of a vehicle at times between its samples.
 
-    There it went on braking as before, and had been setting off as it does afterwards: else who stops for a moment never does
-    where that is not sampled. The way that it made has to agree better with this.
+    The speed is interpolated in a straight line, except where the vehicle brakes before two samples and accelerates after them.
+    There the braking is continued and the acceleration is extended backwards, if that agrees better with the distance driven.
+    Otherwise a short stop between two samples would be lost.
     """
     found: _Values = np.interp(at, times, speed)
     if len(times) < _AROUND:

@@ -28,8 +28,8 @@ class _Head(msgspec.Struct, frozen=True):
 def glance(path: Path) -> Junction | None:
     """Return the junction of a run that `save_run` wrote, without its centre lines, or None.
 
-    A folder of a thousand runs is looked through in a second, since nothing else of them is read. None means that the file is
-    another one, or a damaged one: which of the two, and why, reading it as a whole tells.
+    Only the head of the file is read, so a folder of a thousand runs takes a second. None means that the file holds no run or is
+    damaged; the error of `load_run` tells the two apart.
     """
     try:
         head = msgspec.json.decode(peek(path, "header", _MOST), type=_Head)

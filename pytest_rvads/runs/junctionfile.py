@@ -1,4 +1,4 @@
-"""A junction in a file: its lanes, signs and movements as JSON, and its centre lines as arrays beside it."""
+"""A junction in a file: lanes, signs and movements as JSON, and the centre lines as separate arrays."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class _Line(msgspec.Struct, frozen=True, omit_defaults=True):
     turn: Turn
     junction: str | None
     limits: Annotated[tuple[tuple[_Length, _Limit | None], ...], msgspec.Meta(max_length=_MOST_POINTS)] = ()
-    """Left out where the map states none, as files before them have it."""
+    """Speed limits; left out of the file where the map states no limit, as in files written before limits were read."""
 
 
 class _Entrance(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -115,14 +115,14 @@ def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
 
 
 def get_junction(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junction:
-    """Return the junction of a file; those of equal files are one, so that what is found out about it is found out once.
+    """Return the junction of a file. Equal files give the same object, so the cached results of a junction are computed once.
 
     Args:
-        record: what its header says.
-        arrays: with ``line_<k>``, the centre lines.
+        record: the junction in the file's header.
+        arrays: the arrays of the file, with the centre lines as ``line_<k>``.
 
     Raises:
-        ValueError: what it says does not fit together.
+        ValueError: the parts of the record contradict each other.
     """
     lines = tuple((name, a.dtype.str, a.shape, a.tobytes()) for name, a in sorted(arrays.items()) if name.startswith("line_"))
     return _junction(msgspec.msgpack.encode(record), lines)

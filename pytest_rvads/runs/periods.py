@@ -13,9 +13,9 @@ __all__ = ["MOST_JUDGED", "NEAR", "NEAR_TIME", "Period", "busy_periods"]
 NEAR = 15.0
 """A vehicle is near the junction from so far before its stopping line on [m]: it is among the first two of its lane."""
 NEAR_TIME = 5.0
-"""Or from so long before it would be there at its present speed [s]; whoever is due (`priority.DUE`) is near."""
+"""Time before a vehicle would arrive at its present speed, from which the vehicle is near [s]; not below `priority.DUE`."""
 MOST_JUDGED = 24
-"""Longer periods are cut, so that each judges at most so many: the cost of a run grows with the square of who is in it."""
+"""Most vehicles that are judged in one run. Longer periods are cut, because the cost grows with the square of the vehicles."""
 
 Span = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 """Times [s], stations [m] and speeds [m/s] of a vehicle."""

@@ -1,4 +1,4 @@
-"""Files of runs, each read by what its suffix says: a format of logs is one line here."""
+"""Reads files of runs. The suffix of a file decides on its reader; a format of logs is one line of the table below."""
 
 from __future__ import annotations
 

@@ -243,7 +243,7 @@ def _expanded(series: _Series[_Value], steps: int, codes: Mapping[_Value, int], 
 def _count(file: _File) -> dict[str, int]:
     """Number the entrances: vehicle i of a run in rotation r stands at entrance (i + r) mod n.
 
-    Where no vehicles tell all of them, they follow each other by right-of; where that doesn't tell either, as in the file.
+    If the vehicles don't name all entrances, the entrances are ordered by right-of; if that is ambiguous, as in the file.
     """
     nodes = file.graph.entrances
     told = _told(file)

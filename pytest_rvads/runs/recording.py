@@ -1,4 +1,4 @@
-"""Recorded traffic: vehicles that come and go, each with samples of its own, at one junction; cut into runs where it is busy."""
+"""Recorded traffic at one junction: vehicles that come and go, with individual sample times, cut into runs of busy periods."""
 
 from __future__ import annotations
 
@@ -58,9 +58,10 @@ class Changes:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(Sequence[Run]):
-    """Recorded traffic at a junction. As a sequence it holds its busy periods, each a run that is made when it is asked for.
+    """Recorded traffic at a junction: a sequence of runs, one run per busy period. A run is built when it is indexed.
 
-    A long busy period is several runs: each vehicle is judged in one of them, and those that were there with it are in it too.
+    A long busy period is cut into several runs. Each vehicle is judged in one run, which also holds all vehicles that were at the
+    junction at the same time.
     """
 
     label: str

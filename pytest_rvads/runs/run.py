@@ -85,9 +85,9 @@ class Facts:
     """
 
     subject: str | None = None
-    """Name of the vehicle under test where the others are traffic, else None."""
+    """Name of the vehicle under test in a run with traffic; None if every vehicle is under test."""
     speed_limit: Positive | None = None
-    """Where the map of the junction states none [m/s]."""
+    """Speed limit on roads for which the map states no limit [m/s]."""
     strayed: tuple[str, ...] = ()
     """Names of the vehicles that left their routes, which ended the run."""
     turning: tuple[tuple[str, Positive], ...] = ()
@@ -111,8 +111,8 @@ class Excerpt:
     start: float = 0.0
     """Time of the first state on the clock of the recording [s]."""
     judged: tuple[str, ...] | None = None
-    """Names of the vehicles whose instances are judged here: those of which the last one to appear is one of these. The others
-    are there because they were seen at the same time, and are judged in another excerpt. None: all."""
+    """Names of the vehicles that are judged in this excerpt; None if all are. An instance of a rule is judged if the vehicle that
+    appeared last among the vehicles of the instance is a judged vehicle. Another excerpt judges the remaining vehicles."""
     position_accuracy: float = 0.0
     """Standard deviation of a position beside the way [m]; along the way see `Run.spread`."""
     speed_accuracy: float = 0.0
@@ -151,11 +151,11 @@ class Run:
     fault: Fault | None = None
     facts: Facts = Facts()
     excerpt: Excerpt | None = None
-    """Of a recording with vehicles that come and go; None where all that was recorded is this run."""
+    """The part of a recording that this run is; None if the run is the whole recording."""
     spread: NDArray[np.float64] | None = None
-    """How far before or behind its station the reference point may have been, shape ``(steps, agents)`` [m]; None: exact."""
+    """Largest error of the stations, shape ``(steps, agents)`` [m]; None if the stations are exact."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    """Where the run comes from, as builtins: the scenario's fields, what drove, versions. Nobody who judges reads it."""
+    """Origin of the run, as builtins: the scenario's fields, the drivers, versions. No verdict depends on the provenance."""
 
     def __post_init__(self) -> None:
         for name in (*ARRAYS, "spread"):
@@ -229,9 +229,9 @@ class Run:
 
     @cached_property
     def advance(self) -> NDArray[np.float64]:
-        """How fast every agent gets on along its itinerary, shape ``(steps, agents)``; negative when it backs off [m/s].
+        """Speed of every agent along its itinerary, shape ``(steps, agents)`` [m/s]; negative when the agent reverses.
 
-        In the first state of each it is its speed.
+        The value in the first state of an agent is the agent's recorded speed.
 
         Raises:
             RunError: the run does not record positions and speeds.
@@ -286,7 +286,7 @@ class Run:
 
     @property
     def subject(self) -> str | None:
-        """Name of the vehicle under test where the others are traffic, else None."""
+        """Name of the vehicle under test in a run with traffic; None if every vehicle is under test."""
         return self.facts.subject
 
     def need(self, name: str) -> NDArray[np.float64]:

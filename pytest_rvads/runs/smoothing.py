@@ -46,11 +46,11 @@ SETTLED = 0.2
 QUIET = 0.02
 """Noise of speeds below this is none [m/s]."""
 STAND = 0.8
-"""Who is in one place for so long stands [s]; full stops are rarely shorter."""
+"""Shortest time in one place that proves a stand [s]; full stops are rarely shorter."""
 PACE = 0.1
-"""What stands is at most this fast [m/s], see `standing.STANDSTILL`."""
+"""Largest speed of a standing vehicle [m/s], see `standing.STANDSTILL`."""
 _FEW = 8
-"""Shorter stretches tell nothing [samples]."""
+"""Shortest stretch from which the delay of speeds is estimated [samples]."""
 _MOST_SAMPLES = 200
 """Of a window; where there are more, it is shorter: then the place is known to a tenth of what a sample is."""
 
@@ -90,16 +90,16 @@ def beside(accuracy: float, apart: float) -> float:
 
 
 def delay(times: _Values, station: _Values, speed: _Values, straight: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return how long after the stations of a vehicle its speeds are of [s], and the weight of this estimate.
+    """Return the delay of a vehicle's speeds against its stations [s], and the weight of this estimate.
 
-    A simulator tells the speed of the step before a place or behind it, a sensor filters. What speeds add up to is then wrong in
-    proportion to them. Estimates of several vehicles are averaged by their weights.
+    A simulator may record the speed of the step before or after a position, and a sensor filters speeds. The integral of delayed
+    speeds differs from the stations in proportion to the speed. Estimates of several vehicles are averaged by their weights.
 
     Args:
-        times: of the samples, increasing [s].
-        station: measured [m].
-        speed: measured [m/s].
-        straight: which samples are where the way is straight, so that speeds add up to it.
+        times: increasing times of the samples [s].
+        station: measured stations [m].
+        speed: measured speeds [m/s].
+        straight: which samples lie on a straight part of the way, where the speeds integrate to the stations.
     """
     residual, found, weight = station - _driven(times, speed), 0.0, 0.0
     for begin, end in _parts(straight):
@@ -122,15 +122,15 @@ def smoothed(  # noqa: PLR0913 - the samples, how well they are known, and where
     """Return stations [m], speeds [m/s] and spread [m] of one vehicle, each of shape ``(samples,)``.
 
     Args:
-        times: of the samples, increasing [s].
-        station: measured [m].
-        speed: measured [m/s]; None where nobody measured it: it is then worked out from the stations, and exactly 0 where they
-            prove a stand.
-        accuracy: standard deviation of a station [m]; 0 leaves the stations as they are, and their spread None.
-        straight: which samples are where the way is straight, so that measured speeds add up to it; None: that is not known.
-        late: how long after the stations the speeds are of [s], see `delay`.
-        noise: standard deviation of a measured speed [m/s]; None: estimated from the speeds of this vehicle. Speeds known
-            to `QUIET` stay as they are; others are smoothed, and exactly 0 where they and the stations prove a stand.
+        times: increasing times of the samples [s].
+        station: measured stations [m].
+        speed: measured speeds [m/s]; None if no speeds were measured. Then speeds are derived from the stations, and are
+            exactly 0 where the stations prove a stand.
+        accuracy: standard deviation of a station [m]; 0 leaves the stations unchanged and returns None as their spread.
+        straight: which samples lie on a straight part of the way, where the speeds integrate to the stations; None if unknown.
+        late: delay of the speeds against the stations [s], see `delay`.
+        noise: standard deviation of a measured speed [m/s]; None to estimate it from the speeds of this vehicle. Speeds with a
+            deviation up to `QUIET` stay unchanged. Noisier speeds are smoothed, and are exactly 0 where a stand is proven.
     """
     if accuracy <= 0.0 or len(times) < 4:
         fast = speed if speed is not None else np.gradient(station, times) if len(times) > 1 else np.zeros(len(times))

@@ -51,7 +51,7 @@ class Zone(IntEnum):
 
 
 APPROACH, ENTRANCE, JUNCTION, EXIT, GONE, ABSENT = Zone
-"""The zones by themselves, for what asks thousands of times a second: looking one up in its class takes 20 times as long."""
+"""The members of `Zone` as names of the module, for inner loops: reading a member from its class takes 20 times as long."""
 
 
 class Colour(IntEnum):
