@@ -61,7 +61,7 @@ def read_file(path: Path, most: int) -> bytes:
 def write_file(path: Path, content: bytes | Iterable[bytes]) -> None:
     """Write a file atomically: a reader sees the old content or the whole new content, even if the writer is killed.
 
-    Several processes may write the same file: each process writes a temporary file and renames it. A path of another kind of file,
+    Several processes may write the same file: each process writes a temporary file and renames it. A path of another kind,
     such as ``/dev/stdout``, is written to directly. Missing folders are made.
 
     Args:
