@@ -1,4 +1,4 @@
-"""What stands in an OpenSCENARIO file, as far as we write one: plain values, which `writing` turns into XML."""
+"""The parts of an OpenSCENARIO file that the exports write, as plain values; `writing` turns the values into XML."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Actor", "Body", "Document", "Phase", "Trajectory", "body_of", "moved
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A body, as others draw it and drive it."""
+    """Size and axles of a vehicle, which other tools need to draw and drive the vehicle."""
 
     kind: Kind
     length: float
@@ -85,7 +85,7 @@ class Document:
     """Name and value of the property that only we read."""
     actors: tuple[Actor, ...]
     phases: tuple[Phase, ...]
-    """Of the one controller of all lights, which repeats them."""
+    """Phases of the single controller of all lights, which repeats the phases."""
     duration: float
     """When it ends [s]."""
 

@@ -136,7 +136,7 @@ def _world(node: Node) -> Node:
 
 
 def matched(intention: Intention, junction: Junction) -> Drive | None:
-    """Return the movement of a junction that a vehicle is to make; None where it starts on no approach or goes elsewhere."""
+    """Return the movement of a vehicle through a junction; None if it starts on no approach or does not pass the junction."""
     best: tuple[float, Drive] | None = None
     for key in sorted(junction.movements):
         way = itinerary(junction, *key)

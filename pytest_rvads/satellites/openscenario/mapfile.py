@@ -1,4 +1,4 @@
-"""The map beside a file: the one that the junction is from, copied as it is."""
+"""Copies the map file of a junction into the folder of an exported file."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ __all__ = ["mapped", "put_map"]
 
 
 def mapped(junction: Junction, *maps: str | os.PathLike[str] | None) -> Junction:
-    """Return a junction as it is in its map file; of a kept run it is not known otherwise which one that is.
+    """Return a junction as read from its map file, with the path of that file.
 
     Args:
         junction: the junction.
-        maps: files that it may be from, beside the one that it says itself; the first that has it counts.
+        maps: further map files that may hold the junction; the first file that holds it counts.
 
     Raises:
-        MapError: it is from no file, or not as it is there.
+        MapError: no file holds the junction, or the file holds a different junction of this name.
     """
     candidates = [path_of(junction.name)] if junction.name in LAYOUTS else []
     candidates += [Path(map) for map in (*maps, junction.map) if map is not None]
@@ -49,12 +49,12 @@ def mapped(junction: Junction, *maps: str | os.PathLike[str] | None) -> Junction
 
 
 def put_map(junction: Junction, folder: Path) -> str:
-    """Copy the map of a junction, which `mapped` gave, into a folder, and return its name there.
+    """Copy the map file of a junction from `mapped` into a folder, and return the name of the copy.
 
-    It is written once; where another file has its name, it gets one of its own.
+    The map is written once. If a different file has the same name, the copy gets another name.
 
     Raises:
-        MapError: it can't be read or written.
+        MapError: the map can't be read or written.
     """
     source = Path(str(junction.map))
     try:

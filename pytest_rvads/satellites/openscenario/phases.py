@@ -38,10 +38,10 @@ def phases_of_plan(junction: Junction, plan: SignalPlan) -> tuple[Phase, ...]:
 
 
 def _names(junction: Junction, lights: NDArray[np.int8]) -> dict[str, int]:
-    """Return the signals to write, each with an entrance that shows what it does.
+    """Return the signals to write, each with an entrance whose light shows the signal's colours.
 
-    They are those of the map; an entrance is named itself where the map has no light for it, or only one for others that show
-    something else.
+    The signals are those of the map. An entrance is written as a signal itself if the map has no light for the entrance, or if the
+    light also controls entrances with other colours.
     """
     ids = signal_ids(junction)
     found: dict[str, int] = {}

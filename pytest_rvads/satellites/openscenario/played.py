@@ -53,13 +53,13 @@ class Played:
     ways: Mapping[str, NDArray[np.float64]]
     """By name of an entity the vertices of its trajectories, shape ``(vertices, 5)``, see `xosctree.VERTEX`."""
     untold: Mapping[str, str]
-    """Of entities without any, why: a sentence that begins with ``it``."""
+    """For each entity without a trajectory the reason, as a sentence that begins with ``it``."""
     speeds: Mapping[str, float]
-    """How fast each is when it starts [m/s], where that is told."""
+    """Initial speeds of the entities for which the file states a speed [m/s]."""
     lights: Mapping[str, Changes]
-    """By id of a signal."""
+    """Colour changes by id of the signal."""
     map: Path | None
-    """OpenDRIVE file that it names, from beside it."""
+    """The OpenDRIVE file that the scenario names, relative to the scenario's folder."""
     note: str | None
     """What an export of ours says beside, as JSON; None of the files of others."""
 

@@ -1,7 +1,7 @@
-"""Runs in OpenSCENARIO XML: those that an export of ours wrote, as they were simulated; those of others, as recorded traffic.
+"""Reads runs from OpenSCENARIO XML: files of `export_run` as simulated runs, files of other tools as recorded traffic.
 
-An export says beside its trajectories what these can't hold (`Note`): the ways of the vehicles, what the simulator saw of
-collisions and faults, who is under test. Where everybody is, when and how fast, is read from the trajectories.
+An exported file has a note (`Note`) with the facts that trajectories can't hold: the ways of the vehicles, the collisions and
+faults of the simulation, and the vehicle under test. Positions, times and speeds are read from the trajectories.
 """
 
 from __future__ import annotations
@@ -113,11 +113,11 @@ def _encoded(zone: NDArray[np.int8]) -> list[tuple[int, Zone]]:
 
 
 def read_played(path: str | Path) -> Sequence[Run]:
-    """Read the runs of a file; its map is looked for beside it.
+    """Read the runs of a file; the path of its map is relative to the file's folder.
 
     Raises:
-        RunError: it can't be read, nobody in it follows a trajectory, or it is not clear what happened at which junction.
-        MapError: its map can't be read.
+        RunError: the file can't be read, no entity follows a trajectory, or the junction of the traffic is ambiguous.
+        MapError: the map can't be read.
     """
     path = Path(path)
     found = played(path)
@@ -136,8 +136,8 @@ def site_of(site: Site, map: Path | None, where: str) -> Junction:
     """Return the junction of an export.
 
     Raises:
-        RunError: it is another one than when it was exported.
-        MapError: it can't be found.
+        RunError: the junction differs from the junction that was exported.
+        MapError: the junction can't be found.
     """
     if site.name in LAYOUTS and (known := find(site.name)).digest == site.digest:
         return known
@@ -154,7 +154,7 @@ def site_of(site: Site, map: Path | None, where: str) -> Junction:
 
 @lru_cache(maxsize=16)
 def _named(junction: Junction, name: str) -> Junction:
-    """Return a junction by the name that it had; each is made once, so that what is found out about it is found out once."""
+    """Return a junction under another name. Equal arguments give the same object, so its cached results are computed once."""
     return junction if junction.name == name else replace(junction, name=name)
 
 

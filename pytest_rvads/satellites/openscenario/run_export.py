@@ -39,21 +39,21 @@ class Excerpted(msgspec.Struct, frozen=True):
 
 
 def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None = None, verdict: Verdict | None = None) -> None:
-    """Write a run as OpenSCENARIO XML 1.2, and the map that its junction is from beside it; equal runs give equal files.
+    """Write a run as OpenSCENARIO XML 1.2, and the map of its junction into the same folder; equal runs give equal files.
 
-    Every vehicle follows a trajectory of its rear axle, with a vertex per state, but for those in which it stands. Lights are
-    phases of a controller. `read_runs` and ``rvads check`` read the file and judge it as the run was; an excerpt of a recording
-    is read as recorded traffic.
+    Every vehicle follows a trajectory of its rear axle, with a vertex per state in which it moves. Lights are phases of a
+    controller. `read_runs` and ``rvads check`` read the file and give the verdicts of the run; an excerpt of a recording is read
+    as recorded traffic.
 
     Args:
-        run: what happened.
-        path: of the file, by convention ``.xosc``; folders are made.
-        map: OpenDRIVE file that the junction is from; by default the one that it or its scenario says.
-        verdict: what it is exported for, told in the file.
+        run: the run.
+        path: path of the file, by convention ``.xosc``; missing folders are made.
+        map: OpenDRIVE file of the junction; by default the file that the junction or its scenario names.
+        verdict: a verdict on the run, which the file quotes.
 
     Raises:
         RunError: the run holds no positions, or the file can't be written.
-        MapError: it is not known which map the junction is from.
+        MapError: the map of the junction is unknown.
         RvadsError: the library scenariogeneration is not installed.
     """
     require(run, Run, "export_run takes a run, such as rvads.simulate(case) returns", RunError)
@@ -125,7 +125,7 @@ def _whole(run: Run) -> bool:
 
 
 def _actor(run: Run, column: int, body: Body) -> Actor | None:
-    """Return somebody with its trajectory, from its first state to its last or that in which it is gone; None if it has none."""
+    """Return a vehicle with its trajectory, from its first state until it leaves; None for a vehicle with a single state in an excerpt."""
     agent, zone, pose = run.agents[column], run.zone[:, column], run.need("pose")[:, column]
     begin, end = run.spans[column].tolist()
     gone = np.flatnonzero(zone == Zone.GONE)

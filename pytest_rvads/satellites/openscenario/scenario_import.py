@@ -169,7 +169,7 @@ def _assembled(place: Junction, drives: list[Drive], root: Node, where: str) -> 
 
 
 def _check_queues(scenario: Scenario, queues: Mapping[int, list[Drive]], where: str) -> None:
-    """Check that whoever follows starts where followers do here."""
+    """Check that queued vehicles start where `Scenario` puts followers."""
     rows = [drive for entrance in sorted(queues) for drive in sorted(queues[entrance], key=lambda drive: drive.distance)]
     lengths = {agent.name: _body(drive.length) for agent, drive in zip(scenario.agents(), rows, strict=True)}
     for drive, start in zip(rows, scenario.starts(lengths.__getitem__), strict=True):

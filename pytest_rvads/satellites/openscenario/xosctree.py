@@ -69,7 +69,7 @@ class Node:
         """Return an attribute as a finite number.
 
         Raises:
-            RunError: it is none, or missing where there is no default.
+            RunError: the attribute is no finite number, or is missing without a default.
         """
         if default is not None and name not in self.attributes:
             return default
@@ -149,7 +149,7 @@ class _Builder:
             raise RunError(one_line(f"{place}: {text[:60]!r} {error}")) from error
 
     def _vertex(self, line: Node, node: Node, row: int) -> None:
-        """Take a vertex: its time stands in one element, its place in one inside."""
+        """Read a part of a vertex: the element `Vertex` has the time, and the inner element `WorldPosition` has the position."""
         if node.tag == "Vertex":
             self._time = row, _number(node.attributes.get("time", "nan"))
         elif node.tag == "WorldPosition" and line.vertices is not None:

@@ -32,7 +32,7 @@ class Server:
         self._driving: set[str] = set()
 
     def load(self, options: list[str], names: list[str], others: Collection[str] = ()) -> array[float]:
-        """Begin anew, let every vehicle depart, and return where it is; `others` are those that are to be moved from outside."""
+        """Load a network, let every vehicle depart, and return the positions; `others` are the vehicles that the caller moves."""
         if self._loaded:
             self._sumo.load(options)
         else:

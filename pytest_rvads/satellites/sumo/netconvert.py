@@ -1,4 +1,4 @@
-"""Netconvert, SUMO's program that makes road networks: where it is, and what it makes of files in plain XML."""
+"""Finds and runs netconvert, SUMO's program that builds road networks from files in plain XML."""
 
 from __future__ import annotations
 

@@ -142,7 +142,7 @@ class SumoProcess:
 _FREE: list[SumoProcess] = []
 """Running processes that no simulation uses: starting one takes a third of a second."""
 _PARENTS: list[SumoProcess] = []
-"""Those that belong to the process that this one was forked from; they are kept, lest they are ended here."""
+"""SUMO processes of the parent of a forked process. They are kept alive here, because their destructor would end them."""
 
 
 def acquire() -> SumoProcess:

@@ -21,9 +21,9 @@ from pytest_rvads.scenarios.case import Case
 __all__ = ["SumoWorld"]
 
 _AHEAD = 100
-"""Steps that SUMO takes at once where it drives everybody; the numbers are those of single steps."""
+"""Steps per call if SUMO drives all vehicles; the results equal those of single steps."""
 _EXACT = 0.01
-"""How far from its start SUMO may let a vehicle depart [m], [m/s]: joints of lanes may leave a gap of that size."""
+"""Largest deviation of a departure in SUMO from the start [m], [m/s]: joints of lanes may have gaps of this size."""
 
 
 class SumoWorld:
@@ -124,7 +124,7 @@ class SumoWorld:
         release(self._sumo)
 
     def _advance(self) -> None:
-        """Have SUMO take the next steps: one where it has to be told where ours are."""
+        """Let SUMO take the next steps: a single step if other vehicles are simulated outside SUMO and have to be moved."""
         if self._plane is None:
             self._rows = self._sumo.step(_AHEAD, {}, [])
         else:
@@ -154,13 +154,13 @@ class SumoWorld:
         return motions
 
     def _front(self, column: int, motion: Motion) -> tuple[float, float, float, float]:
-        """Return where one of ours is as SUMO has it: front bumper, heading clockwise from north [degrees], speed."""
+        """Return a vehicle's position in SUMO's terms: front bumper [m], heading clockwise from north [degrees], speed [m/s]."""
         cos, sin, ahead = math.cos(motion.yaw), math.sin(motion.yaw), self._vehicles[column].gravity_offset
         heading = (90.0 - math.degrees(motion.yaw)) % 360.0
         return motion.x + ahead * cos, motion.y + ahead * sin, heading, motion.vx * cos + motion.vy * sin
 
     def _check(self, starts: Sequence[Motion]) -> None:
-        """Check that SUMO's vehicles start where and as fast as they shall; at rest in their heading."""
+        """Check that SUMO's vehicles depart with the positions, headings and speeds of `starts`."""
         for column in self._driven:
             x, y, _, speed = self._front(column, self._motions[column])
             wanted = self._front(column, starts[column])

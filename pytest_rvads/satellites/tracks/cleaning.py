@@ -67,14 +67,14 @@ def track_of(  # noqa: PLR0913 - a vehicle as it is, as it was recorded, and how
     """Return the track of a vehicle.
 
     Args:
-        agent: what it is.
-        vehicle: as the log has it.
-        match: its way, and which of its samples are on it.
-        points: the middle of its front bumper, of all samples, shape ``(samples, 2)`` [m].
-        heading: likewise [rad]; None: its body lies along its way.
-        accuracy: standard deviation of a coordinate [m]; 0: the positions stay as they are.
-        late: how long after its places its speeds are of [s], see `delay_of`.
-        noise: standard deviation of a measured speed [m/s]; None: estimated from its own.
+        agent: name, kind, body and way of the vehicle.
+        vehicle: the vehicle's samples in the log.
+        match: the vehicle's way, and the samples that lie on the way.
+        points: middle of the front bumper in all samples, shape ``(samples, 2)`` [m].
+        heading: heading in all samples, shape ``(samples,)`` [rad]; None if the body is aligned with the way.
+        accuracy: standard deviation of a coordinate [m]; 0 leaves the positions unchanged.
+        late: delay of the speeds against the positions [s], see `delay_of`.
+        noise: standard deviation of a measured speed [m/s]; None to estimate it from the vehicle's speeds.
     """
     times = vehicle.times[match.kept]
     speed = None if vehicle.speed is None else vehicle.speed[match.kept]

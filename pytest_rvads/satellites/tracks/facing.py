@@ -13,19 +13,19 @@ from pytest_rvads.satellites.tracks.samples import Log, Samples
 __all__ = ["check_facing"]
 
 _ASKED = 100
-"""So many vehicles tell what the headings of a log mean."""
+"""Number of vehicles whose headings are compared with their directions of motion."""
 _MOVES = 10.0
-"""Who has come so far tells where it goes, whatever the noise [m]."""
+"""Shortest distance driven by a compared vehicle, so that noise does not hide its direction [m]."""
 _ALIKE = 0.92
 """Least cosine of the angle between heading and direction, on average: noise and slipping leave more than this. Degrees taken as
 radians happen to lead nearly to the north, and exactly to the east."""
 
 
 def check_facing(log: Log) -> None:
-    """Check that most vehicles head where they go.
+    """Check that most vehicles head in their direction of motion.
 
     Raises:
-        RunError: they don't, so that neither their fronts nor their ways can be told.
+        RunError: most headings differ from the direction of motion, so that neither front bumpers nor ways can be derived.
     """
     asked = islice((vehicle for vehicle in log.vehicles if _tells(vehicle)), _ASKED)
     alike = [float(np.cos(v.heading - directions(v.points)).mean()) for v in asked if v.heading is not None]

@@ -44,10 +44,10 @@ def declare(check: argparse.ArgumentParser) -> None:
 
 
 def refuse_without(options: argparse.Namespace) -> None:
-    """Check that nobody says what only following asks for: runs in files hold their junction, and how exactly they are known.
+    """Check that no option of ``--follow`` is given without ``--follow``: files of runs hold their junction and their accuracy.
 
     Raises:
-        RunError: somebody does.
+        RunError: such an option is given.
     """
     names = ("map", "junction", "strict", *INTAKE)
     said = [f"--{name.replace('_', '-')}" for name in names if getattr(options, name) not in (None, False)]
@@ -141,7 +141,7 @@ class _Teller:
         """Instances by status."""
 
     def judge(self, runs: Iterator[Run]) -> None:
-        """Judge runs one by one, each as soon as it is there."""
+        """Judge every run as soon as the iterator yields it."""
         from pytest_rvads.logic.check import check
 
         for run in runs:

@@ -64,15 +64,15 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
     strict: bool = False,
     label: str | None = None,
 ) -> Recording:
-    """Return recorded traffic at a junction; what was left out and why is in its ``left_out``.
+    """Return recorded traffic at a junction; the omitted vehicles and the reasons are in its ``left_out``.
 
     Every vehicle is matched to the way through the junction that is nearest to its whole track, from 150 m before the stopping
-    line to the end of the exit road. It is absent before its first sample there and after its last.
+    line to the end of the exit road. The vehicle is absent before its first sample and after its last sample on this way.
 
     Args:
         source: a file, or a table: of pandas, polars, pyarrow, or a dictionary of columns.
-        junction: a junction, or what `find` takes; None: the one that somebody passes, of the map that the log names.
-        map: OpenDRIVE file that a junction given by id is in; None: the one that the log names, as OpenSCENARIO does.
+        junction: a junction, or an argument of `find`; None for the single junction that vehicles pass on the map of the log.
+        map: OpenDRIVE file of a junction given by id; None for the map that the log names, as OpenSCENARIO does.
         format: ``csv``, ``ind``, ``interaction``, ``fcd``, ``carla``, ``osi``, ``rosbag`` or ``xosc``; None: by the name of the
             file.
         columns: of a table, per field (time, id, x, y, heading, speed, vx, vy, length, width, class) its column, with a unit
@@ -82,18 +82,18 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
         size: length and width of vehicles of which the log has none [m].
         offset: added to every x and y, where the log has another origin than the map [m].
         lights: file of lights, CSV with the columns time, signal or entrance, colour; or SUMO's ``<tlsState>``.
-        position_accuracy: standard deviation of a coordinate [m]: two of three are closer to the truth than that. Verdicts that
-            another reading within it would flip are UNSURE. None: estimated from how rough the tracks are, which does not show
-            what is wrong with all samples alike, nor what somebody has smoothed away.
-        speed_accuracy: of a speed [m/s]; None: estimated like that of positions, and what smoothing leaves where speeds are
-            worked out from positions.
-        speed_limit: at the junction [m/s]; by default those of the map, if it states some.
-        strict: a bad row is an error; it costs its vehicle otherwise.
-        label: begins the labels of its runs; None: after the file.
+        position_accuracy: standard deviation of a coordinate [m]. A verdict is UNSURE if positions within the accuracy would give
+            another verdict. None to estimate the accuracy from the roughness of the tracks; the estimate misses errors that all
+            samples share, and errors that were smoothed away.
+        speed_accuracy: standard deviation of a speed [m/s]; None to estimate it like the accuracy of positions. Speeds that are
+            derived from positions have the accuracy that smoothing leaves.
+        speed_limit: speed limit at the junction [m/s]; by default the limits of the map.
+        strict: whether a bad row is an error; otherwise the vehicle of a bad row is left out.
+        label: prefix of the labels of the runs; None for the name of the file.
 
     Raises:
-        RunError: the log can't be read, or nobody in it passes the junction; the message says where, and what to do.
-        MapError: no such junction.
+        RunError: the log can't be read, or no vehicle passes the junction; the message says where, and what to do.
+        MapError: the junction does not exist.
     """
     log, usual = read_log(source, format=format, columns=columns, strict=strict)
     intake = Intake(point or usual, size, offset, position_accuracy, speed_accuracy, speed_limit)
@@ -116,11 +116,11 @@ def check_one(log: Log, found: Sequence[Recording]) -> None:
 
 
 def recordings_in(log: Log, point: Point) -> list[Recording]:
-    """Return what a log has of every junction of its map that somebody passes, taken as it is.
+    """Return the recorded traffic of a log at every junction of its map that a vehicle passes.
 
     Raises:
-        RunError: it names no map, or nobody passes a junction of it.
-        MapError: its map can't be read.
+        RunError: the log names no map, or no vehicle passes a junction of the map.
+        MapError: the map can't be read.
     """
     places = junctions_of(log, None, None)
     return passed(log, places, Intake(point), log.lights, label_of(log, None), by_junction=len(places) > 1)

@@ -80,7 +80,7 @@ def signal_ids(junction: Junction) -> dict[str, tuple[int, ...]]:
 def lights_at(junction: Junction, shown: Mapping[str, Changes]) -> dict[int, Changes]:
     """Return the lights of a junction by entrance; signals of other junctions are left out.
 
-    Several signals of one entrance, such as one per arrow, show the colour that they agree on: none is known while they don't.
+    Several signals of an entrance, such as a signal per arrow, count while all show one colour; otherwise the colour is unknown.
     """
     signals = signals_at(junction)
     mine: dict[int, list[Changes]] = {}

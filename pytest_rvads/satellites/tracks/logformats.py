@@ -49,9 +49,9 @@ class Format:
 
     read: Reader
     suffixes: tuple[str, ...] = ()
-    """Of files that have it, in small letters; none where another format has them."""
+    """File suffixes of the format, in lower case; none if another format reads files with these suffixes."""
     point: Point = "center"
-    """Which point of a vehicle its places are, where nobody says otherwise."""
+    """The point of a vehicle to which the positions refer, unless the user names another point."""
 
 
 FORMATS: dict[str, Format] = {

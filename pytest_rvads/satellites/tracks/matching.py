@@ -24,13 +24,13 @@ FAR = 3.0
 _STRAY = 6.0
 """Farthest that a sample lies beside it [m]; what comes before or after is another road."""
 _CLOSE = 50.0
-"""The way is chosen by the track from so far before the entrance vertex on [m]: farther away people change lanes."""
+"""Distance before the entrance vertex from which a track decides on the way [m]; vehicles farther away may change lanes."""
 _CLEAR = 0.5
-"""The second best way is farther away by so much, root mean square [m]; else the track does not tell which one it was."""
+"""Least difference between the distances of the two nearest ways, root mean square [m]; below it the way is ambiguous."""
 _STEP = 2.0
-"""The track is looked at every so often [m], so that standing counts no more than driving."""
+"""Distance between the compared points of a track [m]: equal distances keep a long stand from dominating."""
 _GAP = 2.0
-"""Not seen for longer [s], and for more than five usual steps: seen again it counts as another vehicle."""
+"""Longest gap between samples of a vehicle [s]; after a longer gap of more than five usual steps it is another vehicle."""
 _LONGEST_GAP = 10.0
 """However seldom it is usually seen [s]: where it was meanwhile is not known."""
 _AGAINST = -0.3
@@ -177,7 +177,7 @@ BEHIND = "its way is not known: the track begins in the junction or behind it"
 UNCLEAR = "its way is not known: the track ends in the junction, where several ways are still as near"
 BESIDE = f"it is more than {FAR:g} m beside every way through the junction"
 _OFF = 10.0
-"""Where a vehicle is off a way it counts as so far beside it [m], however far it is."""
+"""Lateral distance of a point that lies off a way [m], whatever the true distance."""
 
 
 def directions(points: _Values) -> _Values:

@@ -1,4 +1,4 @@
-"""What a log says of its vehicles, whatever its format: the one value between those who read logs and those who match them."""
+"""Samples of the vehicles of a log, independent of the log's format: the value that readers return and that matching takes."""
 
 from __future__ import annotations
 
@@ -280,7 +280,7 @@ def _away(numbers: _Values, at: int) -> str:
 
 
 def _parted(numbers: _Values, bodies: Sequence[_Body]) -> Iterator[tuple[int, int, _Body, str]]:
-    """Yield of each vehicle that has an id its first sample, the one after its last, its body, and why it is another one."""
+    """Yield for each vehicle of an id its first sample, the sample after its last, its body, and why it is a new vehicle."""
     why = {int(at) + 1: _away(numbers, int(at) + 1) for at in np.flatnonzero(_jumped(np.diff(numbers[:3].T, axis=0)))}
     for one, other in pairwise(bodies):
         why.setdefault(other.at, one.differs(other))
@@ -290,6 +290,6 @@ def _parted(numbers: _Values, bodies: Sequence[_Body]) -> Iterator[tuple[int, in
 
 
 def kind_of(text: str) -> Kind:
-    """Return which kind of road user a log means; what is none of the others is a car."""
+    """Return the kind of road user that a class in a log names; an unknown class is a car."""
     said = text.lower()
     return next((kind for kind, words in _KINDS.items() if any(word in said for word in words)), Kind.CAR)

@@ -1,7 +1,7 @@
-"""Traffic that is still being recorded: states as they come, and recordings of the vehicles that can be judged by now.
+"""Traffic that is still being recorded: takes states one by one, and yields recordings of the vehicles that can be judged.
 
-A vehicle can be judged when it and everybody who was there with it have gone: then it is known which way each of them took, and
-who waited for whom. What is kept is bounded by how many vehicles are there at a time, and for how long.
+A vehicle can be judged as soon as all vehicles that were at the junction with it have left: then the ways of all are known. The
+memory is bounded by the number of vehicles at the junction and by the time that they stay.
 """
 
 from __future__ import annotations

@@ -90,11 +90,11 @@ class Rows:
     numbers: Mapping[str, NDArray[np.float64]]
     """Of shape ``(rows,)``, NaN where there is none."""
     texts: Mapping[str, Sequence[str]]
-    """Those of `TEXTS`."""
+    """Values of the text fields (`TEXTS`)."""
     lines: NDArray[np.int64]
-    """Number of each row, as messages count them, shape ``(rows,)``."""
+    """Line number of each row in the file, for messages, shape ``(rows,)``."""
     bad: Sequence[tuple[int, str, str]] = ()
-    """Rows that are wrong: index, field and why."""
+    """Bad rows: index, field and reason."""
 
 
 def parse_columns(text: str) -> dict[str, str]:
@@ -161,7 +161,7 @@ def _fitting(known: Mapping[str, str]) -> str:
 
 
 def _column(field: str, text: str, known: Mapping[str, str], where: str) -> Column | None:
-    """Return the column that a text names, None where there is none; a name may itself hold a colon."""
+    """Return the column that a text names, with an optional unit after a colon; None if no column has the name."""
     if text.strip().lower() in known:
         return Column(known[text.strip().lower()])
     name, _, unit = text.rpartition(":")
@@ -227,7 +227,7 @@ def _add(gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: dict[
 
 
 _CASE = 1000.0
-"""Cases of one file are scenes of some seconds, each on a clock of its own; here they follow each other by so much [s]."""
+"""Time between the starts of two cases of a file [s]. A case is a scene of some seconds whose clock begins at zero."""
 
 
 def _describe(gather: Gather, name: str, rows: Rows, at: int, sample: int) -> None:
