@@ -1,7 +1,7 @@
-"""What the plugin asks of a driver: one method that it must have, the rest if it likes; and what is misspelt for one of them.
+"""The abilities of a driver: the required method, the optional attributes, and a check for misspelt attributes.
 
-Nobody has to derive from `rvads.Autopilot`: any object that has the methods will do. The price would be that ``periode = 0.05``
-says nothing; so an attribute that nearly spells an ability, and is of its sort, is refused.
+A driver need not derive from `rvads.Autopilot`: any object with the methods is a driver. So that ``periode = 0.05`` is not
+ignored silently, an attribute is refused if its name is similar to an ability and its value has the type of that ability.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ OF_AUTOPILOTS: Mapping[str, Callable[[Any], bool]] = {
     "timing": _method,
     "abandon": _method,
 }
-"""Abilities of what drives one vehicle, and of what sort each is; `rvads.Autopilot` says what they are for."""
+"""Abilities of a driver of one vehicle, with a check of the value of each ability; `rvads.Autopilot` describes the abilities."""
 OF_SYSTEMS: Mapping[str, Callable[[Any], bool]] = {"autopilots": _method, "label": _word}
 """Abilities of what coordinates the autopilots of a run, see `rvads.TrafficSystem`."""
 _ALIKE = 0.8
-"""How alike two names are of which one is taken for the other misspelt, see `difflib`; ``lable`` is that near to ``label``."""
+"""Least similarity (ratio of `difflib`) of a name and an ability for a misspelling; ``lable`` and ``label`` reach it."""
 
 
 def check_factory(what: Any) -> None:
-    """Raise where something is nothing that can make autopilots.
+    """Check that an object is a factory of autopilots.
 
     Raises:
-        AutopilotError: it can't be called.
+        AutopilotError: the object can't be called.
     """
     if not callable(what):
         raise AutopilotError(
@@ -58,12 +58,12 @@ def check_factory(what: Any) -> None:
 
 
 def spelling(made: Any, abilities: Mapping[str, Callable[[Any], bool]], base: type) -> str:
-    """Return what is wrong with a label, or a question about an attribute that is misspelt for one of `abilities`, or nothing.
+    """Return the error of a wrong label, or a question about a misspelt attribute, or an empty text.
 
     Args:
         made: an autopilot or a traffic system.
-        abilities: those that it can have.
-        base: the class whose attributes are defaults: an ability inherited from there is not one of its own.
+        abilities: the abilities of such an object.
+        base: the class with the default attributes: an ability inherited from `base` does not count as defined.
     """
     label = getattr(made, "label", None)
     if not (label is None or isinstance(label, str) or callable(label)):
@@ -87,11 +87,11 @@ def refuse(made: type, abilities: Mapping[str, Callable[[Any], bool]]) -> None:
 def _question(
     names: Iterable[str], look: Callable[[str], Any], abilities: Mapping[str, Callable[[Any], bool]], own: Iterable[str]
 ) -> str:
-    """Return a question about the first of `names` that is no ability but nearly one, and of its sort; or nothing.
+    """Return a question about the first of `names` that is probably a misspelt ability, or an empty text.
 
-    A word that goes on for letters, as ``controller``, or begins otherwise, as ``aiming`` or ``_period``, is another word. So is
-    one beside the ability itself, which nobody misspells who has it, and what names a class, as ``Timing``. The same letters in
-    another order, or with a capital, are no word at all, whatever the value.
+    A name is no misspelling if it is a longer word (``controller``), begins differently (``aiming``, ``_period``), names a class
+    (``Timing``), or if the driver defines the ability as well. A name with the same letters in another order or with a capital is
+    a misspelling whatever its value.
     """
     missing = {name: sort for name, sort in abilities.items() if name not in own}
     for name in names:

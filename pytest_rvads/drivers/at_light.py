@@ -144,9 +144,10 @@ def _leaves_time(seen: Observation, other: VehicleState) -> bool:
 
 
 def _comes_first(seen: Observation, other: VehicleState, earlier: bool) -> bool:
-    """Return whether `other`, with the same right to go, is nearer to the junction: two left turns may cross each other.
+    """Return whether the oncoming vehicle `other`, with the same turn and the same right to go, is nearer to the junction.
 
-    Of two that are equally near it is the one that was created `earlier`. Both see the same, so exactly one of them waits.
+    If both vehicles are equally near, the vehicle that was created `earlier` goes first. Both drivers see the same states, so
+    exactly one of the two vehicles waits. Two oncoming left turns may cross each other.
     """
     me = seen.me
     if other.turn is not me.turn or (me.entrance, other.entrance) not in seen.junction.opposite:

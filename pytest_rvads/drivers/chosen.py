@@ -1,4 +1,4 @@
-"""What drives, as options of sessions and commands name it."""
+"""Finds the driver that an option of a session or a command names."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ __all__ = ["chosen"]
 
 
 def chosen(name: str, here: Path, option: str = "rvads_autopilot") -> Any:
-    """Return the autopilot of a name: a traffic policy, of which ``reference`` is the first, or ``module:name``.
+    """Return the driver that an option names: a traffic policy such as ``reference``, or ``module:name``.
 
     Args:
         name: the value of the option.
-        here: where the command was started; modules are looked for there first.
-        option: what the option is called.
+        here: the working directory of the command, which is searched for modules first.
+        option: the name of the option, for messages.
 
     Raises:
-        RvadsError: there is none, or nothing that can be called.
+        RvadsError: no driver has this name, or the named object can't be called.
     """
     if ":" not in name:
         from pytest_rvads.drivers.traffic import traffic

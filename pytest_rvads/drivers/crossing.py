@@ -39,23 +39,23 @@ SOON = 1.5
 
 
 class Meeting(NamedTuple):
-    """What the own movement shares with one that another vehicle may make, and who gives way."""
+    """The shared stretch of the own movement and a possible movement of another vehicle, and which of the two gives way."""
 
     shared: Shared
     mine: bool
     """Whether the own movement gives way."""
     yours: bool
-    """Whether the other one does."""
+    """Whether the other movement gives way."""
     slow: float
-    """Speed at which the other one takes the narrowest bend of its movement; inf where that is straight [m/s]."""
+    """Speed of the other vehicle in the narrowest bend of its movement [m/s]; inf for a straight movement."""
 
 
 class Meetings:
-    """Where the own movement meets those of others, looked up once per vehicle: its way does not change.
+    """The meetings of the own movement with the movements of other vehicles, computed once per other vehicle.
 
     Args:
-        junction: it all is about.
-        itinerary: the own one.
+        junction: the junction.
+        itinerary: the own itinerary.
     """
 
     def __init__(self, junction: Junction, itinerary: Itinerary) -> None:
@@ -101,9 +101,9 @@ def ahead_in_lane(seen: Observation) -> VehicleState | None:
 
 
 def conflicts(seen: Observation, other: VehicleState) -> list[Shared]:
-    """Return what the own movement shares with each that `other` may make: there two vehicles would be too near each other.
+    """Return the stretches that the own movement shares with the possible movements of `other`.
 
-    Nothing where both can be driven at the same time, or where the geometry is not known.
+    The list is empty if all these movements can be driven at the same time as the own movement, or if the geometry is unknown.
     """
     junction, mine = seen.junction, (seen.itinerary.entrance, seen.itinerary.exit)
     known = junction.stretches or {}
@@ -112,9 +112,9 @@ def conflicts(seen: Observation, other: VehicleState) -> list[Shared]:
 
 @lru_cache(maxsize=4096)
 def may_meet(junction: Junction, one: tuple[int, Turn], other: tuple[int, Turn]) -> bool:
-    """Return whether two vehicles of different arms, each given by its entrance and its indicator, may share a stretch.
+    """Return whether two vehicles of different arms may share a stretch; each vehicle is given by its entrance and indicator.
 
-    They may where it is not known where the lanes lie.
+    The answer is True if the geometry of the junction is unknown.
     """
     if junction.entrances[one[0]].arm == junction.entrances[other[0]].arm:
         return False

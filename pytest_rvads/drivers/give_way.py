@@ -1,7 +1,7 @@
-"""How the reference autopilot behaves wherever not all have to stop, or arms have several lanes: it looks at whom it meets.
+"""When the reference driver enters a junction with yield signs, mixed signs, no signs, or several lanes per arm.
 
-Whom it meets is whoever may make a movement that shares a stretch with the own one. To those that go first it leaves time, the
-others it counts on, as long as they do not come on regardless.
+The driver looks at every vehicle whose possible movement shares a stretch with the own movement. The driver leaves time to the
+vehicles that go first. The driver relies on all other vehicles to give way, unless their motion shows that they will not.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ _GREEN, _YELLOW, _RED = Colour.GREEN, Colour.YELLOW, Colour.RED
 
 
 class GiveWay:
-    """Stops where its own sign or light says so, gives way to whoever goes first, and enters when the way can be cleared.
+    """Stops at the own stop sign or light, gives way to the vehicles that go first, and enters when the exit has room.
 
     Args:
         seen: the first observation.
-        track: the own way.
-        tie: see `Queue`; counts at an all-way stop [s].
-        stops: whether it obeys stop signs as such, and not as yield signs.
+        track: the own track.
+        tie: arrivals within this time count as simultaneous at an all-way stop [s], see `Queue`.
+        stops: whether the driver stops at stop signs; otherwise stop signs count as yield signs.
     """
 
     def __init__(self, seen: Observation, track: Track, tie: float = 0.0, *, stops: bool = True) -> None:
@@ -198,7 +198,7 @@ class GiveWay:
         return there + gap < self._arrives(seen, other, yours.start)
 
     def _after(self, seen: Observation, other: VehicleState, meeting: Meeting) -> bool:
-        """Return whether `other` has left the place before the own earliest arrival, so that one need not stop for it."""
+        """Return whether `other` has left the shared stretch before the own earliest arrival, so that no stop is needed."""
         me, (mine, yours, merges) = seen.me, meeting.shared
         end = yours.start + _GAP if merges else yours.end
         if other.station - other.length >= end:
@@ -281,7 +281,7 @@ def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:
 
 
 def _stuck(seen: Observation) -> bool:
-    """Return whether somebody from the own lane stands in the junction, so that one would have to stop there as well."""
+    """Return whether a vehicle from the own lane stands in the junction, so that the own vehicle would have to stop behind it."""
     entrance = seen.me.entrance
     return any(other.entrance == entrance and other.zone is JUNCTION and other.speed < 1.0 for other in seen.others)
 

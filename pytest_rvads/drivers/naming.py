@@ -1,4 +1,4 @@
-"""What drives, in words: in records and messages, in ids, as options name it, and where nobody said what drives."""
+"""Names of drivers: in records and messages, in ids and in options; and the stand-in for a session without a named driver."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def at(name: str, here: Path | None = None) -> Any:
 
 
 def name_of(driver: Any) -> str:
-    """Return the name of a driver or of what makes it, for records: its ``label``, else that of its class or function."""
+    """Return the name of a driver or of its factory for records: the ``label``, or the name of the class or function."""
     label, own = _names(driver)
     return label or own
 
@@ -69,7 +69,7 @@ def labelled(driver: Any) -> bool:
 
 
 def called(driver: Any) -> str:
-    """Return what drives, by a name that tells where it is from."""
+    """Return the name of a driver with the module of its class or function."""
     label, own = _names(driver)
     if driver is stand_in():
         return f"{own} (nobody said what drives)"
@@ -91,7 +91,7 @@ def _names(driver: Any) -> tuple[str, str]:
 
 
 def _text(driver: Any, name: str) -> str:
-    """Return an attribute that is a text, on one line; nothing where there is none or it can't be read."""
+    """Return a text attribute of a driver on one line; an empty text if the attribute is missing or raises an error."""
     try:
         text = getattr(driver, name, None)
         return one_line(str(text), _LONGEST) if isinstance(text, str) else ""

@@ -72,18 +72,18 @@ class Queue:
         return self._outside[state.name]
 
     def before(self, one: VehicleState, other: VehicleState) -> bool | None:
-        """Return whether `one` arrived earlier than `other`, which has arrived as well; None where both came together."""
+        """Return whether the vehicle `one` arrived earlier than the vehicle `other`; None if both arrived together."""
         later = self._outside[one.name] - self._outside[other.name]
         return None if abs(later) <= self._tie else later < 0
 
     def first(self, seen: Observation) -> tuple[list[VehicleState], int]:
-        """Return in which order the vehicles that have arrived may go, and how many of them have to wait for nobody.
+        """Return the order in which the arrived vehicles may go, and the number of vehicles at its head that need not wait.
 
         Returns:
-            Those that have to wait for nobody, then, unless turns are the paper's, those that wait for no others than these; or
-            all, where everybody has somebody to let go first. Who came earlier stands first, of those that came in the same tick
-            who has nobody to the right, then who was created earlier: drivers agree on this order also where one of them takes
-            turns with all others. Of several behind each other at one entrance only the first counts.
+            First the vehicles that have to wait for no vehicle. Unless the turns are the paper's, the vehicles follow that wait
+            for these only. If every vehicle has to wait for another vehicle, all vehicles are returned. Vehicles are sorted by
+            arrival; in the same tick a vehicle without a vehicle to its right comes first, then the vehicle that was created
+            first. So all drivers agree on the order. In a queue at one entrance only the first vehicle counts.
         """
         since, junction = self._outside, seen.junction
         waiting = [s for s in seen.everybody() if self.arrived(s)]

@@ -1,4 +1,4 @@
-"""Traffic that drives as it did in a recorded run."""
+"""Traffic that repeats the motion of a recorded run."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ _AHEAD = 0.2
 
 
 class Replay(TrafficSystem):
-    """A traffic policy: every vehicle follows what the one with its movement did in a recorded run.
+    """A traffic policy: every vehicle follows the recorded vehicle with the same movement.
 
-    It does not react to the subject. Started as in a run that holds controls, it repeats that run bit by bit; else it
-    keeps to the recorded stations and speeds as well as it can. Where the recording ends it drives on as it last did.
+    The vehicles don't react to the subject. With the recorded starts and recorded controls they repeat the run bit by bit;
+    otherwise they follow the recorded stations and speeds as closely as possible. After the end of the recording a vehicle keeps
+    its last motion.
 
     Args:
         run: the recorded run, or a file that ``--rvads-keep`` wrote.

@@ -34,29 +34,29 @@ QUEUED = 2.0
 class Reference(Follower):
     """Drives as the paper's rules and the law demand.
 
-    At a stop sign it stops before the line, inside the entrance zone, and enters when no other vehicle is in the junction
-    and it is its turn: first come, first served; on ties the vehicle that has none to its right. Vehicles whose ways do not meet
-    do not take turns. Where four arrive at once, so that every vehicle has one to its right, patience decides; it differs from
-    vehicle to vehicle, in the order of their creation, so that one sets off alone. A vehicle that has the turn, could go, and
-    stands for 3.5 s has waived its right and is not waited for.
+    At a stop sign the driver stops before the line, inside the entrance zone. The driver enters when no other vehicle is in the
+    junction and the own turn has come: first come, first served; on ties the vehicle without a vehicle to its right. Vehicles
+    whose ways do not meet do not take turns. Where four vehicles arrive at once, every vehicle has a vehicle to its right, and
+    patience decides: the patience grows in the order of creation, so that a single vehicle sets off. A vehicle that has the turn,
+    could go and stands for 3.5 s has waived its right, and the driver no longer waits for this vehicle.
 
-    At a light it stops on yellow where it can and on red always. On red it turns right after a full stop, when no vehicle with
-    green comes whose way meets its own. Turning left it yields to oncoming traffic, unless that stands at green for 3.5 s. It
-    never gets into the way of a vehicle that is still in the junction.
+    At a light the driver stops on yellow where that is possible, and on red always. On red the driver turns right after a full
+    stop, when no vehicle with green comes whose way meets the own way. On a left turn the driver yields to oncoming traffic,
+    unless that traffic stands at green for 3.5 s. The driver never gets into the way of a vehicle that is still in the junction.
 
-    Where there are other signs, signs at some entrances only, or none, and where arms have several lanes, it looks at those
-    vehicles whose way meets its own: it gives way as `Junction.yields` says, in time or not at all, after a stop where its sign
-    demands one and at green where it has a light; at an all-way stop to those that came first. A vehicle with the better right
-    that stands at its line is passed only once it has waived its right. A vehicle that has the way goes on, except into a body
-    that is in it. Where all that stand there wait for one another, the vehicle that came first goes.
+    At junctions with yield signs, mixed signs, no signs or several lanes per arm the driver looks at the vehicles whose ways meet
+    the own way. The driver gives way as `Junction.yields` says, stops at a stop sign, and waits for green at a light; at an
+    all-way stop the driver gives way to the vehicles that came first. A vehicle with the better right that stands at its line is passed
+    only after it has waived its right. A vehicle with the right of way goes on, unless a body blocks the way. Where all standing
+    vehicles wait for each other, the vehicle that came first goes.
 
-    Everywhere it keeps its distance from who drives ahead, queues behind it, and stops before a body in its way. It enters only
-    what it can leave.
+    At every junction the driver keeps a distance to the vehicle ahead, queues behind it, and stops before a body in the own way.
+    The driver enters only if the exit has room.
 
     Args:
-        tie: at an all-way stop, who arrived within this time of each other arrived at once, and the right one goes first, at
-            most 0.5 [s]. The road rulebook has such a window of 0.5 s: ``functools.partial(Reference, tie=0.5)``. With 0 it keeps
-            the paper's rules, which know neither such a window nor waivers.
+        tie: arrivals within this time count as simultaneous at an all-way stop, and the vehicle on the right goes first [s]; at
+            most 0.5. The road rulebook has such a window of 0.5 s: ``functools.partial(Reference, tie=0.5)``. With 0 the driver
+            keeps the paper's rules, which know neither such a window nor waivers.
 
     Raises:
         AutopilotError: a `tie` out of range.
@@ -110,5 +110,5 @@ class Reference(Follower):
 
 
 def by_zones(junction: Junction) -> bool:
-    """Return whether all stop or all have lights, with one lane per arm: there it is enough to see who is in which zone."""
+    """Return whether the zones of the vehicles decide who may enter: at all-way stops and lights with one lane per arm."""
     return junction.one_lane_each and junction.control in (JunctionControl.STOP, JunctionControl.LIGHTS)

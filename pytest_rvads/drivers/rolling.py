@@ -23,13 +23,12 @@ NEAR = 5.0
 
 
 class RollingStop(Reference):
-    """Takes stop signs for yield signs, and turns on red without looking.
+    """Treats stop signs as yield signs, and turns on red without looking.
 
-    Two things are wrong with it. At a stop sign it does not stop: it slows down, lets pass who is in the junction
-    and who stands to its right, and rolls on; who came first does not matter to it, and two that face each other enter
-    together. At a red light it rolls round the corner to the near side, the right where traffic keeps right, without
-    regard for who has green, as long as nobody is in its way already. Everything else it does like the reference autopilot, which
-    is also whom it gives way to where signs differ or arms have several lanes.
+    The driver has two faults. At a stop sign it does not stop: it slows down, gives way to vehicles in the junction and to a
+    vehicle standing on its right, and rolls on, without regard to the order of arrival. At a red light it turns to the near side,
+    the right where traffic keeps right, without regard to vehicles with green, as long as no vehicle is in its way. The reference
+    driver does everything else, including giving way where signs differ or arms have several lanes.
     """
 
     def make_gate(self, seen: Observation) -> Gate:

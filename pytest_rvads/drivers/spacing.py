@@ -194,7 +194,7 @@ def clear_of_standing(seen: Observation, track: Track) -> float:
 
 
 def _gone_by(speed: float, gap: float, other: VehicleState, along: float) -> bool:
-    """Return whether `other`, which moves across the own way, has left it when one is there."""
+    """Return whether `other`, which moves across the own way, has left the way when the own vehicle arrives."""
     if other.speed < 1.0 or along > other.speed * ACROSS:
         return False
     return gap / max(speed, 1.0) > (other.length + other.width + 2.0 * SIDE) / other.speed + LEEWAY
@@ -235,9 +235,9 @@ def _follow(speed: float, gap: float, leader: float) -> float:
 
 
 def _touch(axle: Pose, back: float, me: VehicleState, other: VehicleState) -> bool:
-    """Return whether the own body with its rear axle at a pose, and `NEAR` around it, meets the body of `other`.
+    """Return whether the own body with its rear axle at a pose, extended by `NEAR`, meets the body of `other`.
 
-    Two rectangles are apart where a side of one of them has the other one beyond it.
+    Two rectangles are apart if a side of a rectangle separates the two (separating axis theorem).
     """
     cos, sin = math.cos(axle.heading), math.sin(axle.heading)
     turned, ahead = other.heading - axle.heading, back - me.length / 2.0

@@ -59,7 +59,7 @@ class Policy:
 
 
 def policy_name(factory: Factory) -> str:
-    """Return the name of a policy for ids: that by which it is asked for, else that of somebody's own."""
+    """Return the policy's name for ids: its key in `POLICIES`, else the factory's own name."""
     return next((name for name, known in POLICIES.items() if known is factory), "") or in_ids(factory)
 
 
@@ -68,10 +68,10 @@ def traffic(name: str, what: str = "traffic") -> Factory:
 
     Args:
         name: one of `POLICIES`.
-        what: what it is wanted for, in the words of the one who asks.
+        what: role of the policy in the error message, such as ``traffic``.
 
     Raises:
-        ScenarioError: no such policy.
+        ScenarioError: no policy has this name.
     """
     if name not in POLICIES:
         raise ScenarioError(f"unknown {what} {name!r}, there are {', '.join(POLICIES)}{suggest(name, POLICIES)}")

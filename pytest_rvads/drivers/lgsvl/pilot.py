@@ -32,7 +32,7 @@ class Switches(NamedTuple):
     """The deficiencies of the paper's table, each on or off."""
 
     i1: bool = True
-    """Drives off before it knows that it has to stop."""
+    """Sets off before the driver knows about the stop sign."""
     i2: bool = True
     """Takes a hidden box for the junction."""
     i3: bool = True

@@ -22,12 +22,13 @@ class _Waiting(NamedTuple):
 class Scheduler:
     """Lets the vehicles into the junction one after the other.
 
-    Vehicles call it in creation order, so of two that arrive in the same tick the one created first is first in the
-    queue: that is deficiency I3.
+    Vehicles call the scheduler in creation order. So of two vehicles that arrive in the same tick the vehicle that was created
+    first is first in the queue: that is deficiency I3.
 
     Args:
-        roster: names of the vehicles it schedules.
-        ties_ignored: I3; without it, whoever has nobody to the right goes first among those who arrived together.
+        roster: names of the scheduled vehicles.
+        ties_ignored: deficiency I3; if False, among vehicles that arrive together a vehicle without a vehicle to its right goes
+            first.
     """
 
     def __init__(self, roster: Iterable[str], ties_ignored: bool) -> None:

@@ -17,11 +17,11 @@ class LgsvlLike(TrafficSystem):
     """A calibrated surrogate of the controller that the paper examined, on vehicles with real dynamics.
 
     Args:
-        i1: drives off before it knows that it has to stop.
-        i2: the scheduler takes a hidden box for the junction.
-        i3: the scheduler ignores who is to the right when two arrive together.
-        i4: turns right on red after a time, without looking.
-        i5: turns left by an incomplete list of whom to yield to.
+        i1: a vehicle sets off before its driver knows about the stop sign.
+        i2: the scheduler mistakes a hidden box for the junction.
+        i3: the scheduler ignores the vehicle to the right when two vehicles arrive together.
+        i4: a vehicle turns right on red after a time, without looking.
+        i5: a left turn yields by an incomplete list of oncoming movements.
         constants: the free constants.
 
     Example:

@@ -107,10 +107,10 @@ class Child:
         return self._exited(0.0) is None
 
     def send(self, data: bytes, limit: float) -> None:
-        """Write `data`; where it no longer reads, its answer, or the lack of one, tells what happened.
+        """Write `data` to the process. A closed pipe raises no error here: reading the answer reports what happened.
 
         Raises:
-            StackTimeout: it did not read within `limit` seconds.
+            StackTimeout: the process did not read within `limit` seconds.
         """
         deadline = time.monotonic() + limit
         view = memoryview(data)
@@ -157,7 +157,7 @@ class Child:
         return found
 
     def pending(self) -> bytes:
-        """Return what it wrote and nobody has asked for: the beginning of it, where it is much."""
+        """Return the first bytes that the process wrote without being asked."""
         if not self._buffer and self._readable.poll(0):
             self._buffer += os.read(self._out.fileno(), _PIECE)
         return bytes(self._buffer)
@@ -191,7 +191,7 @@ class Child:
             _warn(f"a process that the stack {self._name} started holds its standard output and can't be found")
 
     def _dismiss(self, farewell: bytes) -> None:
-        """Give it, and all that it started, time to exit."""
+        """Ask the process to exit, and wait for the process and all its descendants."""
         if farewell:
             self._descendants.living()  # what it leaves behind is not related to it any more once it has gone
             with suppress(OSError):  # it is gone, or does not read

@@ -93,7 +93,7 @@ class Connection:
 
 
 def _refuse(early: bytes) -> None:
-    """Refuse what was written before it was asked for; not before it was read, so that what is wrong with it is told first."""
+    """Refuse bytes that the stack wrote before it was asked; called after the answer was read, whose errors come first."""
     if early:
         raise StackError(f"it wrote {messages.quoted(early)} before it was asked: read a message, then answer it once")
 

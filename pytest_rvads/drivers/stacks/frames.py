@@ -1,7 +1,7 @@
-"""The messages of the protocol as binary frames, little-endian, for speed; ``clients/c/rvads.h`` has the same as structs.
+"""The messages of the protocol as little-endian binary frames; ``clients/c/rvads.h`` declares the same frames as C structs.
 
 A frame is a header of two unsigned 32-bit integers, kind and size, then `size` bytes. Commands have a fixed size; an
-observation ends with as many vehicles as there are. The sizes of the structs leave no padding.
+observation ends with an entry per vehicle. The structs have no padding.
 """
 
 from __future__ import annotations

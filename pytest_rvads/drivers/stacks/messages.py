@@ -155,7 +155,7 @@ class _Seen(Struct, gc=False):
 
 
 class Format(ABC):
-    """The messages of one scenario in one format, and what they go by: numbers of vehicles, lanes of entrances."""
+    """Encodes and decodes the messages of a scenario, with the numbers of vehicles and the lanes of entrances."""
 
     bye: bytes
 

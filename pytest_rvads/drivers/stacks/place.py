@@ -59,7 +59,7 @@ def _path(itinerary: Itinerary) -> tuple[tuple[float, float, float, float], ...]
 
 @lru_cache(maxsize=64)
 def _map(junction: Junction) -> dict[str, Any]:
-    """Return a junction as builtins: its arms and lanes, what regulates them, who gives way to whom, where the lanes are."""
+    """Return a junction as builtins: its arms, lanes, signs and lights, the yields between movements, and the centre lines."""
     index = {key: number for number, key in enumerate(junction.movements)}
     reasons = {(index[one], index[other]): reason.value for (one, other), reason in (junction.yields or {}).items()}
     return {

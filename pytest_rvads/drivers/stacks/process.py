@@ -30,17 +30,17 @@ RATE = 20.0
 class Process(TrafficSystem):
     """A stack in another process, asked in lock-step: simulated time waits for it.
 
-    It is a factory of autopilots, to be returned by the fixture ``rvads_autopilot`` or given to `simulate`. One process serves
-    many scenarios, one after the other; where several vehicles of a run are its, each has a process of its own. A process
-    that fails ends the run with a fault and is replaced for the next one. What is left is ended when the object goes, with all
-    that it started; a RuntimeWarning tells of what can't be ended.
+    The object is a factory of autopilots, for the fixture ``rvads_autopilot`` or for `simulate`. A process serves
+    many scenarios in succession; if the stack drives several vehicles of a run, each vehicle has a process. A process that fails
+    ends the run with a fault and is replaced for the next run. All processes and their descendants are ended with the object; a
+    RuntimeWarning names processes that can't be ended.
 
     Args:
         command: the program and its arguments, or one string with both.
-        rate: decisions per simulated second [Hz], a divisor of 100; by default what the stack says in its hello, else 20.
-        timeout: how long it may take for one decision, in real time [s].
-        startup: how long it may take to start, and to get ready for a scenario [s].
-        grace: how long it, and what it started, may take to exit after `bye`, and after SIGTERM; then they are killed [s].
+        rate: decisions per simulated second [Hz], a divisor of 100; by default the rate in the stack's hello message, or 20.
+        timeout: longest real time of a decision [s].
+        startup: longest real time for starting the process, and for getting ready for a scenario [s].
+        grace: longest real time for exiting after `bye`, and after SIGTERM, before the processes are killed [s].
         cwd: working directory of the program.
         env: variables to add to its environment.
 
@@ -53,7 +53,7 @@ class Process(TrafficSystem):
     """
 
     own_limits = True
-    """Its limits of real time take the place of those that drivers in this process have."""
+    """Stacks have limits of real time themselves, so the session's limits for drivers don't apply."""
 
     def __init__(  # noqa: PLR0913 - a program has a place and several limits, most of them left alone
         self,

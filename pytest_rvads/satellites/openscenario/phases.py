@@ -40,8 +40,8 @@ def phases_of_plan(junction: Junction, plan: SignalPlan) -> tuple[Phase, ...]:
 def _names(junction: Junction, lights: NDArray[np.int8]) -> dict[str, int]:
     """Return the signals to write, each with an entrance whose light shows the signal's colours.
 
-    The signals are those of the map. An entrance is written as a signal itself if the map has no light for the entrance, or if the
-    light also controls entrances with other colours.
+    The signals are those of the map. An entrance is written as a signal itself if the map has no light for the entrance, or if
+    the light also controls entrances with other colours.
     """
     ids = signal_ids(junction)
     found: dict[str, int] = {}

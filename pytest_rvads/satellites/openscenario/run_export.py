@@ -125,7 +125,7 @@ def _whole(run: Run) -> bool:
 
 
 def _actor(run: Run, column: int, body: Body) -> Actor | None:
-    """Return a vehicle with its trajectory, from its first state until it leaves; None for a vehicle with a single state in an excerpt."""
+    """Return a vehicle with its trajectory, from its first state until it leaves; None for a single state in an excerpt."""
     agent, zone, pose = run.agents[column], run.zone[:, column], run.need("pose")[:, column]
     begin, end = run.spans[column].tolist()
     gone = np.flatnonzero(zone == Zone.GONE)
