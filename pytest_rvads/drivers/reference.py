@@ -45,10 +45,10 @@ class Reference(Follower):
     unless that traffic stands at green for 3.5 s. The driver never gets into the way of a vehicle that is still in the junction.
 
     At junctions with yield signs, mixed signs, no signs or several lanes per arm the driver looks at the vehicles whose ways meet
-    the own way. The driver gives way as `Junction.yields` says, stops at a stop sign, and waits for green at a light; at an
+    the own way. The driver gives way as `Junction.yields` says, stops at a stop sign, and waits for green at a light. At an
     all-way stop the driver gives way to the vehicles that came first. The driver passes a vehicle with the better right that
-    stands at its line only after that vehicle has waived its right. A vehicle with the right of way goes on, unless a body blocks the
-    way. Where all standing vehicles wait for each other, the vehicle that came first goes.
+    stands at its line only after that vehicle has waived its right. A vehicle with the right of way goes on, unless a body blocks
+    the way. Where all standing vehicles wait for each other, the vehicle that came first goes.
 
     At every junction the driver keeps a distance to the vehicle ahead, queues behind it, and stops before a body in the own way.
     The driver enters only if the exit has room.
