@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, TreeBuilder
 
 from pytest_rvads.boundedxml import XmlError, read_xml
 from pytest_rvads.errors import MapError
@@ -27,14 +27,15 @@ _SKIPPED = frozenset(
 
 
 class _Builder:
-    """Builds elements without namespaces, text and the parts nobody reads."""
+    """Builds elements without namespaces and without the parts nobody reads."""
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self.root: Element | None = None
-        self.stack: list[Element] = []
+        self.tree = TreeBuilder()
         self.skipping = 0
         self.kept = 0
+        self.projection = False
+        """Whether the text comes that says where on earth the map is, which is the only text that is kept."""
 
     def start(self, tag: str, attributes: dict[str, str], _row: int) -> None:
         tag = tag.rpartition(":")[2]
@@ -44,29 +45,26 @@ class _Builder:
         self.kept += 1
         if self.kept > MAX_ELEMENTS:
             raise MapError(f"{self.name} has more than {MAX_ELEMENTS:,} elements; cut the map into pieces")
+        if self.kept == 1 and tag != "OpenDRIVE":
+            raise MapError(f"{self.name} is not an OpenDRIVE file: its root element is <{tag[:40]}>, expected <OpenDRIVE>")
         if not _ID.fullmatch(attributes.get("id", "")):
             raise MapError(
                 f"{self.name}: the id of <{one_line(tag, 40)}> must have at most 1,000 characters and no control characters, "
                 f"got {attributes['id'][:40]!r}"
             )
-        element = Element(tag, attributes)
-        if self.stack:
-            self.stack[-1].append(element)
-        elif tag != "OpenDRIVE":
-            raise MapError(f"{self.name} is not an OpenDRIVE file: its root element is <{tag[:40]}>, expected <OpenDRIVE>")
-        else:
-            self.root = element
-        self.stack.append(element)
+        self.tree.start(tag, attributes)
+        self.projection = tag == "geoReference"
 
     def text(self, text: str) -> None:
-        if self.stack and self.stack[-1].tag == "geoReference" and not self.skipping:
-            self.stack[-1].text = (self.stack[-1].text or "") + text
+        if self.projection and not self.skipping:
+            self.tree.data(text)
 
-    def end(self, _tag: str) -> None:
+    def end(self, tag: str) -> None:
         if self.skipping:
             self.skipping -= 1
         else:
-            self.stack.pop()
+            self.tree.end(tag.rpartition(":")[2])
+            self.projection = False
 
 
 def load(path: str | os.PathLike[str]) -> Element:
@@ -89,13 +87,11 @@ def load(path: str | os.PathLike[str]) -> Element:
         with file.open("rb") as stream:
             chunks = iter(lambda: stream.read(_CHUNK), b"")
             read_xml(chunks, "an OpenDRIVE file (.xodr)", builder.start, builder.end, builder.text)
+        return builder.tree.close()
     except XmlError as error:
         raise MapError(f"map file {path}: {error}") from None
     except (OSError, ValueError, TypeError) as error:
         raise MapError(f"map file {path} cannot be read: {error}") from None
-    if builder.root is None:  # expat refuses a file without elements
-        raise MapError(f"map file {path} contains no element, expected <OpenDRIVE>")
-    return builder.root
 
 
 def number(element: Element, name: str, place: str, default: float | None = None) -> float:
