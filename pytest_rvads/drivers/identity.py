@@ -1,4 +1,8 @@
-"""What a driver is, in a digest that says in any process whether it is the same: its code, and the values that it works with."""
+"""What a driver is, in a digest that says in any process whether it is the same: its code, and the values that it works with.
+
+Source files alone would not do: a campaign that is called again with another argument, or after ``Pilot.speed = 9``, would return
+the results of the former speed.
+"""
 
 from __future__ import annotations
 
