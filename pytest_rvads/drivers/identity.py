@@ -1,4 +1,8 @@
-"""What a driver is, in a digest that says in any process whether it is the same: its code, and the values that it works with."""
+"""What a driver is, in a digest that says in any process whether it is the same: its code, and the values that it works with.
+
+Source files alone would not do: a campaign that is called again with another argument, or after ``Pilot.speed = 9``, would return
+the results of the former speed.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +10,17 @@ import ast
 import sys
 import sysconfig
 from collections.abc import Iterable, Iterator, Mapping
-from enum import Enum
 from functools import lru_cache, partial
 from hashlib import sha256
 from pathlib import Path
-from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
+from types import CodeType, FunctionType, MethodType, ModuleType
 from typing import Any
 
 from pytest_rvads import __version__
 from pytest_rvads.drivers.stacks.process import Process
+from pytest_rvads.logic.rules.sameness import codes, content
 from pytest_rvads.versions import code
+from pytest_rvads.wording import one_line
 
 __all__ = ["identity", "source"]
 
@@ -24,21 +29,22 @@ _PACKAGE = __name__.partition(".")[0]
 _SITES = {Path(path).resolve() for name, path in sysconfig.get_paths().items() if name.endswith("lib")}
 _INSTALLED = {"site-packages", "dist-packages"}
 """Folders of other installations of Python, in which packages are looked for as well."""
-_Told = tuple[list[str], list[Any]]
-"""What there is to say of a value itself, and the values it consists of."""
+_WRAPPED = ("func", "args", "keywords", "__func__", "__self__", "fget", "fset", "fdel")
+"""Attributes of partials, methods and properties that say what they call, and with what."""
 
 
 def identity(thing: Any) -> str:
     """Return a digest of what decides what a driver, simulator or function of somebody does.
 
-    Of its code these are the modules that it and they import by name from its package or from beside it, whether they are loaded
-    by then or not; not what is installed elsewhere. Of a stack in another process they are its command and the files that this
-    names. Values count as they are now: those it was made with, those of its class, and those that its functions know by a name.
-    What can't be taken apart, such as a lock, counts by its kind; what another program reads by itself does not count.
+    Code counts by its source files: the module of the thing, and all modules that this one and they import by name from their
+    package or from beside it, loaded or not; not what is installed elsewhere. Of a stack in another process, the command and the
+    files that the command names count. Values count as they are now: arguments, attributes of objects and of classes, and the
+    globals that functions name. An attribute ``version`` is such a value. What can't be taken apart, such as a lock, counts by
+    its kind; what another program reads by itself does not count.
     """
     lines: list[str] = []
-    known: dict[int, tuple[int, Any]] = {}
-    """Of what was met, by address, its number; and itself, so that nothing else gets its address."""
+    met: dict[int, tuple[int, Any]] = {}
+    """By address: the number of a value, and the value itself, so that no other value gets its address."""
     files: dict[Path, str] = {}
     home = _top(thing)
     rest = [thing]
@@ -47,22 +53,23 @@ def identity(thing: Any) -> str:
         lines.append(f"{type(value).__module__}.{type(value).__qualname__}")
         if type(value) in _PLAIN:
             lines.append(repr(value))
-        elif id(value) in known:
-            lines.append(f"again {known[id(value)][0]}")
+        elif id(value) in met:
+            lines.append(f"again {met[id(value)][0]}")
         else:
-            known[id(value)] = len(known), value
-            texts, parts = _told(value, home, files)
-            lines += [*texts, str(len(parts))]
+            met[id(value)] = len(met), value
+            parts = _parts(value, home, files)
+            lines.append(str(len(parts)))
             rest += reversed(parts)
     lines += sorted(f"{file.name} {digest}" for file, digest in files.items())
     return sha256("\n".join(lines).encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def source(driver: Any, here: Path) -> str:
-    """Return where the code of a driver is and a digest of it: ``pilots.py 3fa29c01``; of what is bundled, the package's version.
+    """Return where the code of a driver is, and which: ``pilots.py 3fa29c01``; of what is bundled, the package's version.
 
-    Of the code count the files that `identity` counts, and no values: it is the same before and after a run. Where it can't be
-    told there is nothing: a driver is code of others, and that costs no verdict.
+    The digest is of the files that `identity` counts, and of no values: it is the same before and after a run. The text of an
+    attribute ``version`` follows. Where the code can't be told the answer is empty: a driver is code of others, and that costs
+    no verdict.
 
     Args:
         driver: what drives, or what makes it.
@@ -70,10 +77,11 @@ def source(driver: Any, here: Path) -> str:
     """
     try:
         if isinstance(driver, Process):
-            _, _, _, _, digests = driver.settings()
-            return _short(digests)
+            return _short(driver.settings()[-1])
         made = driver.func if isinstance(driver, partial) else driver
-        return _source(made if isinstance(made, type | FunctionType) else type(made), here)
+        version = getattr(made, "version", None)
+        place = _source(made if isinstance(made, type | FunctionType) else type(made), here)
+        return f"{place} version {one_line(version, 40)}".lstrip() if isinstance(version, str) else place
     except Exception:
         return ""
 
@@ -91,36 +99,29 @@ def _source(made: type | FunctionType, here: Path) -> str:
 
 def _short(digests: Iterable[str]) -> str:
     """Return eight digits for some files, nothing for none."""
-    told = "".join(digests)
-    return sha256(told.encode()).hexdigest()[:8] if told else ""
+    digits = "".join(digests)
+    return sha256(digits.encode()).hexdigest()[:8] if digits else ""
 
 
-def _told(value: Any, home: str, files: dict[Path, str]) -> _Told:  # noqa: C901 - a case per kind of value
-    """Say what a value is, equal in any process; digests of files that make it one are added to `files`."""
+def _parts(value: Any, home: str, files: dict[Path, str]) -> list[Any]:
+    """Return the values that a value consists of, equal in any process; digests of the files of its code are added to `files`."""
     if isinstance(value, type | FunctionType):
-        texts = [f"{value.__module__}.{value.__qualname__}"]
-        ours = _follow(value.__module__, home, files) or not _is_there(value)
-        return (texts, []) if not ours else (texts, _of_class(value) if isinstance(value, type) else _of_function(value))
+        name = [value.__module__, value.__qualname__]
+        if not _follow(value.__module__, home, files) and _is_there(value):
+            return name
+        return name + (_of_class(value) if isinstance(value, type) else _of_function(value))
     if isinstance(value, CodeType):
-        return [value.co_code.hex(), *value.co_names], list(value.co_consts)
-    if isinstance(value, BuiltinFunctionType | ModuleType):
-        return [value.__name__], []
+        return [value.co_code, list(value.co_names), list(value.co_consts)]
+    if isinstance(value, ModuleType):
+        return [value.__name__]
     if isinstance(value, Process):
-        return [], [type(value), value.settings()]
-    if isinstance(value, Enum):
-        return [value.name], [type(value)]
+        return [type(value), value.settings()]
+    if isinstance(value, partial | MethodType | staticmethod | classmethod | property):
+        return [getattr(value, name, None) for name in _WRAPPED]
     if type(value) is dict:
-        return [], [part for key in sorted(value, key=_order) for part in (key, value[key])]
-    if type(value) in (set, frozenset):
-        return [], sorted(value, key=_order)
-    if type(value) in (list, tuple):
-        return [], list(value)
-    if isinstance(value, partial):
-        return [], [value.func, list(value.args), value.keywords]
-    if isinstance(value, MethodType | staticmethod | classmethod):
-        return [], [value.__func__, getattr(value, "__self__", None)]
-    if isinstance(value, property):
-        return [], [value.fget, value.fset, value.fdel]
+        return [part for key in sorted(value, key=_order) for part in (key, value[key])]
+    if type(value) in (list, tuple, set, frozenset):
+        return list(value) if type(value) in (list, tuple) else sorted(value, key=_order)
     return _of_object(value)
 
 
@@ -128,17 +129,17 @@ def _order(key: Any) -> str:
     return repr(key) if type(key) in _PLAIN else identity(key)
 
 
-def _of_object(value: Any) -> _Told:
+def _of_object(value: Any) -> list[Any]:
     """Take an object apart as for a journey to another process."""
     try:
         made = value.__reduce_ex__(4)
         if isinstance(made, str):
-            return [made], [type(value), getattr(value, "__wrapped__", None)]
+            return [made, type(value), getattr(value, "__wrapped__", None)]
         function, given, state, items, pairs = (*made, *[None] * 3)[:5]
-        return [], [type(value), function, given, state, list(items or ()), [list(pair) for pair in pairs or ()]]
-    except Exception:  # whatever the code of others raises; a lock or a file is none that could be told
+        return [type(value), function, given, state, list(items or ()), [list(pair) for pair in pairs or ()]]
+    except Exception:  # whatever the code of others raises; a lock or a file can't travel
         state = getattr(value, "__dict__", None)
-        return [], [type(value), dict(state) if isinstance(state, Mapping) else None]
+        return [type(value), dict(state) if isinstance(state, Mapping) else None]
 
 
 def _of_class(made: type) -> list[Any]:
@@ -151,25 +152,13 @@ def _of_class(made: type) -> list[Any]:
 
 
 def _of_function(made: FunctionType) -> list[Any]:
-    names = sorted(_names(made.__code__))
+    names = sorted({name for code in codes(made.__code__) for name in code.co_names})
     used = {name: made.__globals__[name] for name in names if name in made.__globals__}
     for name, module in [(name, module) for name, module in used.items() if isinstance(module, ModuleType)]:
-        known = vars(module) if _is_ours(module.__name__) else {}
-        used |= {f"{name}.{inner}": known[inner] for inner in names if inner in known}
-    cells = [list(_content(cell)) for cell in made.__closure__ or ()]
-    return [made.__code__, made.__defaults__, made.__kwdefaults__, cells, used]
-
-
-def _names(made: CodeType) -> set[str]:
-    """Return the names of what is global, or an attribute, in a function and in those within it."""
-    return set(made.co_names).union(*(_names(inner) for inner in made.co_consts if isinstance(inner, CodeType)))
-
-
-def _content(cell: Any) -> Iterator[Any]:
-    try:
-        yield cell.cell_contents
-    except ValueError:  # nothing is in it yet
-        return
+        inside = vars(module) if _is_ours(module.__name__) else {}
+        used |= {f"{name}.{inner}": inside[inner] for inner in names if inner in inside}
+    cells = [content(cell) for cell in made.__closure__ or ()]
+    return [made.__code__, made.__defaults__, made.__kwdefaults__, vars(made).get("version"), cells, used]
 
 
 def _is_there(made: Any) -> bool:
@@ -186,7 +175,7 @@ def _is_ours(name: str | None) -> bool:
     module = sys.modules.get(name or "")
     if top == _PACKAGE or top in sys.stdlib_module_names:
         return False
-    own = None if module is None else getattr(module, "__file__", None)
+    own = getattr(module, "__file__", None)
     if not isinstance(own, str):
         return True
     file = Path(own).resolve()
@@ -210,25 +199,19 @@ def _follow(name: str | None, home: str, files: dict[Path, str]) -> bool:
     if top == _PACKAGE:
         files[Path(_PACKAGE)] = code()
         return False
-    module, ours = sys.modules.get(name or ""), _is_ours(name)
-    own = _file(module) if module is not None and (ours or top == home not in sys.stdlib_module_names) else None
+    ours = _is_ours(name)
+    own = _file(sys.modules.get(name or "")) if ours or top == home not in sys.stdlib_module_names else None
     if own is not None and own not in files:
         package = next(iter(getattr(sys.modules.get(top), "__path__", ())), None)
         folder = Path(package).resolve().parent if package else own.parent
-        _add(own, folder, None if ours else top, files)
+        rest = [own]
+        while rest:
+            file = rest.pop()
+            if file not in files:
+                text = file.read_bytes()
+                files[file] = sha256(text).hexdigest()
+                rest += [other for other in _imported(file, folder, text) if ours or other.is_relative_to(folder / top)]
     return ours
-
-
-def _add(file: Path, folder: Path, package: str | None, files: dict[Path, str]) -> None:
-    """Add the digest of a file and of those that it imports from a folder, or from a package there."""
-    rest = [file]
-    while rest:
-        file = rest.pop()
-        if file not in files:
-            text = file.read_bytes()
-            files[file] = sha256(text).hexdigest()
-            found = _imported(file, folder, text)
-            rest += [other for other in found if package is None or other.is_relative_to(folder / package)]
 
 
 def _imported(file: Path, folder: Path, text: bytes) -> Iterator[Path]:
@@ -255,9 +238,5 @@ def _imported(file: Path, folder: Path, text: bytes) -> Iterator[Path]:
 
 def _file(module: ModuleType | None) -> Path | None:
     """Return the source of a module, where it has one that is there."""
-    try:
-        name = getattr(module, "__file__", None)
-        path = Path(name).resolve() if isinstance(name, str) and name.endswith(".py") else None
-    except (OSError, ValueError):
-        return None
-    return path if path is not None and path.is_file() else None
+    name = getattr(module, "__file__", None)
+    return Path(name).resolve() if isinstance(name, str) and name.endswith(".py") and Path(name).is_file() else None

@@ -141,7 +141,8 @@ class Coordinates(Protocol):
 
 Factory = Callable[[], Drives | Coordinates]
 """Makes the autopilot of one vehicle, or what coordinates those of a run: a class, or anything callable without arguments. An
-attribute ``label`` of it is the name that records and reports call it by."""
+attribute ``label`` of it is the name that records and reports call it by. A text ``version`` tells its results from those of
+another version."""
 
 
 class Autopilot(ABC):

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ET
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from xml.etree.ElementTree import Element, ElementTree
 
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.builtin import LAYOUTS, path_of
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.opendrive.xmlfile import load
 
 __all__ = ["Motion", "mirrored", "moved"]
 
@@ -24,7 +25,6 @@ _SIDE = {
     "poly3": tuple(_COEFFICIENTS),
     "paramPoly3": tuple(f"{c}V" for c in _COEFFICIENTS),
     "laneOffset": tuple(_COEFFICIENTS),
-    "superelevation": tuple(_COEFFICIENTS),
     "signal": ("t", "hOffset"),
     "signalReference": ("t",),
     "object": ("t", "hdg"),
@@ -67,11 +67,8 @@ _FOLDER = TemporaryDirectory(prefix="rvads-", ignore_cleanup_errors=True)
 
 @lru_cache
 def _rewritten(source: Path, motion: Motion | None) -> Path:
-    try:
-        tree = ET.parse(source)
-    except (OSError, ET.ParseError) as error:
-        raise MapError(f"map file {source} can't be moved: {error}") from error
-    for element in tree.getroot().iter():
+    root = load(source)
+    for element in root.iter():
         if motion is None:
             _mirror(element)
         elif element.tag == "geometry":
@@ -80,11 +77,11 @@ def _rewritten(source: Path, motion: Motion | None) -> Path:
     folder = Path(_FOLDER.name) / str(number)
     folder.mkdir()
     target = folder / f"{source.stem}{'-mirrored' if motion is None else '-moved'}.xodr"
-    tree.write(target, encoding="utf-8", xml_declaration=True)
+    ElementTree(root).write(target, encoding="utf-8", xml_declaration=True)
     return target
 
 
-def _move(geometry: ET.Element, x: float, y: float, angle: float) -> None:
+def _move(geometry: Element, x: float, y: float, angle: float) -> None:
     px, py = float(geometry.get("x", "0")), float(geometry.get("y", "0"))
     cos, sin = math.cos(angle), math.sin(angle)
     geometry.set("x", repr(cos * px - sin * py + x))
@@ -92,7 +89,7 @@ def _move(geometry: ET.Element, x: float, y: float, angle: float) -> None:
     geometry.set("hdg", repr(float(geometry.get("hdg", "0")) + angle))
 
 
-def _mirror(element: ET.Element) -> None:
+def _mirror(element: Element) -> None:
     for name in _SIDE.get(element.tag, ()):
         value = element.get(name)
         if value is not None:

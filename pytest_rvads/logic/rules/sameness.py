@@ -6,7 +6,7 @@ import dis
 from collections.abc import Iterator
 from types import CellType, CodeType, FunctionType, MethodType
 
-__all__ = ["same"]
+__all__ = ["codes", "content", "same"]
 
 _PLAIN = (bool, int, float, complex, str, bytes)
 _UNBOUND = object()
@@ -48,28 +48,29 @@ def _same(one: object, two: object, assumed: set[tuple[int, int]]) -> bool:
 def _works_with(function: FunctionType) -> tuple[object, ...]:
     """Return what a function works with beside its arguments, in an order that its code tells."""
     named = (function.__kwdefaults__ or {}, vars(function))
-    cells = tuple(_content(cell) for cell in function.__closure__ or ())
-    codes = tuple(_codes(function.__code__))
-    used = dict.fromkeys(name for code in codes for name in code.co_names)
+    cells = tuple(content(cell) for cell in function.__closure__ or ())
+    inner = tuple(codes(function.__code__))
+    used = dict.fromkeys(name for code in inner for name in code.co_names)
     values = tuple(function.__globals__.get(name, _UNBOUND) for name in used)
     unseen = None if _UNSEEN.isdisjoint(used) else object()  # like no other
-    package = function.__globals__.get("__package__") if any(_IMPORT in code.co_code[::2] for code in codes) else None
+    package = function.__globals__.get("__package__") if any(_IMPORT in code.co_code[::2] for code in inner) else None
     return function.__defaults__, tuple(tuple(sorted(values.items())) for values in named), cells, values, unseen, package
 
 
-def _content(cell: CellType) -> object:
+def content(cell: CellType) -> object:
+    """Return what is in a cell of a closure, or the cell itself while it is empty."""
     try:
         return cell.cell_contents
     except ValueError:  # nothing is in it yet
         return cell
 
 
-def _codes(code: CodeType) -> Iterator[CodeType]:
+def codes(code: CodeType) -> Iterator[CodeType]:
     """Yield a code and those of the functions in it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
-            yield from _codes(constant)
+            yield from codes(constant)
 
 
 def _bare(code: CodeType) -> CodeType:

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.boundedxml import read_xml
 from pytest_rvads.errors import RunError
 from pytest_rvads.satellites.openscenario.expressions import valued
-from pytest_rvads.satellites.tracks.source import Watch, opened, parse_xml
+from pytest_rvads.satellites.tracks.source import Watch, opened
 from pytest_rvads.wording import one_line
 
 __all__ = ["VERTEX", "Node", "read_tree"]
@@ -177,7 +178,7 @@ def read_tree(path: Path, watch: Watch | None = None) -> Node:
     """
     with opened(path, watch) as source:
         builder = _Builder(source.where)
-        parse_xml(source, builder.start, builder.end)
+        read_xml(source.chunks(), "OpenSCENARIO XML", builder.start, builder.end)
     if builder.root is None:  # expat refuses a file without elements
         raise RunError(f"{path.name}: it has no <OpenSCENARIO>")
     return builder.root

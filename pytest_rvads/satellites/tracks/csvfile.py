@@ -13,7 +13,7 @@ import numpy as np
 from pytest_rvads.errors import RunError
 from pytest_rvads.satellites.tracks.samples import Log, kind_of
 from pytest_rvads.satellites.tracks.source import Source, Watch, opened
-from pytest_rvads.satellites.tracks.table import TEXTS, Column, Rows, as_numbers, columns_of, log_of, numbers_one_by_one
+from pytest_rvads.satellites.tracks.table import TEXTS, Column, Rows, columns_of, log_of, numbers_of
 
 __all__ = ["read_csv", "read_ind", "read_interaction", "rows_of", "wrong_cells"]
 
@@ -127,9 +127,6 @@ def _pieces(rows: Iterator[tuple[int, list[str]]], names: Sequence[str], columns
             if field in TEXTS:
                 texts[field] = [cell.strip() for cell in by_column[place]]
                 continue
-            found = as_numbers(by_column[place])
-            if found is None:
-                found, wrong = numbers_one_by_one(by_column[place])
-                bad += [(k, field, f"{by_column[place][k]!r:.60} is no number") for k in wrong]
-            numbers[field] = found
+            numbers[field], wrong = numbers_of(by_column[place])
+            bad += [(k, field, f"{by_column[place][k]!r:.60} is no number") for k in wrong]
         yield Rows(numbers, texts, lines, bad)

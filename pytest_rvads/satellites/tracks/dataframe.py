@@ -9,7 +9,7 @@ import numpy as np
 
 from pytest_rvads.errors import RunError
 from pytest_rvads.satellites.tracks.samples import Log
-from pytest_rvads.satellites.tracks.table import TEXTS, Column, Rows, as_numbers, columns_of, log_of, numbers_one_by_one
+from pytest_rvads.satellites.tracks.table import TEXTS, Column, Rows, columns_of, log_of, numbers_of
 from pytest_rvads.wording import one_line
 
 __all__ = ["is_table", "read_table"]
@@ -71,11 +71,8 @@ def _pieces(values: Mapping[str, Any], columns: Mapping[str, Column]) -> Iterato
             if field in TEXTS:
                 texts[field] = [_text(value) for value in part]
                 continue
-            found = as_numbers(values[field][here])
-            if found is None:
-                found, wrong = numbers_one_by_one(part)
-                bad += [(k, field, f"{one_line(repr(part[k]), 60)} is no number") for k in wrong]
-            numbers[field] = found
+            numbers[field], wrong = numbers_of(values[field][here])
+            bad += [(k, field, f"{one_line(repr(part[k]), 60)} is no number") for k in wrong]
         yield Rows(numbers, texts, np.arange(here.start, here.stop), bad)
 
 

@@ -6,9 +6,10 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
+from pytest_rvads.boundedxml import read_xml
 from pytest_rvads.errors import RunError
 from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
-from pytest_rvads.satellites.tracks.source import Watch, opened, parse_xml
+from pytest_rvads.satellites.tracks.source import Watch, opened
 
 __all__ = ["read_fcd"]
 
@@ -28,7 +29,7 @@ def read_fcd(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wat
         raise RunError(f"{path.name}: the attributes of SUMO's floating car data are known, leave --columns out")
     with opened(path, watch) as source:
         reader = _Reader(Gather(source.where, _NAMES, strict=strict))
-        parse_xml(source, reader.take)
+        read_xml(source.chunks(), "floating car data of SUMO", reader.take)
         if not reader.seen:
             raise RunError(f"{source.where}: it has no <fcd-export>, expected floating car data of SUMO, written by --fcd-output")
         return reader.gather.log()

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pytest_rvads.boundedxml import read_xml
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.builtin import LAYOUTS, path_of
 from pytest_rvads.junctions.finder import load
@@ -17,7 +18,7 @@ from pytest_rvads.maps.control import ObjectKind
 from pytest_rvads.runs.recording import Changes
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.satellites.tracks.csvfile import rows_of, wrong_cells
-from pytest_rvads.satellites.tracks.source import opened, parse_xml
+from pytest_rvads.satellites.tracks.source import opened
 from pytest_rvads.wording import one_line
 
 __all__ = ["ENTRANCE", "changes_of", "lights_at", "limit_lights", "read_lights", "signal_ids", "signals_at"]
@@ -166,7 +167,7 @@ def _sumo(path: Path) -> dict[str, Changes]:
         last[name] = state
 
     with opened(path) as source:
-        parse_xml(source, start)
+        read_xml(source.chunks(), "what SUMO writes as SaveTLSStates", start)
     if not shown:
         raise RunError(f"{path.name}: it has no <tlsState>, expected what SUMO writes as SaveTLSStates")
     return changes_of(shown)

@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, cast
-from xml.parsers import expat
 
+from pytest_rvads.boundedxml import XmlError
 from pytest_rvads.errors import RunError
 from pytest_rvads.storage import open_file
 from pytest_rvads.wording import one_line
 
-__all__ = ["Source", "Watch", "opened", "parse_xml"]
+__all__ = ["Source", "Watch", "opened"]
 
 Watch = Callable[[int, int], None]
 """Told how many bytes of how many have been read."""
@@ -27,8 +27,6 @@ _RATIO, _FREE = 200, 2**24
 """A packed file unpacks to at most so many times its size, or so many bytes: logs pack to a fiftieth at best."""
 _BLANK = 100_000
 """So many more lines may be empty than are not."""
-_DEEPEST = 60
-"""Deepest nesting of XML that is read; a trajectory of OpenSCENARIO lies 16 levels deep."""
 _CHUNK = 2**18
 
 
@@ -93,62 +91,13 @@ def opened(path: Path, watch: Watch | None = None) -> Iterator[Source]:
     """Open a file, unpacked where it is compressed by gzip.
 
     Raises:
-        RunError: it can't be read, or turns out to be damaged.
+        RunError: it can't be read, or turns out to be damaged; or it is read as XML and is none.
     """
     try:
         with open_file(path) as raw:
             yield Source(path.name, raw, watch)
+    except XmlError as error:
+        raise RunError(f"{path.name}: {error}") from error
     except (OSError, EOFError, zlib.error) as error:
         told = error.strerror if isinstance(error, OSError) and error.strerror else str(error) or type(error).__name__
         raise RunError(f"{path}: can't be read: {one_line(told)}") from error
-
-
-def parse_xml(
-    source: Source, start: Callable[[str, dict[str, str], int], None], end: Callable[[str], None] | None = None
-) -> None:
-    """Read a file of XML element by element; nothing of it is kept.
-
-    Args:
-        source: the file.
-        start: called with the tag of every element, its attributes, and the line that it begins in.
-        end: called with the tag of every element when it ends.
-
-    Raises:
-        RunError: no XML, or some with a document type declaration, a tag that is too long, or elements nested too deep.
-    """
-    depth = 0
-    parser = expat.ParserCreate()
-    # Where expat puts long tags off, it can't be told how long they are; that bound is here instead.
-    getattr(parser, "SetReparseDeferralEnabled", bool)(False)
-
-    def doctype(*_: object) -> None:
-        raise RunError(f"{source.where}: it has a document type declaration (DTD), which can hide entity bombs; remove it")
-
-    def begin(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
-        if depth > _DEEPEST:
-            raise RunError(f"{source.where}: row {parser.CurrentLineNumber}: elements are nested deeper than {_DEEPEST} levels")
-        start(tag, attributes, parser.CurrentLineNumber)
-
-    def ended(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        if end is not None:
-            end(tag)
-
-    parser.StartElementHandler, parser.EndElementHandler = begin, ended
-    parser.StartDoctypeDeclHandler = doctype
-    try:
-        fed = 0
-        for chunk in source.chunks():
-            parser.Parse(chunk, False)
-            fed += len(chunk)
-            if fed - parser.CurrentByteIndex > 2 * _MOST_LINE:  # of an element that has not ended everything is in memory
-                raise RunError(f"{source.where}: row {parser.CurrentLineNumber}: a tag has more than {2 * _MOST_LINE:,} bytes")
-        parser.Parse(b"", True)
-    except expat.ExpatError as error:
-        told = one_line(expat.errors.messages.get(error.code, str(error)))
-        raise RunError(f"{source.where}: row {error.lineno}, column {error.offset}: not XML: {told}") from error
-    except (ValueError, LookupError) as error:  # an encoding that is none
-        raise RunError(f"{source.where}: not XML: {one_line(str(error))}") from error

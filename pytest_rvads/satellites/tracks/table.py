@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from pytest_rvads.errors import RunError, suggest
 from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.wording import one_line
 
-__all__ = ["PRESETS", "TEXTS", "Column", "Rows", "as_numbers", "columns_of", "log_of", "numbers_one_by_one", "parse_columns"]
+__all__ = ["PRESETS", "TEXTS", "Column", "Rows", "columns_of", "log_of", "numbers_of", "parse_columns"]
 
 _REQUIRED = ("time", "id", "x", "y")
 _OPTIONAL = ("heading", "speed", "vx", "vy", "length", "width", "class", "case")
@@ -236,21 +237,15 @@ def _describe(gather: Gather, name: str, rows: Rows, at: int, sample: int) -> No
     gather.describe(name, known, kind_of(rows.texts["class"][at] if "class" in rows.texts else ""), at=sample)
 
 
-def as_numbers(values: Any) -> NDArray[np.float64] | None:
-    """Return values as numbers, shape ``(rows,)``; None where one of them is none."""
-    try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        return None
-
-
-def numbers_one_by_one(values: Sequence[Any]) -> tuple[NDArray[np.float64], list[int]]:
+def numbers_of(values: Any) -> tuple[NDArray[np.float64], list[int]]:
     """Return values as numbers, NaN for what is none, and the places of those that are neither a number nor missing."""
-    found, wrong = np.full(len(values), np.nan), []
+    with suppress(TypeError, ValueError, OverflowError):
+        return np.asarray(values, dtype=np.float64), []
+    numbers, wrong = np.full(len(values), np.nan), []
     for k, value in enumerate(values):
         try:
-            found[k] = float(value)
+            numbers[k] = float(value)
         except (TypeError, ValueError, OverflowError):
             if value is not None and str(value).strip():
                 wrong.append(k)
-    return found, wrong
+    return numbers, wrong

@@ -267,7 +267,7 @@ def test_what_is_kept_in_memory_is_bounded(tmp_path: Path) -> None:
 def test_a_tag_without_an_end_is_not_read_for_ever(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_bytes(gzip.compress(b'<a b="' + b"x" * 2**24, 1))
-    with pytest.raises(RunError, match=rf"^{name}: row 1: a tag has more than 8,388,608 bytes$"):
+    with pytest.raises(RunError, match=rf"^{name}: row 1: a tag or comment has more than 8 MB$"):
         rvads.read_tracks(path, "stop4")
 
 
