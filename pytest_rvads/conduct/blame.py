@@ -138,7 +138,7 @@ def _stood(run: Run, agent: int, tick: int, seconds: float) -> bool:
 
 
 def _in_the_wrong_lane(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Return whether `agent` was outside its lane although the two ways don't meet, so that its lane would have kept it apart."""
+    """Return whether `agent` was outside its lane; inside the lane it would not have met `other`, as the ways don't meet."""
     try:
         me, you = run.agents[agent], run.agents[other]
         if shared(run, agent, other) is not None or me.entrance == you.entrance or me.exit == you.exit:
@@ -266,7 +266,7 @@ def _clear(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _merged(run: Run, agent: int, common: Shared, tick: int) -> int | None:
-    """Return the tick at which the agent came into the lane in which both ways end; None if the agent has not come there."""
+    """Return the tick at which the agent came into the lane in which both ways end; None before the agent's arrival."""
     if not common.merges or run.station is None:
         return None
     there = np.flatnonzero(run.station[: tick + 1, agent] >= common.mine.start)

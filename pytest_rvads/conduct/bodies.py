@@ -187,7 +187,7 @@ def velocity(run: Run, agent: int) -> NDArray[np.float64]:
 
 
 _DOUBT = 1e-6
-"""Smallest gap that counts as a gap [m]."""
+"""Largest computed gap of two bodies that counts as contact [m]."""
 
 
 class Box(NamedTuple):

@@ -42,7 +42,7 @@ def lit(junction: Junction, entrance: int) -> bool:
 
 
 def ground_of(junction: Junction, one: Key, other: Key) -> Ground | None:
-    """Return the ground on which a vehicle on movement `one` gives way to a vehicle on movement `other`; None if it need not.
+    """Return the ground on which a vehicle on movement `one` has to give way to a vehicle on movement `other`, or None.
 
     Raises:
         RunError: the places of the lanes are unknown, and the ground depends on them.

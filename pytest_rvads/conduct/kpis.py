@@ -37,7 +37,7 @@ def kpis(run: Run) -> Kpis:
     """Compute the indicators of a run; indicators that the run does not record enough for are listed as unavailable.
 
     An excerpt has the indicators of its judged vehicles, and of the pairs whose last vehicle to appear is judged in the excerpt.
-    So each indicator appears in one excerpt only.
+    So an indicator appears in a single excerpt only.
     """
     require(run, Run, "kpis takes a run, such as rvads.simulate(case) returns", RunError)
     missing = _unavailable(run)

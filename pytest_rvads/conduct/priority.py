@@ -52,11 +52,11 @@ __all__ = [
 ]
 
 HARD_BRAKING = 2.0
-"""Largest deceleration for another vehicle without being impeded [m/s^2]."""
+"""Deceleration beyond which a vehicle that brakes for another vehicle is impeded [m/s^2]."""
 BEND_BRAKING = 4.0
-"""Largest deceleration of a turning vehicle, which brakes for its bend anyway, without being impeded [m/s^2]."""
+"""Deceleration beyond which a turning vehicle, which brakes for its bend anyway, is impeded [m/s^2]."""
 MIN_GAP = 1.0
-"""Least time between two vehicles at a place without a near meeting [s]; the usual threshold of post-encroachment times."""
+"""Time between two vehicles at a place below which the two nearly meet [s]; the usual threshold of post-encroachment times."""
 HEADWAY = 2.0
 """Time gap to the vehicle ahead below which a vehicle brakes for that vehicle [s].
 
@@ -65,9 +65,9 @@ The time gap is the two-second rule (UK Highway Code, rule 126).
 WINDOW = 0.1
 """Time over which decelerations are differences of speed [s]."""
 LOSS = 3.0
-"""Largest loss of speed of a vehicle that goes straight on without being impeded, if the loss exceeds `SHARE` too [m/s]."""
+"""Loss of speed beyond which a vehicle that goes straight on is impeded, if the loss also exceeds `SHARE` [m/s]."""
 SHARE = 1 / 3
-"""Share of its speed that an unimpeded vehicle does not lose."""
+"""Share of its speed beyond which a loss impedes a vehicle, if the loss also exceeds `LOSS`."""
 
 
 def _stop_signs(cast: Cast) -> NDArray[np.bool_]:
@@ -76,7 +76,7 @@ def _stop_signs(cast: Cast) -> NDArray[np.bool_]:
 
 @signal
 def unhindered(block: Block) -> NDArray[np.bool_]:
-    """Whether each vehicle has no reason itself to brake: no red light, stop sign, duty to give way, or vehicle close ahead."""
+    """Whether each vehicle lacks an own reason to brake: a red light, stop sign, duty to give way, or vehicle close ahead."""
     cast, both = block.cast, block.cast.static(lane)
     front = block.need("station")
     rear = front - cast.length
@@ -201,13 +201,13 @@ class Meeting(NamedTuple):
     speed: float
     """Speed of the other vehicle [m/s]; NaN if the other vehicle is absent."""
     unhindered: bool
-    """Whether the other vehicle has no reason itself to brake."""
+    """Whether the other vehicle has no reason of its own to brake."""
     starting: bool
     """Whether the other vehicle is first at its line and about to go."""
     waives: bool
     """Whether the other vehicle waives its right."""
     kept: bool
-    """Whether a third vehicle, which was not present before, keeps the agent waiting."""
+    """Whether a third vehicle, which was not present before, holds the agent up."""
     brakes: bool
     """Whether the other vehicle brakes harder than it would by itself."""
 
@@ -308,7 +308,7 @@ class Encounter:
         return owes or hit, hit
 
     def _look_at_braking(self, now: Meeting) -> None:
-        """Note whether the other vehicle, before the stretch, brakes or slows down without a reason itself."""
+        """Note whether the other vehicle, before the stretch, brakes or slows down without a reason of its own."""
         if not now.unhindered:
             self._pace = min(self._pace, now.speed)
         elif now.ahead < self.common.yours.start:

@@ -52,9 +52,9 @@ class JunctionReport:
     arms: tuple[RoadArm, ...]
     """Arms of the junction, counter-clockwise."""
     entrances: tuple[LaneEnd, ...]
-    """Entrances arm by arm, on each arm from the kerb; their positions are their numbers."""
+    """Entrances arm by arm, on each arm from the kerb; the number of an entrance is its index."""
     exits: tuple[LaneEnd, ...]
-    """Exits arm by arm, on each arm from the kerb; their positions are their numbers."""
+    """Exits arm by arm, on each arm from the kerb; the number of an exit is its index."""
     movements: tuple[Way, ...]
     """Movements, sorted by entrance and exit."""
     signs: tuple[Sign, ...]

@@ -58,7 +58,7 @@ class Shared(NamedTuple):
 def stretches(paths: Mapping[Key, Segment]) -> dict[tuple[Key, Key], Shared]:
     """Return the stretches that pairs of movements share, in both orders.
 
-    Pairs of movements from one entrance are left out: from there one vehicle follows the other.
+    Pairs of movements from the same entrance are left out, because vehicles of an entrance follow each other.
 
     Args:
         paths: the centre line of every movement.

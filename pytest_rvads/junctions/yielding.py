@@ -73,7 +73,7 @@ class Precedence:
     left_hand: bool
 
     def why(self, one: Key, other: Key) -> Reason | None:
-        """Return the reason why a vehicle on movement `one` gives way to a vehicle on movement `other`; None if it need not.
+        """Return the reason why a vehicle on movement `one` gives way to a vehicle on movement `other`, or None.
 
         Movements from two lanes of one arm never give way to each other here: the vehicle ahead goes first.
         """

@@ -1,4 +1,4 @@
-"""Planned tests that did not run: junctions that are left out or changed, by reason, and samples that were not drawn."""
+"""Planned tests that did not run: junctions that are left out or changed, by reason, and the sizes of samples."""
 
 from __future__ import annotations
 

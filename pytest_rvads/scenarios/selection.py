@@ -54,7 +54,7 @@ class Selection:
     subject: int | str | None = None
     """Entrance of the vehicle under test among traffic, or ``"all"`` for every seat in turn."""
     followers: tuple[int, ...] = (0,)
-    """Numbers of vehicles that queue behind each vehicle; each number is combined with every configuration."""
+    """Lengths of the queue behind each vehicle; each length is combined with every configuration."""
     senses: tuple[Senses, ...] = (IDEAL,)
     """Senses of the vehicle under test; each value is combined with every configuration."""
     duration: float | None = None

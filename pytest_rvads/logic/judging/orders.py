@@ -103,7 +103,7 @@ def reordered(found: Judgement, known: Crossings, values: Values) -> Judgement:
 
 
 def plain(status: Status) -> Status:
-    """Return a status with NA replaced by PASS: for orders of events, kept and not triggered are the same."""
+    """Return a status with NA replaced by PASS: readings need not distinguish a kept rule from an untriggered rule."""
     return Status.PASS if status is Status.NA else status
 
 

@@ -76,7 +76,7 @@ def _edges(machine: Machine) -> list[tuple[int, int, f.Formula]]:
 
 
 def describe(machine: Machine) -> str:
-    """Return the machine in words: its states, their verdicts, and their edges."""
+    """Return the machine in words: states with verdicts and edges."""
     count = machine.states
     lines = [
         f"formula       {machine.formula}",

@@ -26,7 +26,7 @@ class Desk:
         self.file = file
         """The test file of the desk; empty for a desk of all tests."""
         self.index = index
-        """Desk with all rules that the session registers for single test files, so that a name has one meaning in the session."""
+        """Desk with all rules that the session registers for several tests, so that a name has one meaning in the session."""
         self.test = test
         """Whether the desk belongs to one test of the file, and is dropped with the test."""
         self.outlived = False

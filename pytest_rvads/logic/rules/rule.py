@@ -18,7 +18,7 @@ from pytest_rvads.wording import one_line
 __all__ = ["LONGEST_TIE", "Rule"]
 
 LONGEST_TIE = 3600
-"""Longest tie window [s]; all waiting times at a junction are shorter than an hour."""
+"""Longest tie window [s]; a window of an hour makes all waiting times at a junction equal."""
 _LONGEST_NAME = 100
 
 
