@@ -52,8 +52,8 @@ def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
         rules: rulebooks and rules, as for `check`; of a rulebook only the rules about the junction of the case.
         executor: a number of processes, by default one per processor; 1 is this process. Or any executor, such as that of a Dask
             client, whose workers have this package and the code of the drivers.
-        results: a file to which results are appended as they arrive. Cases with a result in the file are not run again, so that
-            an interrupted campaign continues. None for a temporary file.
+        results: the file of results, to which every new result is appended. Cases with a result in the file are not run again,
+            so that an interrupted campaign continues. None for a temporary file.
         simulator: the simulator of the runs, as for `simulate`.
         progress: called after every case, with the number of finished cases and the number of all cases.
         total: the number of cases, if `cases` has no length.

@@ -58,7 +58,7 @@ class Totals:
         self.verdicts.update((v.rule, v.status) for v in answer.verdicts)
 
     def finish(self, batch: Batch) -> bool:
-        """Return whether a part of a file is its last."""
+        """Count a part of a file, and return whether the file is finished."""
         left = self._left.pop(batch.file, batch.total) - len(batch.answers)
         if left > 0 and not batch.error:
             self._left[batch.file] = left

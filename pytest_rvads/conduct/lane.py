@@ -169,8 +169,8 @@ def _beside(block: Block) -> tuple[NDArray[Any], ...]:
     """Return the lateral places of all present vehicles.
 
     Returns:
-        Row and column of every present vehicle; the offsets of the middles of front and rear to the left of the way, shape ``(2,
-        places)`` [m]; and the distances of these middles from the way, shape ``(2, places)`` [m].
+        Row and column of every present vehicle; the offsets of the middles of front and rear to the left of the way, shape
+        ``(2, places)`` [m]; and the distances of these middles from the way, shape ``(2, places)`` [m].
     """
     ways, (rows, columns) = block.cast.static(_ways), np.nonzero(block.here)
     front, station = block.need("pose")[rows, columns, :2], block.need("station")[rows, columns]

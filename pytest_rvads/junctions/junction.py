@@ -1,8 +1,8 @@
 """Junctions as rules and scenarios use them: arms with their lanes, movements, and the geometry to drive on.
 
 Arms are numbered counter-clockwise. Entrances and exits are lanes, numbered arm by arm and on each arm from the kerb. So with one
-lane per arm an entrance, and the exit beside it, have the number of their arm. Direction ``d_j`` leads from arm ``i`` to arm ``(i
-+ j) mod n`` (paper, section 5.2).
+lane per arm an entrance, and the exit beside it, have the number of their arm. Direction ``d_j`` leads from arm ``i`` to arm
+``(i + j) mod n`` (paper, section 5.2).
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ class Junction:
         )
 
     def limited(self, limit: float | None) -> Junction:
-        """Return the junction with one speed limit [m/s] on all its lanes; with None, without speed limits."""
+        """Return the junction with one speed limit [m/s] on all its lanes; with None, without the limits of its map."""
         return _limited(self, limit) if limit or any(line.limits for line in self._lines) else self
 
     @cached_property
